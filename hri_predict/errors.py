@@ -1,0 +1,38 @@
+"""Errors that a user can cause and mend.
+
+Each message is one line that names the file, key or field and the remedy. The command line prints
+it alone and exits with status 2; nothing here ever reaches a user as a traceback.
+"""
+
+import difflib
+from collections.abc import Iterable
+
+
+class HriPredictError(Exception):
+    """Base of every error that a user's file, flag or device can cause."""
+
+
+class ConfigError(HriPredictError):
+    """The configuration, a skeleton map or a flag is wrong."""
+
+
+class RecordingError(HriPredictError):
+    """A recording is missing, truncated, empty, or of an unknown kind."""
+
+
+class RobotError(HriPredictError):
+    """A robot file or its trajectory is wrong: broken chain, missing capsule, joint count."""
+
+
+class LinkError(HriPredictError):
+    """A link cannot be opened or cannot carry what it is asked to."""
+
+
+class PredictorError(HriPredictError):
+    """A predictor cannot be built, or gave a forecast that breaks its contract."""
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the known word nearest to ``word``, or ``""``."""
+    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    return f"; did you mean '{close[0]}'?" if close else ""

@@ -1,0 +1,1 @@
+"""Human-motion predictors: one file per method, its paper named at the top."""

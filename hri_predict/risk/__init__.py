@@ -1,0 +1,1 @@
+"""Zones, separation, advice."""

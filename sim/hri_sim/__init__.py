@@ -1,0 +1,1 @@
+"""Everything that runs without hardware: replay, procedural people, faults, mock controllers."""
