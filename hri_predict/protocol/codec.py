@@ -1,0 +1,274 @@
+"""Messages to payloads and back; what surrounds a payload on the wire is the links' matter.
+
+Both ways are compiled from the definition once: a payload is one integer, every field a shift.
+"""
+
+from collections.abc import Callable, Sequence
+from math import ceil, floor, isnan
+from typing import Any
+
+from hri_predict.protocol.definition import (
+    BY_TYPE,
+    MAX_JOINTS,
+    MAX_ROBOTS,
+    SCHEMA_HASH,
+    SCHEMA_VERSION,
+    Definition,
+    Field,
+)
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    Advice,
+    Message,
+    Pose,
+    RobotState,
+    Schema,
+    Status,
+    Zone,
+    ZoneCapsule,
+)
+
+__all__ = [
+    "SCHEMA_HASH",
+    "SCHEMA_VERSION",
+    "Malformed",
+    "decode_payload",
+    "encode_payloads",
+    "robot_of",
+]
+
+_EPSILON = 1e-6  # of a step: what the decimal fraction loses in binary is not rounded away
+
+
+class Malformed(ValueError):
+    """A payload of the right CRC whose length or values cannot be."""
+
+
+def _round(rounding: str) -> Callable[[float], int]:
+    if rounding == "down":
+        return lambda steps: floor(steps + _EPSILON)
+    if rounding == "up":
+        return lambda steps: ceil(steps - _EPSILON)
+    return round
+
+
+def _encoder(field: Field) -> Callable[[Any], int]:
+    """Return what turns a value into the raw bits of ``field``."""
+    mask = (1 << field.bits) - 1
+    low, high = field.raw_range
+    missing = None if field.not_available is None else field.not_available & mask
+    scale, rounded = field.scale, _round(field.rounding)
+
+    if field.wraps:
+        return lambda value: int(value) & mask
+
+    if not scale:
+
+        def integer(value: Any) -> int:
+            if value is None:
+                if missing is None:
+                    raise ValueError(f"{field.signal} must be a number")
+                return missing
+            return low if value < low else high if value > high else int(value)
+
+        return integer
+
+    assert missing is not None  # every scaled field has the code
+
+    def number(value: Any) -> int:
+        if value is None or isnan(value):
+            return missing
+        steps = value * scale
+        if steps >= high:
+            return high & mask
+        if steps <= low:
+            return low & mask
+        return rounded(steps) & mask
+
+    return number
+
+
+def _decoder(field: Field) -> Callable[[int], Any]:
+    """Return what turns raw bits of ``field`` into a value; raises ``Malformed``."""
+    enum, fallback = field.enum, field.fallback
+    if enum is not None:
+        known = {int(e): e for e in enum}
+        return lambda raw: known.get(raw, fallback)
+    mask = (1 << field.bits) - 1
+    missing = None if field.not_available is None else field.not_available & mask
+    if not field.scale and missing is None:
+        return lambda raw: raw
+    sign, wrap = (1 << (field.bits - 1) if field.signed else 1 << field.bits), 1 << field.bits
+    scale, optional, signal = field.scale, field.optional, field.signal
+
+    def number(raw: int) -> Any:
+        if raw == missing:
+            if optional:
+                return None
+            raise Malformed(f"{signal} is not available")
+        if raw >= sign:
+            raw -= wrap
+        return raw / scale if scale else raw
+
+    return number
+
+
+class _Packer:
+    """Packs a row of values into bytes, and unpacks it."""
+
+    def __init__(self, fields: Sequence[Field]):
+        self.size = sum(f.bits for f in fields) // 8
+        self._pack: list[tuple[Callable[[Any], int], int]] = []
+        self._unpack: list[tuple[Callable[[int], Any], int, int]] = []
+        shift = 0
+        for field in fields:
+            self._pack.append((_encoder(field), shift))
+            self._unpack.append((_decoder(field), shift, (1 << field.bits) - 1))
+            shift += field.bits
+
+    def pack(self, values: Sequence[Any]) -> bytes:
+        bits = 0
+        for (encode, shift), value in zip(self._pack, values, strict=True):
+            bits |= encode(value) << shift
+        return bits.to_bytes(self.size, "little")
+
+    def unpack(self, data: bytes) -> list[Any]:
+        bits = int.from_bytes(data, "little")
+        return [decode(bits >> shift & mask) for decode, shift, mask in self._unpack]
+
+
+_FIXED = {t: _Packer(d.fields) for t, d in BY_TYPE.items()}
+_ITEM = {t: _Packer(d.item) for t, d in BY_TYPE.items() if d.item}
+
+
+def _robot_state_row(m: RobotState) -> list[Any]:
+    joints = len(m.positions)
+    if joints > MAX_JOINTS or len(m.velocities) != joints:
+        raise ValueError(
+            f"RobotState holds {joints} positions and {len(m.velocities)} velocities; "
+            f"both must be equally many and at most {MAX_JOINTS}"
+        )
+    absent = (None,) * (MAX_JOINTS - joints)
+    return [m.mode, joints, m.counter, *m.positions, *absent, *m.velocities, *absent]
+
+
+_ROW: dict[type, Callable[[Any], Sequence[Any]]] = {
+    Advice: lambda m: (
+        *(m.level, m.reason, m.speed_limit_m_s, m.separation_m, m.predicted_separation_m),
+        *(m.time_to_breach_s, m.age_s, m.latch_id, m.echo, m.body_part, m.robot_link),
+    ),
+    Status: lambda m: (m.node_state, m.people, m.reason, m.predictor, m.cycle, m.age_s),
+    Acknowledge: lambda m: (m.latch_id, m.ack_id),
+    Schema: lambda m: (m.version, m.hash),
+    RobotState: _robot_state_row,
+}
+
+
+def encode_payloads(message: Message) -> list[bytes]:
+    """Return the payloads that carry ``message``: one, or for Zone and Pose one per frame.
+
+    Numbers saturate at the ends of their range; ``None`` and NaN become "not available".
+
+    Raises:
+        ValueError: a robot index, a joint count or a ``None`` that no field can hold.
+    """
+    if isinstance(message, Zone):
+        capsules = [(c.segment, *c.a, *c.b, c.radius) for c in message.capsules]
+        return _split(message, capsules)
+    if isinstance(message, Pose):
+        return _split(message, message.joints)
+    kind = type(message)
+    if isinstance(message, Advice | RobotState) and not 0 <= message.robot < MAX_ROBOTS:
+        raise ValueError(f"robot {message.robot} is not one of 0..{MAX_ROBOTS - 1}")
+    return [_FIXED[kind].pack(_ROW[kind](message))]
+
+
+def _split(message: Zone | Pose, items: Sequence[Sequence[Any]]) -> list[bytes]:
+    """Deal the items out over as many payloads as needed, at least one."""
+    kind = type(message)
+    fixed, packer, room = _FIXED[kind], _ITEM[kind], BY_TYPE[kind].items_per_frame
+    head = (message.person, message.step, message.horizon_s, message.age_s)
+    if len(items) > 255:
+        raise ValueError(f"{kind.__name__} of {len(items)} items; at most 255 fit")
+    payloads = []
+    for first in range(0, max(1, len(items)), room):
+        chunk = items[first : first + room]
+        row = fixed.pack((*head, first, len(items), len(chunk)))
+        payloads.append(row + b"".join(packer.pack(item) for item in chunk))
+    return payloads
+
+
+def decode_payload(definition: Definition, robot: int, payload: bytes) -> Message:
+    """Return the message in ``payload``; bytes after its end (padding) do not matter.
+
+    Raises:
+        Malformed: too short, or a value that cannot be.
+    """
+    fixed = _FIXED[definition.type]
+    if len(payload) < fixed.size:
+        raise Malformed(f"{definition.name} of {len(payload)} bytes")
+    return _BUILD[definition.type](fixed.unpack(payload[: fixed.size]), robot, payload)
+
+
+def _advice(row: list[Any], robot: int, payload: bytes) -> Advice:
+    level, reason, speed, separation, predicted, breach, age, latch, echo, part, link = row
+    if echo is not None and echo > 255:
+        raise Malformed(f"ECHO {echo}")
+    return Advice(
+        robot, level, reason, latch, separation, predicted, breach, speed, part, link, echo, age
+    )
+
+
+def _status(row: list[Any], robot: int, payload: bytes) -> Status:
+    state, people, reason, predictor, cycle, age = row
+    return Status(state, reason, people, predictor, cycle, age)
+
+
+def _robot_state(row: list[Any], robot: int, payload: bytes) -> RobotState:
+    mode, joints, counter = row[:3]
+    if joints > MAX_JOINTS:
+        raise Malformed(f"JOINTS {joints}")
+    positions, velocities = row[3 : 3 + joints], row[3 + MAX_JOINTS : 3 + MAX_JOINTS + joints]
+    if None in positions or None in velocities:
+        raise Malformed("a joint of RobotState is not available")
+    return RobotState(robot, mode, counter, tuple(positions), tuple(velocities))
+
+
+def _items(kind: type, row: list[Any], payload: bytes) -> list[list[Any]]:
+    first, total, count = row[4:]
+    packer, start = _ITEM[kind], _FIXED[kind].size
+    if count > BY_TYPE[kind].items_per_frame or first + count > total:
+        raise Malformed(f"{kind.__name__} holds items {first}..{first + count} of {total}")
+    if len(payload) < start + count * packer.size:
+        raise Malformed(f"{kind.__name__} of {len(payload)} bytes")
+    offsets = range(start, start + count * packer.size, packer.size)
+    return [packer.unpack(payload[i : i + packer.size]) for i in offsets]
+
+
+def _zone(row: list[Any], robot: int, payload: bytes) -> Zone:
+    capsules = tuple(
+        ZoneCapsule(segment, (ax, ay, az), (bx, by, bz), radius)
+        for segment, ax, ay, az, bx, by, bz, radius in _items(Zone, row, payload)
+    )
+    return Zone(row[0], row[1], row[2], capsules, row[3])
+
+
+def _pose(row: list[Any], robot: int, payload: bytes) -> Pose:
+    joints = tuple((j, x, y, z) for j, x, y, z in _items(Pose, row, payload))
+    return Pose(row[0], row[1], row[2], joints, row[3])
+
+
+_BUILD: dict[type, Callable[[list[Any], int, bytes], Message]] = {
+    Advice: _advice,
+    Status: _status,
+    Acknowledge: lambda row, robot, payload: Acknowledge(*row),
+    Schema: lambda row, robot, payload: Schema(*row),
+    RobotState: _robot_state,
+    Zone: _zone,
+    Pose: _pose,
+}
+
+
+def robot_of(message: Message) -> int:
+    """Index of the robot that ``message`` belongs to, 0 if to none."""
+    return message.robot if isinstance(message, Advice | RobotState) else 0

@@ -1,0 +1,86 @@
+"""Worst-case bits that a message takes on the wire, for the load of a link.
+
+Sources: ISO 11898-1:2015 frame formats; the worst case of bit stuffing on classic CAN is
+8 n + g + 13 + floor((g + 8 n - 1) / 4) with g = 34 (11-bit ids) or 54 (29-bit), R. I. Davis et al.,
+"Controller Area Network (CAN) schedulability analysis", Real-Time Systems 35 (2007), eq. 1.
+"""
+
+from typing import Literal, NamedTuple
+
+from hri_predict.protocol import e2e
+from hri_predict.protocol.can_codec import CLASSIC_BYTES, FD_LENGTHS
+from hri_predict.protocol.definition import BY_TYPE
+from hri_predict.protocol.messages import Message
+
+LinkKind = Literal["can", "can_fd", "serial"]
+
+
+class WireBits(NamedTuple):
+    """Bits at the nominal bit rate, and (CAN FD with bit-rate switch) at the data bit rate."""
+
+    nominal: int
+    data: int
+
+    def seconds(self, bitrate: float, data_bitrate: float | None = None) -> float:
+        """Time on the wire."""
+        return self.nominal / bitrate + self.data / (data_bitrate or bitrate)
+
+
+def classic_bits(length: int, extended: bool = False) -> int:
+    """Worst case of a classic data frame of ``length`` bytes with the pause after it."""
+    stuffed = 54 if extended else 34
+    return 8 * length + stuffed + 13 + (stuffed + 8 * length - 1) // 4
+
+
+def fd_bits(length: int, extended: bool = False) -> WireBits:
+    """Worst case of an FD frame of ``length`` bytes with the pause after it.
+
+    Nominal: start to bit-rate switch (17 bits, 36 with 29-bit ids) with a stuff bit after each
+    four; CRC delimiter, acknowledgement (two bits), its delimiter, end of frame, pause. Data: error
+    state and length (5 bits), data, their stuff bits; stuff count (4), CRC 17 (to 16 bytes) or 21,
+    with 6 or 7 fixed stuff bits.
+    """
+    head = 36 if extended else 17
+    head_stuff = (head - 1) // 4
+    body = 5 + 8 * length
+    stuff = (head + body - 1) // 4 - head_stuff
+    crc = 4 + (17 + 6 if length <= 16 else 21 + 7)
+    return WireBits(head + head_stuff + 1 + 2 + 1 + 7 + 3, body + stuff + crc)
+
+
+def wire_bits(
+    message_type: type[Message],
+    kind: LinkKind,
+    extended: bool = False,
+    items: int | None = None,
+) -> WireBits:
+    """Worst-case bits of one message: all its frames.
+
+    Args:
+        message_type: class of the message.
+        kind: "can", "can_fd" or "serial" (8 data bits, no parity: 10 bits a byte).
+        extended: 29-bit CAN ids.
+        items: capsules of a Zone, joints of a Pose; default: what one frame carries.
+
+    Raises:
+        ValueError: classic CAN does not carry this message.
+    """
+    definition = BY_TYPE[message_type]
+    if kind == "can":
+        if not definition.classic:
+            raise ValueError(f"classic CAN does not carry {definition.name}")
+        return WireBits(definition.parts * classic_bits(CLASSIC_BYTES, extended), 0)
+    room = definition.items_per_frame
+    left = max(0, room if items is None else items)
+    nominal = data = 0
+    while True:
+        payload = definition.fixed_bytes + min(left, room) * definition.item_bytes
+        if kind == "serial":
+            nominal += 10 * (e2e.PROFILE_4_HEADER + payload + 2)  # COBS overhead and 0x00
+        else:
+            size = e2e.PROFILE_5_HEADER + payload
+            bits = fd_bits(next(n for n in FD_LENGTHS if n >= size), extended)
+            nominal, data = nominal + bits.nominal, data + bits.data
+        left -= room
+        if left <= 0:
+            return WireBits(nominal, data)
