@@ -1,0 +1,131 @@
+"""Distance between capsules, vectorised and exact in degenerate cases.
+
+The distance between two capsules is that of their axes (segments) less both radii. Segments:
+V. Lumelsky, "On fast computation of distance between line segments", Information Processing
+Letters 21 (1985) 55-61, in the clamped form of C. Ericson, "Real-Time Collision Detection" (2005),
+section 5.1.9. Two changes make it exact where that form is not: the denominator and numerator of
+the first parameter come from cross products (``|d1 x d2|^2`` instead of ``a e - b^2``), so a small
+angle between the axes costs no digits; and the distance is the length of the difference vector, not
+an expansion of its square, so it stays exact near zero.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.risk.types import Capsules
+from hri_predict.scene import Floats
+
+_POINT_M2 = 1e-24
+"""A segment shorter than 1e-12 m is treated as the point at its first end."""
+
+_Xyz = tuple[Floats, Floats, Floats]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nearest:
+    """The nearest pair of capsules, for each leading index.
+
+    Attributes:
+        distance: metres between the surfaces, negative when they overlap.
+        segment: index of the person's capsule (last axis of ``people``).
+        capsule: index of the robot's capsule (last axis of ``robot``).
+    """
+
+    distance: Floats
+    segment: NDArray[np.int64]
+    capsule: NDArray[np.int64]
+
+
+def capsule_distance(a: Capsules, b: Capsules) -> Floats:
+    """Signed distance between the surfaces of capsules ``a`` and ``b``, broadcast together.
+
+    Args:
+        a, b: capsules whose batch shapes broadcast, metres, one common frame, finite.
+
+    Returns:
+        The broadcast batch shape; distance of the axes minus both radii, so that an overlap gives
+        minus the depth, and two identical capsules give minus twice their radius. NaN where an
+        input is NaN: callers that cannot rule it out use ``pairwise_min``.
+    """
+    axes = segment_distance(a.a, a.b, b.a, b.b)
+    return axes - a.radius - b.radius
+
+
+def segment_distance(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> Floats:
+    """Distance between segments ``a1 b1`` and ``a2 b2``, each (..., 3), broadcast together."""
+    d1, d2 = _split(b1 - a1), _split(b2 - a2)
+    r = _minus(_split(a1), _split(a2))
+    # Inverse squared lengths, 0 for points: a point's parameter then stays 0 all the way through.
+    inverse_1, inverse_2 = _inverse(_dot(d1, d1)), _inverse(_dot(d2, d2))
+    b, c, f = _dot(d1, d2), _dot(d1, r), _dot(d2, r)
+
+    # Where the infinite lines are nearest. Parallel lines (normal 0) have no such place: any start
+    # serves, because the two projections below find the distance from wherever they begin.
+    normal = _cross(d1, d2)
+    square = _dot(normal, normal)
+    s = np.asarray(_dot(_cross(d2, r), normal)) / np.where(square > 0.0, square, np.inf)
+    s = np.clip(s, 0.0, 1.0)
+    # Project onto the second segment and back onto the first: each is the exact minimum over one
+    # parameter with the other fixed, and together they reach the minimum over both (Ericson).
+    t = np.clip((f + s * b) * inverse_2, 0.0, 1.0)
+    s = np.clip((t * b - c) * inverse_1, 0.0, 1.0)
+
+    gap = (
+        r[0] + s * d1[0] - t * d2[0],
+        r[1] + s * d1[1] - t * d2[1],
+        r[2] + s * d1[2] - t * d2[2],
+    )
+    distance: Floats = np.sqrt(_dot(gap, gap))
+    return distance
+
+
+def pairwise_min(people: Capsules, robot: Capsules) -> Nearest:
+    """Nearest pair of body segment and robot capsule, per person and horizon step.
+
+    Args:
+        people: (P, K, S) capsules.
+        robot: (K, C) capsules, step by step beside the people's.
+
+    Returns:
+        Arrays (P, K). Where an input is NaN the distance is minus infinity, never a safe one.
+    """
+    a = Capsules(people.a[..., :, None, :], people.b[..., :, None, :], people.radius[..., :, None])
+    b = Capsules(robot.a[:, None], robot.b[:, None], robot.radius[:, None])
+    distance = capsule_distance(a, b)
+    rows, columns = distance.shape[-2:]
+    flat = distance.reshape(*distance.shape[:-2], rows * columns)
+    index = np.argmin(flat, axis=-1)  # NaN counts as the smallest
+    least = np.take_along_axis(flat, index[..., None], axis=-1)[..., 0]
+    return Nearest(np.where(np.isnan(least), -np.inf, least), index // columns, index % columns)
+
+
+# Three arrays, one per coordinate, instead of a last axis of 3: numpy's loops then run over long
+# contiguous memory, which makes the whole about five times as fast as with einsum.
+
+
+def _split(points: Floats) -> _Xyz:
+    x, y, z = np.moveaxis(points, -1, 0).copy()
+    return x, y, z
+
+
+def _minus(u: _Xyz, v: _Xyz) -> _Xyz:
+    return u[0] - v[0], u[1] - v[1], u[2] - v[2]
+
+
+def _dot(u: _Xyz, v: _Xyz) -> Floats:
+    result: Floats = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    return result
+
+
+def _cross(u: _Xyz, v: _Xyz) -> _Xyz:
+    return (
+        u[1] * v[2] - u[2] * v[1],
+        u[2] * v[0] - u[0] * v[2],
+        u[0] * v[1] - u[1] * v[0],
+    )
+
+
+def _inverse(square: Floats) -> Floats:
+    return np.where(square > _POINT_M2, 1.0 / np.maximum(square, _POINT_M2), 0.0)
