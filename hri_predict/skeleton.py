@@ -1,8 +1,27 @@
-"""The canonical skeleton, body segments with their radii, and joint maps from other skeletons."""
+"""The canonical skeleton: joints, their tree, body segments with radii, and longest reaches.
 
+Joints are named as REP-155 (ROS4HRI) names its links, extended by what a robot may touch first:
+``l_hand``/``r_hand`` end at the fingers, ``l_foot``/``r_foot`` at the toes, ``head_top`` is the
+crown. ``head`` is its centre at the level of the ears, ``neck`` the middle of the shoulders,
+``waist`` the middle of the hips, ``torso`` the lumbar/thoracic junction.
+
+Body sizes are those of ANSUR II: Gordon et al., "2012 Anthropometric Survey of U.S. Army
+Personnel: Methods and Summary Statistics", NATICK/TR-15/007, 2014; its public data has 4082 men
+and 1986 women. Means, standard deviations (SD) and maxima below are over those 6068 people, in
+millimetres, under the public data's variable names. A radius holds mean + 3 SD of them and is
+rounded up to 5 mm, bare-skinned: what stands off further (a held tool, a backpack, a person
+heavier than any soldier) belongs into the configured uncertainty of the person.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from hri_predict.scene import Bools, Floats
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.scene import Floats
 
 JOINTS = (
     "waist", "torso", "neck", "head", "head_top",
@@ -16,7 +35,7 @@ PARENTS = (-1, 0, 1, 2, 3, 2, 5, 6, 7, 2, 9, 10, 11, 0, 13, 14, 15, 0, 17, 18, 1
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A body segment as a capsule between two joints."""
+    """A body segment as a capsule: ``radius`` metres around the line between two joints."""
 
     name: str
     joint_a: int
@@ -27,7 +46,14 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Skeleton:
-    """Joints, their tree, and the segments between them."""
+    """Joints, their tree, and the segments between them.
+
+    Attributes:
+        parents: of each joint, the joint that it hangs on; -1 for the root.
+        parts: of each body part its joints; every joint and every segment is in one.
+        reach: (J, J) metres, the longest possible distance between two joints of anybody: the sum
+            of the longest bones between them. Infinite where bone lengths are unknown.
+    """
 
     name: str
     joints: tuple[str, ...]
@@ -35,18 +61,220 @@ class Skeleton:
     segments: tuple[Segment, ...]
     left_right_pairs: tuple[tuple[int, int], ...]
     parts: dict[str, tuple[int, ...]]
-    reach: Floats  # (J, J) metres: the longest possible distance between two joints
+    reach: Floats
+
+    @property
+    def segment_names(self) -> tuple[str, ...]:
+        """Names of the segments, in order."""
+        return tuple(segment.name for segment in self.segments)
+
+    def index(self, joint: str) -> int:
+        """Return the index of a joint.
+
+        Raises:
+            ConfigError: there is no joint of this name.
+        """
+        if joint not in self.joints:
+            raise ConfigError(
+                f"skeleton {self.name} has no joint '{joint}'{nearest(joint, self.joints)}"
+            )
+        return self.joints.index(joint)
+
+    def without(self, absent_parts: Iterable[str]) -> tuple[int, ...]:
+        """Return the indices of the segments that remain when body parts are declared absent.
+
+        Raises:
+            ConfigError: a part is unknown.
+        """
+        absent = set(absent_parts)
+        for part in sorted(absent):
+            if part not in self.parts:
+                raise ConfigError(
+                    f"absent_parts: unknown body part '{part}'{nearest(part, self.parts)} "
+                    f"(known: {', '.join(self.parts)})"
+                )
+        return tuple(i for i, s in enumerate(self.segments) if s.part not in absent)
 
 
-class JointMap:
-    """How a source's joints become canonical ones."""
+def make_skeleton(
+    name: str,
+    joints: Sequence[str],
+    parents: Sequence[int],
+    *,
+    segments: Sequence[Segment] = (),
+    left_right_pairs: Sequence[tuple[int, int]] = (),
+    parts: dict[str, tuple[int, ...]] | None = None,
+    bone_lengths: Sequence[float] | None = None,
+) -> Skeleton:
+    """Build a skeleton from its tree; a predictor with joints of its own needs no more.
 
-    source_joints: tuple[str, ...]
+    Args:
+        bone_lengths: of each joint the longest possible distance to its parent, metres (the root's
+            is ignored); ``None`` where unknown, and ``reach`` is then infinite.
+    """
+    lengths = [math.inf] * len(joints) if bone_lengths is None else bone_lengths
+    return Skeleton(
+        name=name,
+        joints=tuple(joints),
+        parents=tuple(parents),
+        segments=tuple(segments),
+        left_right_pairs=tuple(left_right_pairs),
+        parts=dict(parts or {}),
+        reach=path_lengths(parents, lengths),
+    )
 
-    def to_metres_z_up(self, points: Floats) -> Floats:
-        """Raw (..., 3) in the source's units and axes to metres, x forward, y left, z up."""
-        raise NotImplementedError
 
-    def map(self, positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
-        """(..., J_source, 3) and (..., J_source) to canonical (..., J, 3) and (..., J)."""
-        raise NotImplementedError
+def path_lengths(parents: Sequence[int], bone_lengths: Sequence[float]) -> Floats:
+    """(J, J) length of the path through the tree between every two joints.
+
+    Joints in trees apart (several roots) are infinitely far from each other.
+    """
+    count = len(parents)
+    lengths = np.full((count, count), np.inf)
+    for start in range(count):
+        lengths[start, start] = 0.0
+        reached = [start]
+        for joint in reached:  # grows while it is walked: breadth first
+            for other in range(count):
+                if other == parents[joint]:
+                    bone = bone_lengths[joint]
+                elif parents[other] == joint:
+                    bone = bone_lengths[other]
+                else:
+                    continue
+                if other not in reached:
+                    lengths[start, other] = lengths[start, joint] + bone
+                    reached.append(other)
+    return lengths
+
+
+def neighbours(parents: Sequence[int]) -> NDArray[np.intp]:
+    """(J, J) of each joint all joints by rising number of bones between them, itself first."""
+    return np.argsort(path_lengths(parents, [1.0] * len(parents)), axis=1, kind="stable")
+
+
+def _round_up(millimetres: float) -> float:
+    """Metres, rounded up to 5 mm."""
+    return math.ceil(millimetres / 5.0) * 5.0 / 1000.0
+
+
+def _girth(mean: float, sd: float) -> float:
+    """Radius of a round segment of circumference mean + 3 SD."""
+    return _round_up((mean + 3.0 * sd) / (2.0 * math.pi))
+
+
+def _half(mean: float, sd: float) -> float:
+    """Radius that holds a breadth or depth of mean + 3 SD."""
+    return _round_up((mean + 3.0 * sd) / 2.0)
+
+
+# Of circumference / (2 pi) and half the largest breadth or depth, the larger one holds the segment.
+_RADII = {
+    "pelvis": _girth(1020.08, 76.42),  # buttockcircumference
+    "abdomen": _half(317.75, 36.36),  # waistbreadth, wider than waistcircumference / (2 pi)
+    "thorax": _girth(1022.10, 100.67),  # chestcircumference
+    "shoulders": _half(251.74, 26.78),  # chestdepth; the breadth is the capsule's own length
+    "head": _half(196.33, 8.49),  # headlength (brow to back), more than headcircumference / (2 pi)
+    "upper_arm": _girth(340.93, 41.52),  # bicepscircumferenceflexed
+    "forearm": _girth(295.01, 30.05),  # forearmcircumferenceflexed
+    # handlength - palmlength, 239 - 140 at most: some sources end at the knuckles, and the capsule
+    # still has to hold the fingers. It holds a spread hand, too, but for the tip of the thumb.
+    "hand": _round_up(99.0),
+    "thigh": _girth(622.20, 57.75),  # thighcircumference
+    "shank": _girth(386.04, 30.65),  # calfcircumference
+    # lateralmalleolusheight, 69.58 + 3 x 7.27, is the sole's depth below the ankle; rounded up for
+    # a shoe. It also holds the toes of a source that ends at the ball of the foot (footlength -
+    # balloffootlength: 323 - 245 at most).
+    "foot": _round_up(96.0),
+}
+
+# Longest bones, metres: the survey's maxima or the difference of two of them; for the trunk, whose
+# bones it lacks, the difference of two mean heights, scaled by the tallest stature over the mean.
+_TALL = 1993.0 / 1714.41 / 1000.0
+_BONES = {
+    "torso": (1099.59 - 882.74) * _TALL,  # tenthribheight - trochanterionheight
+    "neck": (1406.16 - 1099.59) * _TALL,  # acromialheight - tenthribheight
+    "head": (1714.41 - 129.62 - 1406.16) * _TALL,  # stature - tragiontopofhead - acromialheight
+    "head_top": 0.150 + 0.020,  # tragiontopofhead; some sources put the head as low as the atlas
+    "shoulder": 0.489 / 2,  # biacromialbreadth
+    "elbow": 0.393,  # acromionradialelength
+    "wrist": 0.328,  # radialestylionlength
+    "hand": 0.239,  # handlength
+    "hip": 0.362 / 2,  # bicristalbreadth, wider than the hip joints are apart
+    "knee": 1.095 - 0.594,  # trochanterionheight - lateralfemoralepicondyleheight
+    "ankle": 0.594 - 0.070,  # lateralfemoralepicondyleheight - mean lateralmalleolusheight
+    # footlength 0.323, its heel quarter behind the ankle (own estimate); lateralmalleolusheight
+    "foot": math.hypot(0.75 * 0.323, 0.093),
+}
+# For the travel of the shoulder girdle and spine, and for sources whose joints lie elsewhere in the
+# body than the survey's landmarks.
+_REACH_MARGIN = 1.15
+
+_SIDES = {"l_": "left", "r_": "right"}
+
+
+def _segments() -> tuple[Segment, ...]:
+    def segment(name: str, a: str, b: str, part: str) -> Segment:
+        radius = _RADII[name.removeprefix("l_").removeprefix("r_")]
+        return Segment(name, JOINTS.index(a), JOINTS.index(b), radius, part)
+
+    trunk = [
+        segment("pelvis", "l_hip", "r_hip", "torso"),
+        segment("abdomen", "waist", "torso", "torso"),
+        segment("thorax", "torso", "neck", "torso"),
+        segment("shoulders", "l_shoulder", "r_shoulder", "torso"),
+        segment("head", "neck", "head_top", "torso"),
+    ]
+    limbs = [
+        segment(s + name, s + a, s + b, f"{side}_{limb}")
+        for s, side in _SIDES.items()
+        for name, a, b, limb in (
+            ("upper_arm", "shoulder", "elbow", "arm"),
+            ("forearm", "elbow", "wrist", "arm"),
+            ("hand", "wrist", "hand", "arm"),
+            ("thigh", "hip", "knee", "leg"),
+            ("shank", "knee", "ankle", "leg"),
+            ("foot", "ankle", "foot", "leg"),
+        )
+    ]
+    return tuple(trunk + limbs)
+
+
+def _parts() -> dict[str, tuple[int, ...]]:
+    names = {
+        "torso": ("waist", "torso", "neck", "head", "head_top"),
+        **{
+            f"{side}_{limb}": tuple(s + joint for joint in joints)
+            for s, side in _SIDES.items()
+            for limb, joints in (
+                ("arm", ("shoulder", "elbow", "wrist", "hand")),
+                ("leg", ("hip", "knee", "ankle", "foot")),
+            )
+        },
+    }
+    return {part: tuple(JOINTS.index(j) for j in joints) for part, joints in names.items()}
+
+
+def _bone_length(joint: str) -> float:
+    return _BONES.get(joint.removeprefix("l_").removeprefix("r_"), 0.0) * _REACH_MARGIN
+
+
+CANONICAL = make_skeleton(
+    "canonical",
+    JOINTS,
+    PARENTS,
+    segments=_segments(),
+    left_right_pairs=tuple(
+        (i, JOINTS.index("r_" + name[2:])) for i, name in enumerate(JOINTS) if name[:2] == "l_"
+    ),
+    parts=_parts(),
+    bone_lengths=[_bone_length(joint) for joint in JOINTS],
+)
+
+
+def __getattr__(name: str) -> object:  # until every importer has moved to hri_predict.joint_map
+    if name == "JointMap":
+        from hri_predict.joint_map import JointMap
+
+        return JointMap
+    raise AttributeError(name)

@@ -4,9 +4,9 @@ from typing import Any, Protocol
 
 from pydantic import Field
 
+from hri_predict.joint_map import JointMap
 from hri_predict.scene import Scene
 from hri_predict.settings import Pose, Region, Settings
-from hri_predict.skeleton import JointMap
 
 
 class SourceSettings(Settings):
