@@ -1,0 +1,132 @@
+"""Motion recordings as NumPy archives: whole-body (CMU, 38 joints) and arms of a seated person.
+
+Keys, units and axes as the data pack documents them: ``positions_world`` (F, 38, 3) metres, y up,
+``fps`` 120, ``world_ok``, ``floor_height`` and ``rest_pose_frames``; or ``positions`` (F, 6, 3)
+metres in the camera's frame, NaN where missing, with ``joint_names`` and ``fps``.
+"""
+
+import math
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hri_predict.errors import RecordingError
+from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.recording.recording import Recording, scenes_of_one
+from hri_predict.scene import Bools, Floats
+
+# What a damaged archive or header can raise.
+_BROKEN: tuple[type[Exception], ...] = (OSError, EOFError, ValueError, KeyError, SyntaxError)
+_BROKEN += (NotImplementedError, MemoryError, zipfile.BadZipFile, zlib.error)
+
+
+def read_npz(path: Path, person: int) -> Recording:
+    """Read a recording in one of the two layouts.
+
+    A frame whose ``world_ok`` is false (the root's rotation is an artefact there) becomes a scene
+    in which the person's joints are all unobserved: somebody is there, and where is not known.
+
+    Raises:
+        RecordingError: truncated, empty, or of another layout.
+    """
+    arrays = _load(path)
+    if "positions_world" in arrays:
+        return _whole_body(path, arrays, person)
+    if "positions" in arrays:
+        return _arms(path, arrays, person)
+    raise RecordingError(
+        f"recording {path}: holds {', '.join(sorted(arrays)) or 'nothing'}; expected "
+        f"'positions_world' (38 joints) or 'positions' with 'joint_names' (arms)"
+    )
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        archive = np.load(path, allow_pickle=False)
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise RecordingError(
+                f"recording {path}: is a single array, not an .npz archive; save it with "
+                f"numpy.savez and the documented keys"
+            )
+        with archive:
+            return {key: archive[key] for key in archive.files if key != "expmap"}
+    except _BROKEN as error:
+        raise RecordingError(
+            f"recording {path}: truncated or not a NumPy archive; copy it again"
+        ) from error
+
+
+def _whole_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
+    joint_map = load_joint_map("cmu38")
+    positions = _positions(path, arrays["positions_world"], len(joint_map.source_joints))
+    first = int(_number(path, arrays, "rest_pose_frames", 0.0))  # a pose, not motion
+    ok = np.asarray(arrays.get("world_ok", np.ones(len(positions))), dtype=bool)
+    if ok.shape != (len(positions),):
+        raise RecordingError(f"recording {path}: 'world_ok' does not fit 'positions_world'")
+    positions = positions.copy()
+    positions[..., 1] -= _number(path, arrays, "floor_height", 0.0)  # y is up
+    observed = np.isfinite(positions).all(axis=-1) & ok[:, None]
+    return _recording(path, "cmu", joint_map, positions[first:], observed[first:], arrays, person)
+
+
+def _arms(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
+    joint_map = load_joint_map("assembly_arms")
+    names = [str(n) for n in np.atleast_1d(arrays.get("joint_names", joint_map.source_joints))]
+    unknown = [n for n in names if n not in joint_map.source_joints]
+    missing = [n for n in joint_map.source_joints if n not in names]
+    if unknown or missing:
+        wrong = f"unknown: {', '.join(unknown)}" if unknown else f"missing: {', '.join(missing)}"
+        raise RecordingError(
+            f"recording {path}: 'joint_names' do not fit ({wrong}); "
+            f"expected {', '.join(joint_map.source_joints)}"
+        )
+    positions = _positions(path, arrays["positions"], len(names))
+    positions = positions[:, [names.index(n) for n in joint_map.source_joints]]
+    observed: Bools = np.asarray(np.isfinite(positions).all(axis=-1))
+    return _recording(path, "assembly", joint_map, positions, observed, arrays, person)
+
+
+def _recording(
+    path: Path,
+    kind: str,
+    joint_map: JointMap,
+    positions: Floats,
+    observed: Bools,
+    arrays: Mapping[str, Any],
+    person: int,
+) -> Recording:
+    if len(positions) == 0:
+        raise RecordingError(f"recording {path}: is empty (no frames); choose another")
+    rate_hz = _number(path, arrays, "fps", None)
+    if not rate_hz > 0:
+        raise RecordingError(f"recording {path}: 'fps' is {rate_hz:g}; it must be above 0")
+    scenes = scenes_of_one(joint_map.to_metres_z_up(positions), observed, rate_hz, person)
+    return Recording(path, kind, joint_map, rate_hz, scenes, [s.capture_ns for s in scenes])
+
+
+def _positions(path: Path, array: Any, joints: int) -> Floats:
+    array = np.asarray(array)
+    if array.ndim != 3 or array.shape[1:] != (joints, 3) or array.dtype.kind not in "fiu":
+        raise RecordingError(
+            f"recording {path}: positions are {array.dtype} of shape {array.shape}; "
+            f"expected numbers of shape (frames, {joints}, 3)"
+        )
+    return array.astype(np.float64)
+
+
+def _number(path: Path, arrays: Mapping[str, Any], key: str, default: float | None) -> float:
+    if key not in arrays:
+        if default is None:
+            raise RecordingError(f"recording {path}: '{key}' is missing; add it")
+        return default
+    try:
+        value = float(np.asarray(arrays[key]))
+    except (TypeError, ValueError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise RecordingError(f"recording {path}: '{key}' is not one finite number")
+    return value
