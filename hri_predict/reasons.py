@@ -25,6 +25,7 @@ class Reason(IntEnum):
     SOURCE_BLIND = 24
     CLOCK_JUMP = 25
     ROOM_NOT_SEEN_EMPTY = 26
+    TOO_MANY_PEOPLE = 27
     ROBOT_STATE_STALE = 30
     ROBOT_NOT_AUTOMATIC = 31
     ROBOT_STATE_INVALID = 32
@@ -84,6 +85,10 @@ _TEXT = {
     Reason.ROOM_NOT_SEEN_EMPTY: (
         "a person vanished, and the room was not seen empty since",
         "the room is seen empty for long enough, or Acknowledge",
+    ),
+    Reason.TOO_MANY_PEOPLE: (
+        "more people are here than the node can follow",
+        "fewer people are here, or people.max_people is raised",
     ),
     Reason.ROBOT_STATE_STALE: (
         "no fresh RobotState, so where the robot is is not known",

@@ -1,0 +1,152 @@
+"""Aligns a source's stamps with the node's clock.
+
+Only the source knows when it captured, and only in its own clock; only the node knows when a scene
+came in. Of every scene one difference is known: receipt - stamp = offset between the clocks + the
+latency of this scene. Latency is never negative, so the smallest difference is the best estimate of
+the offset (the filter of NTP and of Cristian's algorithm); the smallest latency itself cannot be
+seen from one side, which is why it is a setting (``min_latency_s``). Four things look alike in that
+difference and must not be mixed up:
+
+- *Delay*: scenes begin to arrive later. Must appear as age. The offset therefore rises by at most
+  ``MAX_DRIFT``, so that an added delay of 200 ms takes minutes, not seconds, to be taken for drift.
+- *Drift*: the clocks run at slightly different rates. Followed downwards at once and upwards up to
+  ``MAX_DRIFT``; a clock that is slower still looks like growing delay, and becomes stale.
+- *Jump*: the stamp's step disagrees, by more than ``jump_limit_ns``, both with the sequence's step
+  times the nominal period (not a delay: a late scene has a true stamp) and with the receipt's step
+  (not a pause: a source that pauses resumes with stamps and receipts advanced alike). The capture
+  is then carried on by the sequence, and the offset is re-estimated from there.
+- *Spike*: a single wrong stamp. Beyond the limit it is a jump and a jump back, and carrying across
+  both restores the offset. Below it, a stamp that is too new would pull the minimum down, so a fall
+  of more than ``SPIKE_NS`` is believed only once ``SPIKE_CONFIRMATIONS`` scenes within
+  ``SPIKE_WITHIN_NS`` agree.
+
+Smaller backward steps of a clock than the limit are taken for delay: the age is then too large, by
+less than the limit, until drift has caught up. All errors that remain make the age larger, never
+smaller, except that a delay there from the very first scene is taken for offset: no one-way
+alignment can see it.
+"""
+
+from collections import deque
+
+NS_PER_S = 1_000_000_000
+MAX_DRIFT_PER_MILLION = 1000
+"""Rise of the offset that is believed; crystals stay under 100, slewed system clocks under 500."""
+BUCKET_NS = 5 * NS_PER_S
+"""The minimum is taken over the current and the previous bucket: 5 to 10 s."""
+SPIKE_NS = 20_000_000
+SPIKE_CONFIRMATIONS = 3
+SPIKE_WITHIN_NS = 2 * NS_PER_S
+MIN_JUMP_NS = 100_000_000
+CARRY_LIMIT_NS = NS_PER_S
+"""A carried capture older than the receipt by more than this is given up: the source restarted."""
+JUMPED_SCENES = 10
+
+
+class ClockAlignment:
+    """Turns stamps of a source into capture times of the node's clock.
+
+    Args:
+        period_ns: the source's nominal time between captures.
+        min_latency_ns: least time from capture to receipt.
+        jump_limit_ns: by how much a stamp may disagree; default the longer of 0.1 s and 3 periods.
+
+    Attributes:
+        jumps: jumps seen since start, restarts among them.
+        spikes: scenes whose stamp was ahead of the believed offset by more than ``SPIKE_NS``.
+    """
+
+    def __init__(
+        self, period_ns: int, min_latency_ns: int = 0, jump_limit_ns: int | None = None
+    ) -> None:
+        if period_ns <= 0 or min_latency_ns < 0:
+            raise ValueError("period_ns must be positive, min_latency_ns at least 0")
+        self.jumps = 0
+        self.spikes = 0
+        self._period_ns = period_ns
+        self._min_latency_ns = min_latency_ns
+        self._jump_limit_ns = jump_limit_ns or max(MIN_JUMP_NS, 3 * period_ns)
+        self._last: tuple[int, int, int, int] | None = None  # stamp, sequence, receipt, capture
+        self._offset_ns = 0
+        self._scenes_since_jump = JUMPED_SCENES
+        self._suspects: deque[tuple[int, int]] = deque(maxlen=SPIKE_CONFIRMATIONS)
+        self._bucket_start_ns = 0
+        self._lowest = 0
+        self._previous_lowest = 0
+
+    @property
+    def offset_ns(self) -> int:
+        """Capture (node's clock) minus stamp (source's clock), as believed now."""
+        return self._offset_ns
+
+    @property
+    def jumped(self) -> bool:
+        """Whether the source's clock jumped within the last ``JUMPED_SCENES`` scenes."""
+        return self._scenes_since_jump < JUMPED_SCENES
+
+    def restart(self) -> None:
+        """Forget everything: the source began anew. Counts as a jump."""
+        self._last = None
+        self._note_jump()
+
+    def align(self, stamp_ns: int, sequence: int, receipt_ns: int) -> int:
+        """Capture time, node's clock, of the scene; never later than receipt less min latency.
+
+        Args:
+            stamp_ns: the scene's stamp, the source's clock.
+            sequence: the source's counter; the caller passes only scenes that advance it.
+            receipt_ns: when it arrived, the node's clock.
+        """
+        newest_possible = receipt_ns - self._min_latency_ns
+        self._scenes_since_jump += 1
+        if self._last is None:
+            self._set_offset(newest_possible - stamp_ns, receipt_ns)
+        elif self._is_jump(stamp_ns, sequence, receipt_ns):
+            self._note_jump()
+            carried = self._last[3] + (sequence - self._last[1]) * self._period_ns
+            if not 0 <= newest_possible - carried <= CARRY_LIMIT_NS:
+                carried = newest_possible
+            self._set_offset(carried - stamp_ns, receipt_ns)
+        else:
+            self._follow(newest_possible - stamp_ns, receipt_ns)
+        capture_ns = min(stamp_ns + self._offset_ns, newest_possible)
+        self._last = (stamp_ns, sequence, receipt_ns, capture_ns)
+        return capture_ns
+
+    def _is_jump(self, stamp_ns: int, sequence: int, receipt_ns: int) -> bool:
+        assert self._last is not None
+        stamp_step = stamp_ns - self._last[0]
+        by_sequence = stamp_step - (sequence - self._last[1]) * self._period_ns
+        by_receipt = stamp_step - (receipt_ns - self._last[2])
+        return min(abs(by_sequence), abs(by_receipt)) > self._jump_limit_ns
+
+    def _note_jump(self) -> None:
+        self.jumps += 1
+        self._scenes_since_jump = 0
+
+    def _set_offset(self, offset_ns: int, receipt_ns: int) -> None:
+        self._offset_ns = self._lowest = self._previous_lowest = offset_ns
+        self._bucket_start_ns = receipt_ns
+        self._suspects.clear()
+
+    def _follow(self, seen_ns: int, receipt_ns: int) -> None:
+        """Take one more difference, ``seen_ns`` = receipt - min latency - stamp, into account."""
+        assert self._last is not None
+        if seen_ns < self._offset_ns - SPIKE_NS:
+            self.spikes += 1
+            self._suspects.append((receipt_ns, seen_ns))
+            if (
+                len(self._suspects) == SPIKE_CONFIRMATIONS
+                and receipt_ns - self._suspects[0][0] <= SPIKE_WITHIN_NS
+            ):
+                self._set_offset(max(seen for _, seen in self._suspects), receipt_ns)
+            return
+        in_bucket_ns = receipt_ns - self._bucket_start_ns
+        if in_bucket_ns < BUCKET_NS:
+            self._lowest = min(self._lowest, seen_ns)
+        else:
+            self._previous_lowest = self._lowest if in_bucket_ns < 2 * BUCKET_NS else seen_ns
+            self._lowest = seen_ns
+            self._bucket_start_ns = receipt_ns
+        elapsed_ns = max(0, receipt_ns - self._last[2])
+        may_rise_to = self._offset_ns + elapsed_ns * MAX_DRIFT_PER_MILLION // 1_000_000
+        self._offset_ns = min(self._lowest, self._previous_lowest, may_rise_to)

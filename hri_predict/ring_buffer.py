@@ -1,0 +1,278 @@
+"""One person's history: preallocated, one writer, many readers that never hold the writer up.
+
+The writer announces a push (``_begun``), fills the slot, then commits it (``_committed``). A reader
+copies the newest ``capacity`` samples and afterwards looks at ``_begun``: a sample whose slot has
+been begun anew since may be torn, and only such are thrown away. A few spare slots make that rare;
+if it happens the reader tries again, a bounded number of times, and at worst returns fewer of the
+oldest samples, never a torn one. The order of the counters' updates rests on CPython executing one
+bytecode at a time (the interpreter lock), or on a machine with total store order.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.scene import Bools, Floats
+
+Stamps = NDArray[np.int64]
+
+NEVER = np.iinfo(np.int64).min
+"""Stamp of a joint that was never observed."""
+_SPARE_SLOTS = 16
+_READ_TRIES = 8
+
+
+class PushResult(Enum):
+    """What became of a sample."""
+
+    ACCEPTED = "accepted"
+    OUT_OF_ORDER = "out_of_order"
+    DUPLICATE = "duplicate"
+    FUTURE = "future"
+    BACKWARD_JUMP = "backward_jump"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """History resampled at a fixed rate, oldest step first.
+
+    Attributes:
+        positions: (n, J, 3) metres, finite everywhere; where not observed, the nearest earlier
+            observed value, or 0.
+        observed: (n, J) whether the step rests on observed samples.
+    """
+
+    positions: Floats
+    observed: Bools
+
+
+class RingBuffer:
+    """The newest ``capacity`` samples of one person.
+
+    Args:
+        joints: J, joints per sample.
+        capacity: samples kept.
+        max_gap_ns: longest time between two observations of a joint that is bridged by a line.
+        future_tolerance_ns: how far after "now" a stamp may lie.
+        backward_limit_ns: a stamp older than the newest by more than this is a backward jump of the
+            clock, by less a sample out of order. Both are refused.
+
+    Attributes:
+        counts: how often each ``PushResult`` occurred.
+        reads_cut: reads that gave up the oldest samples because the writer overtook them.
+    """
+
+    def __init__(
+        self,
+        joints: int,
+        capacity: int,
+        max_gap_ns: int,
+        future_tolerance_ns: int = 20_000_000,
+        backward_limit_ns: int = 500_000_000,
+    ) -> None:
+        if joints < 1 or capacity < 1 or max_gap_ns < 0:
+            raise ValueError("joints and capacity must be at least 1, max_gap_ns at least 0")
+        self.joints = joints
+        self.capacity = capacity
+        self.counts = dict.fromkeys(PushResult, 0)
+        self.reads_cut = 0
+        self._max_gap_ns = max_gap_ns
+        self._future_tolerance_ns = future_tolerance_ns
+        self._backward_limit_ns = backward_limit_ns
+        self._size = capacity + _SPARE_SLOTS
+        self._stamps: Stamps = np.zeros(self._size, np.int64)
+        self._positions: Floats = np.zeros((self._size, joints, 3))
+        self._observed: Bools = np.zeros((self._size, joints), np.bool_)
+        # a view per slot, made once: indexing an array makes a new one each time
+        self._position_rows = list(self._positions)
+        self._flat_rows = [row.reshape(-1) for row in self._positions]
+        self._observed_rows = list(self._observed)
+        self._zeros = np.zeros(3 * joints)
+        self._finite = np.zeros((joints, 3), np.bool_)
+        self._all_finite = np.zeros(joints, np.bool_)
+        self._newest_ns: int | None = None
+        self._begun = 0
+        self._committed = 0
+
+    def __len__(self) -> int:
+        """Samples held."""
+        return min(self._committed, self.capacity)
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest sample; ``None`` before the first."""
+        return self._newest_ns
+
+    def push(self, capture_ns: int, positions: Floats, observed: Bools, now_ns: int) -> PushResult:
+        """Append a sample; for the one writing thread.
+
+        Joints with a coordinate that is not finite are taken as unobserved.
+
+        Args:
+            capture_ns: when it was captured, the node's clock.
+            positions: (J, 3) metres; anything where not observed.
+            observed: (J,).
+            now_ns: the node's clock.
+
+        Returns:
+            Whether it was accepted, or why not; each is counted.
+        """
+        result = self._judge(capture_ns, now_ns)
+        self.counts[result] += 1
+        if result is not PushResult.ACCEPTED:
+            return result
+        index = self._committed
+        slot = index % self._size
+        self._begun = index + 1
+        self._stamps[slot] = capture_ns
+        row = self._position_rows[slot]
+        seen = self._observed_rows[slot]
+        row[...] = positions
+        seen[...] = observed
+        # 0 times anything that is not finite is NaN: one product finds them all
+        if self._flat_rows[slot].dot(self._zeros) != 0.0:
+            np.isfinite(row, out=self._finite)
+            np.logical_and.reduce(self._finite, axis=1, out=self._all_finite)
+            np.logical_and(seen, self._all_finite, out=seen)
+            np.logical_not(self._finite, out=self._finite)
+            np.copyto(row, 0.0, where=self._finite)
+        self._newest_ns = capture_ns
+        self._committed = index + 1
+        return result
+
+    def _judge(self, capture_ns: int, now_ns: int) -> PushResult:
+        if capture_ns > now_ns + self._future_tolerance_ns:
+            return PushResult.FUTURE
+        newest_ns = self._newest_ns
+        if newest_ns is None or capture_ns > newest_ns:
+            return PushResult.ACCEPTED
+        if capture_ns == newest_ns:
+            return PushResult.DUPLICATE
+        if newest_ns - capture_ns > self._backward_limit_ns:
+            return PushResult.BACKWARD_JUMP
+        return PushResult.OUT_OF_ORDER
+
+    def samples(self) -> tuple[Stamps, Floats, Bools]:
+        """Copy of what is held, oldest first: stamps (M,), positions (M, J, 3), observed (M, J).
+
+        Positions are finite everywhere; they mean nothing where not observed.
+        """
+        for attempt in range(_READ_TRIES):
+            end = self._committed
+            first = max(0, end - self.capacity)
+            slots = np.arange(first, end) % self._size
+            stamps = self._stamps.take(slots)
+            positions = self._positions.take(slots, axis=0)
+            observed = self._observed.take(slots, axis=0)
+            overtaken = self._begun - self._size - first
+            if overtaken <= 0:
+                return stamps, positions, observed
+            if attempt == _READ_TRIES - 1:
+                self.reads_cut += 1
+        return stamps[overtaken:], positions[overtaken:], observed[overtaken:]
+
+    def window(self, t_end_ns: int, n: int, rate_hz: float) -> Window:
+        """Resample the history that ends at ``t_end_ns``; for any thread.
+
+        Step k lies at ``t_end_ns - (n - 1 - k) / rate_hz``. Each joint is interpolated linearly
+        between its neighbouring observations if they are at most ``max_gap_ns`` apart; a step that
+        falls on an observation gives that one; everything else is unobserved. Nothing captured
+        after ``t_end_ns`` is looked at.
+        """
+        return resample(*self.samples(), t_end_ns, n, rate_hz, self._max_gap_ns)
+
+    def last_observed(self, t_end_ns: int) -> tuple[Floats, Stamps]:
+        """Where and when each joint was last observed up to ``t_end_ns``; for any thread.
+
+        Returns:
+            positions (J, 3), NaN if never within the buffer, and stamps (J,), ``NEVER`` if never.
+        """
+        stamps, positions, observed = self.samples()
+        end = int(stamps.searchsorted(t_end_ns, side="right"))
+        last: Floats = np.full((self.joints, 3), np.nan)
+        when: Stamps = np.full(self.joints, NEVER)
+        if end:
+            seen = observed[:end]
+            index = end - 1 - seen[::-1].argmax(axis=0)
+            ever = seen.any(axis=0)
+            joints = np.flatnonzero(ever)
+            last[joints] = positions[index[joints], joints]
+            when[joints] = stamps[index[joints]]
+        return last, when
+
+
+@lru_cache(maxsize=32)
+def _steps_ns(n: int, rate_hz: float) -> Stamps:
+    """(n,) nanoseconds from each step to the window's end."""
+    steps: Stamps = np.rint(np.arange(n - 1, -1, -1) * (1e9 / rate_hz)).astype(np.int64)
+    steps.flags.writeable = False
+    return steps
+
+
+def resample(
+    stamps: Stamps,
+    positions: Floats,
+    observed: Bools,
+    t_end_ns: int,
+    n: int,
+    rate_hz: float,
+    max_gap_ns: int,
+) -> Window:
+    """Resample samples (oldest first, strictly increasing stamps); see ``RingBuffer.window``.
+
+    Args:
+        stamps: (M,) nanoseconds.
+        positions: (M, J, 3) metres, finite.
+        observed: (M, J).
+        t_end_ns: time of the last step.
+        n: steps.
+        rate_hz: steps per second.
+        max_gap_ns: longest gap that is bridged.
+    """
+    joints = observed.shape[1]
+    end = int(stamps.searchsorted(t_end_ns, side="right"))
+    if end == 0:
+        return Window(np.zeros((n, joints, 3)), np.zeros((n, joints), np.bool_))
+    stamps, positions, observed = stamps[:end], positions[:end], observed[:end]
+    times = t_end_ns - _steps_ns(n, rate_hz)
+    after = stamps.searchsorted(times, side="right")
+    before = after - 1
+
+    if observed.all():  # one index serves all joints
+        earlier, later = before[:, None], after[:, None]
+    else:
+        order = np.arange(end)[:, None]
+        newest_up_to = np.maximum.accumulate(np.where(observed, order, -1), axis=0)
+        oldest_from = np.minimum.accumulate(np.where(observed, order, end)[::-1], axis=0)[::-1]
+        earlier = newest_up_to.take(before, axis=0, mode="clip")
+        earlier[before < 0] = -1
+        later = oldest_from.take(after, axis=0, mode="clip")
+        later[after == end] = end
+
+    has_earlier = earlier >= 0
+    earlier = np.maximum(earlier, 0)
+    has_later = later < end
+    later = np.minimum(later, end - 1)
+    start = stamps[earlier]
+    gap = stamps[later] - start
+    since = times[:, None] - start
+    exact = has_earlier & (since == 0)
+    bridged = has_earlier & has_later & (gap <= max_gap_ns)
+    # a weight of 0 holds the earlier observation: for the exact hit and for the unobserved alike
+    weight = np.where(bridged, since / np.maximum(gap, 1), 0.0)[..., None]
+    if earlier.shape[1] == 1:
+        held, next_one = positions.take(earlier[:, 0], axis=0), positions.take(later[:, 0], axis=0)
+    else:  # taking from a flat table is several times faster than indexing by two arrays
+        table, columns = positions.reshape(-1, 3), np.arange(joints)
+        held = table.take(earlier * joints + columns, axis=0)
+        next_one = table.take(later * joints + columns, axis=0)
+    result = held + weight * (next_one - held)
+    if not has_earlier.all():
+        result *= has_earlier[..., None]
+    seen = exact | bridged
+    if seen.shape[1] != joints:
+        seen = np.repeat(seen, joints, axis=1)
+    return Window(result, seen)
