@@ -40,11 +40,17 @@ class LinkCounters:
     messages_received: int = 0
     bytes_received: int = 0
     superseded: int = 0  # newer one took a slot before the older was written
+    decimated: int = 0  # Zone or Pose for which the wire had no room
     crc_errors: int = 0
     counter_errors: int = 0  # repeated, lost or out of order
     malformed: int = 0  # right CRC, wrong length, id or values
     incomplete: int = 0  # a multi-frame message whose parts do not belong together
+    ignored: int = 0  # frames of other senders, which are not ours to judge
+    unexpected: int = 0  # right, but nothing that a controller sends: our own, or another node's
+    overrun: int = 0  # received, but not taken in time; the oldest RobotState goes first
+    bus_errors: int = 0  # error frames that the CAN controller reported
     write_errors: int = 0
+    disconnects: int = 0
     reconnects: int = 0
 
 
@@ -66,11 +72,13 @@ class Link(Protocol):
         name: as configured.
         counters: see ``LinkCounters``.
         connected: whether the device is open now.
+        last_error: one line about the newest trouble, ``None`` if there was none.
     """
 
     name: str
     counters: LinkCounters
     connected: bool
+    last_error: str | None
 
     def start(self) -> None:
         """Open the device and begin; a device that is absent at start is a ``LinkError``."""
@@ -97,9 +105,14 @@ class LinkLoad:
         load: fraction of the wire taken by Status, Advice, Schema and what the controller sends.
         spare: fraction left for Zone and Pose after ``reserved_load``.
         details: message name -> fraction.
+        rate_hz, bitrate: what it was computed for.
+        bitrates: bit rates that this kind of link may have, ascending.
     """
 
     name: str
     load: float
     spare: float
     details: dict[str, float] = field(default_factory=dict)
+    rate_hz: float = 0.0
+    bitrate: int = 0
+    bitrates: tuple[int, ...] = ()

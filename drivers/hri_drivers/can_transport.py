@@ -1,0 +1,257 @@
+"""CAN frames over any interface that python-can knows: socketcan, slcan, udp_multicast, ..."""
+
+import contextlib
+import errno
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import can
+
+from hri_drivers.serial_transport import open_remedy
+from hri_drivers.transport import TransportBusy
+from hri_predict.errors import LinkError, nearest
+from hri_predict.protocol.can_codec import CanFrame
+
+SEND_TIMEOUT_S = 0.01
+GARBAGE_LIMIT = 1000  # unreadable frames in a row until the interface is opened afresh
+_BUSY_ERRNO = (errno.ENOBUFS, errno.EAGAIN)
+
+
+def check_interface(name: str) -> None:
+    """Refuse an interface that python-can does not know.
+
+    Raises:
+        LinkError: names the nearest and lists those there are.
+    """
+    known = sorted(can.VALID_INTERFACES)
+    if name not in known:
+        raise LinkError(
+            f"unknown CAN interface '{name}'{nearest(name, known)}; there are: {', '.join(known)}"
+        )
+
+
+class CanTransport:
+    """``Transport[CanFrame]`` over ``can.Bus(..., ignore_config=True)``.
+
+    Args:
+        interface, channel: as python-can names them.
+        bitrate, data_bitrate: bit/s; not every interface sets them (a socketcan device is set up
+            with ``ip link``).
+        fd: open for CAN FD; frames with ``fd`` then switch to ``data_bitrate``.
+        options: further arguments of python-can's bus class.
+
+    Attributes:
+        bus_errors: error frames heard.
+        malformed: units on the wire that were no frame.
+    """
+
+    def __init__(
+        self,
+        interface: str,
+        channel: str,
+        bitrate: int = 500_000,
+        fd: bool = False,
+        data_bitrate: int = 2_000_000,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.interface = interface
+        self.channel = channel
+        self.bus_errors = 0
+        self.malformed = 0
+        self._switch = data_bitrate > bitrate
+        self._arguments = _arguments(interface, bitrate, fd, data_bitrate, dict(options or {}))
+        self._bus: can.BusABC | None = None
+        self._garbage = 0
+
+    @property
+    def _name(self) -> str:
+        return f"CAN interface {self.interface}, channel {self.channel}"
+
+    def open(self) -> None:
+        """Open the bus."""
+        self.close()
+        check_interface(self.interface)
+        try:
+            bus = can.Bus(
+                interface=self.interface,
+                channel=self.channel,
+                ignore_config=True,
+                **self._arguments,
+            )
+        except Exception as error:  # drivers of vendors raise anything
+            raise LinkError(f"{self._name}: {_remedy(error, self.interface)}") from error
+        if self.interface == "slcan" and not _lock(bus):
+            _shut(bus)
+            raise LinkError(f"{self._name}: in use by another program; close that one first")
+        self._garbage = 0
+        self._bus = bus
+
+    def write(self, unit: CanFrame) -> None:
+        """Send one frame; waits at most 10 ms for room in the transmit queue."""
+        message = can.Message(
+            arbitration_id=unit.arbitration_id,
+            is_extended_id=unit.extended,
+            data=unit.data,
+            is_fd=unit.fd,
+            bitrate_switch=unit.fd and self._switch,
+        )
+        try:
+            self._opened().send(message, timeout=SEND_TIMEOUT_S)
+        except LinkError:
+            raise
+        except Exception as error:
+            if _is_busy(error):
+                raise TransportBusy(
+                    f"{self._name}: nothing is sent (transmit queue full); check that another node "
+                    "acknowledges, the termination, and restart-ms after bus-off"
+                ) from error
+            raise self._lost(error) from error
+
+    def read(self, timeout_s: float) -> list[CanFrame]:
+        """Return the next data frame, if one comes in time."""
+        bus = self._opened()
+        try:
+            message = bus.recv(timeout_s)
+        except Exception as error:
+            if _is_garbage(error):
+                return self._unreadable(bus, error)
+            raise self._lost(error) from error
+        if message is None:
+            return []
+        if message.is_error_frame:
+            self.bus_errors += 1
+            return []
+        if message.is_remote_frame:  # carries nothing; none of ours
+            return []
+        self._garbage = 0
+        return [
+            CanFrame(
+                message.arbitration_id,
+                bytes(message.data),
+                fd=message.is_fd,
+                extended=message.is_extended_id,
+            )
+        ]
+
+    def close(self) -> None:
+        """Close the bus, and the port under it even if the bus cannot say goodbye."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            _shut(bus)
+
+    def _opened(self) -> can.BusABC:
+        if self._bus is None:
+            raise LinkError(f"{self._name} is closed; open it first")
+        return self._bus
+
+    def _unreadable(self, bus: can.BusABC, error: Exception) -> list[CanFrame]:
+        self.malformed += 1
+        self._garbage += 1
+        if self._garbage > GARBAGE_LIMIT:
+            raise self._lost(error) from error
+        if isinstance(error, UnicodeDecodeError):  # python-can's slcan would keep the bad line
+            with contextlib.suppress(Exception):
+                getattr(bus, "flush", lambda: None)()
+        return []
+
+    def _lost(self, error: Exception) -> LinkError:
+        text = _first_line(error)
+        return LinkError(f"{self._name}: lost ({text}); check adapter and cable")
+
+
+def _arguments(
+    interface: str, bitrate: int, fd: bool, data_bitrate: int, options: dict[str, Any]
+) -> dict[str, Any]:
+    """Arguments of the bus class; what the user gives in ``options`` goes before all."""
+    arguments: dict[str, Any] = {"bitrate": bitrate}
+    if interface == "slcan":
+        # The port's own read timeout: python-can's 1 ms would wake the reader 1000 times a second.
+        arguments["timeout"] = 0.02
+        if fd:
+            del arguments["bitrate"]
+            arguments["timing"] = can.BitTimingFd.from_sample_point(
+                f_clock=80_000_000,
+                nom_bitrate=bitrate,
+                nom_sample_point=80.0,
+                data_bitrate=data_bitrate,
+                data_sample_point=80.0,
+            )
+    elif interface == "virtual":
+        arguments["protocol"] = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
+    elif interface == "udp_multicast":
+        arguments = {"fd": fd}
+    elif fd:
+        arguments |= {"fd": True, "data_bitrate": data_bitrate}
+    return arguments | options
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__
+
+
+def _is_busy(error: Exception) -> bool:
+    """Whether a failed send means "not now" rather than "never again" (python-can issue 2004)."""
+    if isinstance(error, can.CanTimeoutError) or "buffer full" in str(error).lower():
+        return True
+    return any(
+        getattr(e, "error_code", None) in _BUSY_ERRNO
+        or (isinstance(e, OSError) and e.errno in _BUSY_ERRNO)
+        or type(e).__name__ == "SerialTimeoutException"
+        for e in _causes(error)
+    )
+
+
+def _is_garbage(error: Exception) -> bool:
+    """Whether a failed receive was about the content of a frame, not about the device."""
+    last = list(_causes(error))[-1]
+    return isinstance(last, ValueError | LookupError | TypeError) and not isinstance(last, OSError)
+
+
+def _lock(bus: can.BusABC) -> bool:
+    """Take an slcan adapter's port for this process alone, where the system can lock it."""
+    port: Any = getattr(bus, "serialPortOrig", None)
+    try:
+        port.exclusive = True
+    except OSError:
+        return False
+    except (AttributeError, ValueError, NotImplementedError):  # a URL, or a system that locks anyway
+        pass
+    return True
+
+
+def _shut(bus: can.BusABC) -> None:
+    with contextlib.suppress(Exception):
+        bus.shutdown()
+    # slcan says goodbye before it closes its port; on a dead port that fails and leaves it open.
+    port = getattr(bus, "serialPortOrig", None)
+    if port is not None:
+        with contextlib.suppress(Exception):
+            port.close()
+
+
+def _remedy(error: Exception, interface: str) -> str:
+    """What is wrong with an interface that does not open, and what to do."""
+    chain = list(_causes(error))
+    number = next((e.errno for e in chain if isinstance(e, OSError) and e.errno), None)
+    text = _first_line(error)
+    if "msgpack" in text:
+        return "needs msgpack; install it with: pip install 'hri-predict[udp]'"
+    if isinstance(error, can.CanInterfaceNotImplementedError | ImportError):
+        return f"its driver is not available ({text}); install it, or choose another interface"
+    if interface == "socketcan":
+        if number == errno.EAFNOSUPPORT:
+            return "this kernel has no CAN; use another interface, such as slcan or udp_multicast"
+        if number in (errno.ENODEV, errno.ENXIO):
+            return (
+                "there is no such device or it is down; bring it up: "
+                "ip link set CHANNEL up type can bitrate 500000 restart-ms 100"
+            )
+    if interface == "slcan" and isinstance(chain[-1], OSError):
+        return open_remedy(chain[-1], "channel")
+    return f"cannot be opened ({text}); correct 'channel', 'bitrate' or 'options'"
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

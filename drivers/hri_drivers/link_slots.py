@@ -1,0 +1,132 @@
+"""What waits to be written on a link: one slot per subject, newest wins; and the bulk's budget."""
+
+import threading
+from dataclasses import dataclass
+
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    Advice,
+    Message,
+    Pose,
+    RobotState,
+    Schema,
+    Status,
+    Zone,
+)
+
+_PRIORITY: dict[type, int] = {
+    Advice: 0,
+    Acknowledge: 1,
+    RobotState: 2,
+    Status: 3,
+    Schema: 4,
+    Zone: 5,
+    Pose: 5,
+}
+_CLASSES = 6
+_BULK_CLASS = 5
+BULK = (Zone, Pose)
+MAX_EDGES = 64  # distinct acknowledgements waiting; a person cannot press that fast
+
+Key = tuple[int, ...]
+
+
+def slot_key(message: Message) -> Key:
+    """The subject of a message: a newer message about the same subject replaces the older.
+
+    The first element is the priority. An Acknowledge is an edge: its key holds its own id, so no
+    other one replaces it.
+    """
+    match message:
+        case Advice(robot=robot) | RobotState(robot=robot):
+            subject: tuple[int, ...] = (robot,)
+        case Zone(person=person, step=step):
+            subject = (0, person, step)
+        case Pose(person=person, step=step):
+            subject = (1, person, step)
+        case Acknowledge(latch_id=latch_id, ack_id=ack_id):
+            subject = (latch_id, ack_id)
+        case _:
+            subject = ()
+    return (_PRIORITY[type(message)], *subject)
+
+
+class Slots:
+    """Newest-wins slots, safe between posting threads and one draining thread.
+
+    Within one priority the subject that has waited longest goes first, so every person and
+    horizon step gets its turn however few fit. The number of slots is bounded by the number of
+    subjects.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._classes: tuple[dict[Key, Message], ...] = tuple({} for _ in range(_CLASSES))
+
+    def post(self, message: Message) -> Message | None:
+        """Put ``message`` into its slot; returns what it displaced, if anything."""
+        key = slot_key(message)
+        slots = self._classes[key[0]]
+        with self._lock:
+            displaced = slots.get(key)
+            slots[key] = message  # a replaced message keeps its place in the line
+            if isinstance(message, Acknowledge):
+                displaced = None  # the same edge again: nothing is lost
+                if len(slots) > MAX_EDGES:
+                    displaced = slots.pop(next(iter(slots)))
+            return displaced
+
+    def put_back(self, message: Message) -> bool:
+        """Return a message that could not be written; ``False`` if a newer one is there already."""
+        key = slot_key(message)
+        slots = self._classes[key[0]]
+        with self._lock:
+            if key in slots:
+                return False
+            waiting = list(slots.items())
+            slots.clear()
+            slots[key] = message
+            slots.update(waiting)
+            return True
+
+    def pop(self, with_bulk: bool = True) -> Message | None:
+        """Take the most urgent message; Zone and Pose only ``with_bulk``."""
+        with self._lock:
+            for priority, slots in enumerate(self._classes):
+                if slots and (with_bulk or priority < _BULK_CLASS):
+                    return slots.pop(next(iter(slots)))
+            return None
+
+    def __len__(self) -> int:
+        with self._lock:
+            return sum(len(slots) for slots in self._classes)
+
+
+@dataclass(slots=True)
+class Budget:
+    """Token bucket of wire time for Zone and Pose.
+
+    Attributes:
+        rate: seconds of wire per second that may be used on average.
+        depth_s: seconds of wire that may be used in one burst: what is free in one cycle, so that
+            a burst that begins with a cycle is over before the next one's Advice.
+    """
+
+    rate: float
+    depth_s: float
+    _tokens_s: float = 0.0
+    _last_ns: int | None = None
+
+    def fits(self, wire_s: float, now_ns: int) -> bool:
+        """Whether ``wire_s`` seconds of wire may be used now."""
+        if self._last_ns is not None:
+            elapsed_s = max(0, now_ns - self._last_ns) * 1e-9
+            self._tokens_s = min(self.depth_s, self._tokens_s + self.rate * elapsed_s)
+        else:
+            self._tokens_s = max(self.depth_s, 0.0)
+        self._last_ns = now_ns
+        return self.rate > 0 and wire_s <= self._tokens_s
+
+    def spend(self, wire_s: float) -> None:
+        """Take what was really written."""
+        self._tokens_s -= wire_s

@@ -1,0 +1,368 @@
+"""What every link shares: newest-wins slots, supervision, reconnecting, counting.
+
+In real time a link has two threads. The writer sleeps until something is posted, writes it, and
+supervises: it opens, closes and re-opens the device. The reader waits in the device's ``read``.
+Neither polls, so a posted message is on its way within a fraction of a millisecond, and neither
+can end unseen: whatever goes wrong is counted, kept as ``last_error`` and followed by a re-open.
+On the virtual clock ``service`` does the same in the caller's thread.
+"""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from hri_drivers.link_codec import Codec
+from hri_drivers.link_slots import BULK, Budget, Slots
+from hri_drivers.transport import Transport, TransportBusy
+from hri_predict.clock import Clock
+from hri_predict.errors import LinkError
+from hri_predict.link import LinkCounters, LinkSettings, Received
+from hri_predict.protocol.messages import Acknowledge, Advice, Message, RobotState, at_encoding
+
+log = logging.getLogger(__name__)
+
+U = TypeVar("U")
+
+FIRST_RETRY_S = 0.05
+LAST_RETRY_S = 2.0
+READ_TIMEOUT_S = 0.1  # how long a stop may wait for the reader
+BUSY_RETRY_S = 0.005
+BUSY_LIMIT_NS = 1_000_000_000  # busy for longer (bus-off, nobody reads): re-open
+SETTLED_NS = 1_000_000_000  # a connection that lived so long starts the back-off afresh
+FLUSH_NS = 200_000_000  # how long a stop may take to write the last messages
+BULK_STALE_NS = 500_000_000  # a zone from an older capture is of no use any more
+INBOX = 256
+READS_PER_SERVICE = 1024
+
+
+class SupervisedLink(Generic[U]):
+    """A ``Link`` over any ``Transport``; see ``hri_predict.link.Link``.
+
+    Attributes:
+        name, counters, connected: as the contract says.
+        last_error: one line about the newest trouble; ``None`` if there was none.
+        on_sent: called with (link name, unit as bytes, time) after each unit written; the recorder.
+    """
+
+    def __init__(
+        self,
+        settings: LinkSettings,
+        clock: Clock,
+        transport: Transport[U],
+        codec: Codec[U],
+        budget: Budget,
+        wait_for_device: bool = False,
+    ) -> None:
+        self.name = settings.name
+        self.counters = LinkCounters()
+        self.connected = False
+        self.last_error: str | None = None
+        self.on_sent: Callable[[str, bytes, int], None] | None = None
+        self._clock = clock
+        self._transport = transport
+        self._codec = codec
+        self._budget = budget
+        self._wait_for_device = wait_for_device
+        self._slots = Slots()
+        self._inbox: deque[Received] = deque()
+        self._inbox_lock = threading.Lock()
+        self._echo: dict[int, int] = {}
+        self._opened_ns = 0
+        self._opened_before = False
+        self._retry_s = FIRST_RETRY_S
+        self._retry_ns = 0
+        self._busy_since_ns: int | None = None
+        self._wake = threading.Event()
+        self._stopping = threading.Event()
+        self._hang_up = threading.Event()
+        self._reader_error: Exception | None = None
+        self._reader: threading.Thread | None = None
+        self._writer: threading.Thread | None = None
+
+    # -- the contract -----------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Open the device and start the threads.
+
+        Raises:
+            LinkError: the device is absent, unless ``wait_for_device`` is set.
+        """
+        if self._writer is not None:
+            return
+        self._stopping.clear()
+        try:
+            self._open(self._clock.now_ns())
+        except LinkError as error:
+            if not self._wait_for_device:
+                raise LinkError(f"link '{self.name}': {error}") from error
+            self._lost(error, self._clock.now_ns())
+        self._writer = threading.Thread(
+            target=self._write_loop, name=f"{self.name}-tx", daemon=True
+        )
+        self._writer.start()
+
+    def post(self, message: Message) -> None:
+        """Put a message into its newest-wins slot; never blocks."""
+        if not self._codec.carries(message):
+            self.counters.decimated += 1
+            return
+        displaced = self._slots.post(message)
+        if displaced is not None:
+            self._count_displaced(displaced)
+        self._wake.set()
+
+    def take(self) -> list[Received]:
+        """Return what was received since the last call, oldest first."""
+        with self._inbox_lock:
+            received = list(self._inbox)
+            self._inbox.clear()
+        return received
+
+    def service(self, now_ns: int) -> None:
+        """Read what has come, write what is posted, re-open if it is time; in this thread."""
+        if self._writer is not None:
+            raise RuntimeError("service is for links whose thread was not started")
+        try:
+            if not self.connected:
+                if now_ns < self._retry_ns:
+                    return
+                self._open(now_ns)
+            for _ in range(READS_PER_SERVICE):
+                units = self._transport.read(0.0)
+                if not units:
+                    break
+                self._receive(units, now_ns)
+            self._drain(lambda: now_ns)
+        except LinkError as error:
+            self._lost(error, now_ns)
+
+    def stop(self) -> None:
+        """Write what is posted (at most 200 ms), then close. Safe to call twice."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            self._stopping.set()
+            self._wake.set()
+            writer.join(timeout=5.0)
+            if writer.is_alive():
+                self._note(LinkError(f"link '{self.name}': its device does not let go"))
+            return
+        if self.connected:
+            now_ns = self._clock.now_ns()
+            try:
+                self._drain(lambda: now_ns, with_bulk=False)
+            except LinkError as error:
+                self.counters.write_errors += 1
+                self._note(error)
+            self.connected = False
+        self._transport.close()
+
+    # -- the threads ------------------------------------------------------------------------------
+
+    def _write_loop(self) -> None:
+        if self.connected:
+            self._start_reader()
+        while not self._stopping.is_set():
+            try:
+                self._turn()
+            except Exception as error:  # a supervisor outlives whatever its device does
+                self._lost(error, self._clock.now_ns())
+        self._flush()
+        self._stop_reader()
+        self.connected = False
+        self._transport.close()
+
+    def _turn(self) -> None:
+        """Wait for something to do, and do it."""
+        if not self.connected:
+            self._clock.wait_until(self._retry_ns, self._stopping)
+            if not self._stopping.is_set():
+                self._open(self._clock.now_ns())
+                self._start_reader()
+                self._wake.set()
+            return
+        self._wake.wait(BUSY_RETRY_S if self._busy_since_ns is not None else None)
+        self._wake.clear()
+        if self._reader_error is not None:
+            raise self._reader_error
+        if not self._stopping.is_set():
+            self._drain(self._clock.now_ns)
+
+    def _read_loop(self, hang_up: threading.Event) -> None:
+        try:
+            while not hang_up.is_set():
+                units = self._transport.read(READ_TIMEOUT_S)
+                if units:
+                    self._receive(units, self._clock.now_ns())
+        except Exception as error:  # the writer closes and re-opens
+            if not hang_up.is_set():
+                self._reader_error = error
+                self._wake.set()
+
+    def _start_reader(self) -> None:
+        self._reader_error = None
+        self._hang_up = threading.Event()
+        self._reader = threading.Thread(
+            target=self._read_loop, args=(self._hang_up,), name=f"{self.name}-rx", daemon=True
+        )
+        self._reader.start()
+
+    def _stop_reader(self) -> None:
+        reader, self._reader = self._reader, None
+        self._hang_up.set()
+        if reader is not None:
+            reader.join(timeout=1.0)
+
+    def _flush(self) -> None:
+        """Write what is posted, so that the last word leaves the node."""
+        deadline_ns = self._clock.now_ns() + FLUSH_NS
+        try:
+            while self.connected and self._clock.now_ns() < deadline_ns:
+                self._drain(self._clock.now_ns, with_bulk=False)
+                if self._busy_since_ns is None:
+                    return
+                self._wake.clear()
+                self._wake.wait(BUSY_RETRY_S)
+        except Exception as error:  # it ends here either way; say so
+            self.counters.write_errors += 1
+            self._note(error)
+
+    # -- the device -------------------------------------------------------------------------------
+
+    def _open(self, now_ns: int) -> None:
+        self._transport.open()
+        self.connected = True
+        self._opened_ns = now_ns
+        self._busy_since_ns = None
+        if self._opened_before:
+            self._codec.reset()
+            self.counters.reconnects += 1
+            log.info("link '%s': connected again", self.name)
+        self._opened_before = True
+
+    def _lost(self, error: Exception, now_ns: int) -> None:
+        """Close, remember why, and set the time of the next try."""
+        if self.connected and now_ns - self._opened_ns >= SETTLED_NS:
+            self._retry_s = FIRST_RETRY_S
+        if self.connected:
+            log.warning("link '%s': %s; trying again", self.name, error)
+            self.counters.disconnects += 1
+        self.connected = False
+        self._note(error)
+        self._stop_reader()
+        self._transport.close()
+        self._busy_since_ns = None
+        self._retry_ns = now_ns + int(self._retry_s * 1e9)
+        self._retry_s = min(2 * self._retry_s, LAST_RETRY_S)
+
+    def _note(self, error: Exception) -> None:
+        text = str(error).splitlines()
+        self.last_error = text[0] if text else type(error).__name__
+
+    # -- out --------------------------------------------------------------------------------------
+
+    def _drain(self, now: Callable[[], int], with_bulk: bool = True) -> None:
+        """Write what is posted, the most urgent first; bulk only within its budget.
+
+        Raises:
+            LinkError: the device is lost, or has been busy for too long.
+        """
+        while (message := self._slots.pop(with_bulk)) is not None:
+            now_ns = now()
+            if isinstance(message, BULK):
+                if self._bulk_is_useless(message, now_ns):
+                    self.counters.decimated += 1
+                    continue
+                if not self._bulk_may_go(message, now_ns):
+                    self._return(message)  # it keeps its place in the line
+                    with_bulk = False
+                    continue
+            try:
+                self._write(message, now_ns)
+            except TransportBusy as error:
+                self._busy(message, error, now_ns)
+                return
+            except LinkError:
+                self.counters.write_errors += 1
+                self._return(message)
+                raise
+            self._busy_since_ns = None
+        self._busy_since_ns = None
+
+    def _write(self, message: Message, now_ns: int) -> None:
+        echo = self._echo.get(message.robot) if isinstance(message, Advice) else None
+        try:
+            units = self._codec.encode(at_encoding(message, now_ns, echo))
+        except (
+            ValueError
+        ) as error:  # a value that no field can hold: this message is lost, no other
+            self.counters.write_errors += 1
+            self._note(error)
+            return
+        for unit in units:
+            if isinstance(message, BULK):
+                self._budget.spend(self._codec.unit_s(unit))
+            self._transport.write(unit)
+            self.counters.bytes_sent += self._codec.size(unit)
+            if self.on_sent is not None:
+                self.on_sent(self.name, self._codec.raw(unit), now_ns)
+        self.counters.messages_sent += 1
+
+    def _bulk_may_go(self, message: Message, now_ns: int) -> bool:
+        """Whether there is wire time for it now."""
+        return self._budget.fits(self._codec.worst_s(message), now_ns)
+
+    def _bulk_is_useless(self, message: Message, now_ns: int) -> bool:
+        """Whether it is too old, or too long ever to be over before the next cycle's Advice."""
+        capture_ns = getattr(message, "capture_ns", None)
+        stale = capture_ns is not None and now_ns - capture_ns > BULK_STALE_NS
+        return stale or self._codec.worst_s(message) > self._budget.depth_s
+
+    def _busy(self, message: Message, error: TransportBusy, now_ns: int) -> None:
+        """Keep the message for a retry, unless a newer one is there; give up after a second."""
+        self.counters.write_errors += 1
+        self._note(error)
+        self._return(message)
+        if self._busy_since_ns is None:
+            self._busy_since_ns = now_ns
+        elif now_ns - self._busy_since_ns > BUSY_LIMIT_NS:
+            raise LinkError(str(error)) from error
+
+    def _return(self, message: Message) -> None:
+        if not self._slots.put_back(message):
+            self._count_displaced(message)
+
+    def _count_displaced(self, message: Message) -> None:
+        if isinstance(message, BULK):
+            self.counters.decimated += 1
+        else:
+            self.counters.superseded += 1
+
+    # -- in ---------------------------------------------------------------------------------------
+
+    def _receive(self, units: list[U], now_ns: int) -> None:
+        for unit in units:
+            self.counters.bytes_received += self._codec.size(unit)
+            for message in self._codec.decode(unit):
+                if not isinstance(message, RobotState | Acknowledge):
+                    self.counters.unexpected += 1  # our own, heard back, or another node's
+                    continue
+                self.counters.messages_received += 1
+                if isinstance(message, RobotState):
+                    self._echo[message.robot] = message.counter
+                self._keep(Received(message, now_ns))
+        self._codec.count(self.counters)
+
+    def _keep(self, received: Received) -> None:
+        """Into the inbox; when it is full, the oldest RobotState goes, never an Acknowledge."""
+        with self._inbox_lock:
+            self._inbox.append(received)
+            if len(self._inbox) <= INBOX:
+                return
+            self.counters.overrun += 1
+            for index, old in enumerate(self._inbox):
+                if isinstance(old.message, RobotState):
+                    del self._inbox[index]
+                    return
+            self._inbox.popleft()

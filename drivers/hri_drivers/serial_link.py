@@ -1,0 +1,161 @@
+"""A link to a robot controller over a serial line (RS-232, RS-485, USB, a socket)."""
+
+from typing import ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from hri_drivers.link_load import link_load
+from hri_drivers.link_slots import Budget
+from hri_drivers.link_thread import SupervisedLink
+from hri_drivers.serial_transport import SerialTransport
+from hri_drivers.transport import Transport
+from hri_predict.clock import Clock
+from hri_predict.errors import LinkError
+from hri_predict.link import LinkCounters, LinkLoad, LinkSettings
+from hri_predict.protocol.messages import Message, Pose, Zone
+from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
+from hri_predict.protocol.wire import wire_bits
+
+BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit
+
+
+class SerialLinkSettings(LinkSettings):
+    """An entry of ``links:`` with ``kind: serial``."""
+
+    kind: str = "serial"
+    port: str | None = Field(
+        None, description="device path or any URL of pyserial's; not needed with 'simulate'"
+    )
+    baudrate: int = Field(115_200, ge=1200, le=12_000_000)
+    rtscts: bool = Field(False, description="hardware handshake")
+    robot_state_rate_hz: float = Field(
+        50.0, ge=0, le=1000, description="how often the controller sends RobotState"
+    )
+    wait_for_device: bool = Field(
+        False, description="start although the port is not there yet, and go on trying"
+    )
+
+    @model_validator(mode="after")
+    def _has_port(self) -> Self:
+        if self.port is None and self.simulate is None:
+            raise ValueError("give 'port' (a device path or URL), or 'simulate'")
+        return self
+
+
+class SerialCodec:
+    """Messages as protected packets on a serial line."""
+
+    def __init__(self, baudrate: int) -> None:
+        self._sender = SerialSender()
+        self._receiver = SerialReceiver()
+        self._baudrate = baudrate
+
+    def carries(self, message: Message) -> bool:
+        """Everything."""
+        return True
+
+    def encode(self, message: Message) -> list[bytes]:
+        """One unit: all packets of the message."""
+        return [self._sender.encode(message)]
+
+    def decode(self, unit: bytes) -> list[Message]:
+        """Messages that these bytes complete."""
+        return self._receiver.feed(unit)
+
+    def reset(self) -> None:
+        """Forget what was under way."""
+        self._receiver.reset()
+
+    def count(self, counters: LinkCounters) -> None:
+        """Copy the receiver's counts."""
+        mine = self._receiver.counters
+        counters.crc_errors = mine.crc_errors
+        counters.counter_errors = mine.counter_errors
+        counters.malformed = mine.malformed
+        counters.incomplete = mine.incomplete
+        counters.ignored = mine.ignored
+
+    def worst_s(self, message: Message) -> float:
+        """Seconds of wire of such a message."""
+        return wire_bits(type(message), "serial", items=item_count(message)).seconds(self._baudrate)
+
+    def unit_s(self, unit: bytes) -> float:
+        """Seconds of wire of these bytes."""
+        return BITS_PER_BYTE * len(unit) / self._baudrate
+
+    def raw(self, unit: bytes) -> bytes:
+        """The bytes."""
+        return unit
+
+    def size(self, unit: bytes) -> int:
+        """How many."""
+        return len(unit)
+
+
+def item_count(message: Message) -> int | None:
+    """Capsules of a Zone, joints of a Pose, else ``None``."""
+    if isinstance(message, Zone):
+        return len(message.capsules)
+    return len(message.joints) if isinstance(message, Pose) else None
+
+
+class SerialLink(SupervisedLink[bytes]):
+    """``hri_predict.link.Link`` over a serial line.
+
+    Args:
+        settings: the link's.
+        clock: the node's.
+        transport: the wire, if not the configured port (a pipe, a fault injector).
+        rate_hz: the node's cycle, from which the room for Zone and Pose follows.
+        robots: robots in the configuration; counts only if ``settings.robots`` names none.
+
+    Raises:
+        LinkError: neither a port nor a transport is given.
+    """
+
+    settings_model: ClassVar[type[SerialLinkSettings]] = SerialLinkSettings
+
+    def __init__(
+        self,
+        settings: SerialLinkSettings,
+        clock: Clock,
+        transport: Transport[bytes] | None = None,
+        *,
+        rate_hz: float = 25.0,
+        robots: int = 1,
+    ) -> None:
+        load = self.load(settings, rate_hz, robots)
+        super().__init__(
+            settings,
+            clock,
+            transport if transport is not None else self.make_transport(settings),
+            SerialCodec(settings.baudrate),
+            Budget(max(0.0, load.spare), max(0.0, (1.0 - load.load) / rate_hz)),
+            settings.wait_for_device,
+        )
+
+    @staticmethod
+    def make_transport(settings: SerialLinkSettings) -> SerialTransport:
+        """The configured port, not yet open.
+
+        Raises:
+            LinkError: no port is configured.
+        """
+        if settings.port is None:
+            raise LinkError(f"link '{settings.name}': no 'port'; the mock controller gives it one")
+        return SerialTransport(settings.port, settings.baudrate, rtscts=settings.rtscts)
+
+    @staticmethod
+    def load(settings: SerialLinkSettings, rate_hz: float, robots: int = 1) -> LinkLoad:
+        """How full the link will be; see ``link_load.check_load``."""
+        return link_load(
+            settings.name,
+            "serial",
+            settings.baudrate,
+            None,
+            False,
+            rate_hz,
+            robots if settings.robots is None else len(settings.robots),
+            settings.robot_state_rate_hz,
+            settings.reserved_load,
+        )
