@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from hri_predict.clock import VirtualClock
 from hri_predict.errors import ConfigError, LinkError
+from hri_predict.joint_map import load_joint_map
 from hri_predict.protocol.can_codec import CanFrame
 from hri_predict.scene import Person, Scene
 
@@ -25,7 +26,7 @@ JOINTS = 5
 class Walkers:
     """Two people who move a little with every scene; scene k at k periods."""
 
-    joint_map = None  # not looked into
+    joint_map = load_joint_map("canonical")  # not looked into
     rate_hz = 25.0
     declares_noise = True
 
@@ -84,7 +85,7 @@ def sequences(scenes):
 
 def test_without_faults_nothing_changes_and_the_truth_is_told():
     source = FaultySource(Walkers(), [], 0)
-    truth = []
+    truth: list[Scene] = []
     source.on_truth = truth.append
     source.open(0)
     scenes = []
@@ -232,7 +233,7 @@ def test_any_mixture_is_deterministic_ends_and_arrives_in_time_order(kinds, seed
 
 
 def wire(*faults, seed=0):
-    near, far = pipe()
+    near, far = pipe()  # type: ignore[var-annotated]
     clock = VirtualClock()
     far.open()
     faulty = FaultyTransport(near, faults, clock, seed)

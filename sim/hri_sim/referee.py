@@ -1,0 +1,229 @@
+"""Judges what truly happened between people and robots: how near they came, and who touched whom.
+
+It knows what the node cannot: where every body truly was, and where the arm truly was. Bodies are
+capsules of their real radii without any margin; a joint that the recording does not have is
+skipped, never guessed.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.risk.geometry import capsule_distance
+from hri_predict.risk.robot import RobotModel
+from hri_predict.risk.types import Capsules
+from hri_predict.scene import Bools, Floats, Scene
+from hri_predict.skeleton import CANONICAL
+from hri_predict.source import Source
+
+MOVING_M_S = 0.010  # faster than this, a touch is a contact
+RELEASE_M = 0.02  # a touch is over when the surfaces are this far apart
+_STEP_S = 0.010
+_LONGEST_GAP_S = 0.5  # across more than this nothing is interpolated
+
+Bodies = Mapping[int, tuple[Floats, Bools]]
+"""Person id -> canonical joints (J, 3), metres, room frame, and which of them are known (J,)."""
+
+Joints = Mapping[str, tuple[Floats, Floats]]
+"""Robot name -> (N,) rad and (N,) rad/s."""
+
+
+@dataclass(slots=True)
+class _Touch:
+    """The touch under way between one person and one robot."""
+
+    touching: bool = False
+    counted_moving: bool = False
+
+
+class Referee:
+    """Counts touches of every person with every robot.
+
+    Between two observations bodies and joints are interpolated, so that a touch shorter than a
+    cycle of the node is seen. A touch counts once for each person and robot, however long it lasts:
+    as a contact if any point of the robot moved faster than 10 mm/s at any time of it, else as a
+    contact with a standing robot.
+
+    Attributes:
+        min_separation_m: smallest distance of any body from any robot, at most 0 when they touched;
+            ``None`` while nobody was seen.
+        contacts, contacts_standing: see above.
+        observations: how many instants were judged.
+    """
+
+    def __init__(self, robots: Sequence[RobotModel]) -> None:
+        """``robots``: by whose names ``observe`` gets the joints."""
+        self._robots = {robot.name: robot for robot in robots}
+        self._touches: dict[tuple[int, str], _Touch] = {}
+        self._last: tuple[int, Bodies, Joints] | None = None
+        self._standing_touches = 0
+        self.min_separation_m: float | None = None
+        self.contacts = 0
+        self.observations = 0
+
+    @property
+    def contacts_standing(self) -> int:
+        """Touches of a robot that stood all the while."""
+        return self._standing_touches
+
+    def observe(self, now_ns: int, people: Bodies, robots: Joints) -> None:
+        """Judge the time since the last observation; all is as it truly is at ``now_ns``."""
+        times = self._instants(now_ns)
+        if people:
+            ids = sorted(people)
+            bodies = self._bodies(ids, people, times)
+            for name, (q, qd) in robots.items():
+                self._judge(ids, bodies, name, *self._motion(name, q, qd, times))
+        gone = [key for key in self._touches if key[0] not in people]
+        for key in gone:
+            del self._touches[key]
+        self._last = (now_ns, people, robots)
+        self.observations += len(times)
+
+    def _instants(self, now_ns: int) -> Floats:
+        """(K,) fractions of the way from the last observation to this one, the last of them 1."""
+        elapsed_s = 0.0 if self._last is None else (now_ns - self._last[0]) * 1e-9
+        if not 0 < elapsed_s <= _LONGEST_GAP_S:
+            return np.ones(1)
+        count = math.ceil(elapsed_s / _STEP_S)
+        return np.arange(1, count + 1) / count
+
+    def _bodies(self, ids: Sequence[int], people: Bodies, times: Floats) -> tuple[Capsules, Bools]:
+        """Capsules (P, K, S + J) and which of them count: segments, then lone joints as spheres."""
+        shape = (len(ids), len(times), len(CANONICAL.joints))
+        positions = np.zeros((*shape, 3))
+        known = np.zeros(shape, dtype=bool)
+        before = self._last[1] if self._last is not None else {}
+        for p, person in enumerate(ids):
+            now, now_known = people[person]
+            if person not in before:  # new here: where it was on the way is not known
+                positions[p], known[p, -1] = now, now_known
+                continue
+            then, then_known = before[person]
+            start = np.where(then_known[:, None], then, now)
+            end = np.where(now_known[:, None], now, then)
+            positions[p] = start + (end - start) * times[:, None, None]
+            known[p] = then_known | now_known
+        known &= np.isfinite(positions).all(axis=-1)
+        positions = np.where(known[..., None], positions, 0.0)
+        whole = known[..., _ENDS[:, 0]] & known[..., _ENDS[:, 1]]
+        lone = known & ~(whole @ _BELONGS)
+        capsules = Capsules(
+            np.concatenate([positions[..., _ENDS[:, 0], :], positions], axis=-2),
+            np.concatenate([positions[..., _ENDS[:, 1], :], positions], axis=-2),
+            np.broadcast_to(_RADII, (*shape[:2], len(_RADII))),
+        )
+        return capsules, np.concatenate([whole, lone], axis=-1)
+
+    def _motion(self, name: str, q: Floats, qd: Floats, times: Floats) -> tuple[Capsules, Floats]:
+        """The robot's capsules (K, C) and fastest point (K,) at each instant."""
+        model = self._robots[name]
+        if self._last is not None and name in self._last[2]:
+            q0, qd0 = self._last[2][name]
+            q = q0 + (q - q0) * times[:, None]
+            qd = qd0 + (qd - qd0) * times[:, None]
+        else:
+            q, qd = (np.repeat(v[None], len(times), axis=0) for v in (q, qd))
+        return model.capsules(q), np.asarray(model.tip_speed(q, qd))
+
+    def _judge(
+        self,
+        ids: Sequence[int],
+        bodies: tuple[Capsules, Bools],
+        name: str,
+        robot: Capsules,
+        speed: Floats,
+    ) -> None:
+        body, counts = bodies
+        distance = capsule_distance(
+            Capsules(body.a[..., :, None, :], body.b[..., :, None, :], body.radius[..., :, None]),
+            Capsules(robot.a[:, None], robot.b[:, None], robot.radius[:, None]),
+        )
+        distance = np.where(counts[..., None], distance, np.inf).min(axis=(-2, -1))  # (P, K)
+        least = float(distance.min())
+        if math.isfinite(least):
+            known = self.min_separation_m
+            self.min_separation_m = least if known is None else min(known, least)
+        for person, row in zip(ids, distance, strict=True):
+            touch = self._touches.setdefault((person, name), _Touch())
+            for gap, fastest in zip(row, speed, strict=True):
+                self._follow(touch, float(gap), float(fastest))
+
+    def _follow(self, touch: _Touch, gap: float, fastest: float) -> None:
+        if gap > RELEASE_M:
+            touch.touching = touch.counted_moving = False
+        elif gap <= 0 or touch.touching:
+            moving = gap <= 0 and fastest > MOVING_M_S
+            if not touch.touching:
+                touch.touching = True
+                self._standing_touches += 1
+            if moving and not touch.counted_moving:  # it was, or became, a contact
+                touch.counted_moving = True
+                self._standing_touches -= 1
+                self.contacts += 1
+
+
+class TruePeople:
+    """Where everybody truly is at any time, from a copy of the source without faults.
+
+    The copy is asked a little ahead of the time, so that people can be interpolated between two
+    scenes; of a source that cannot tell the future (a live one) the newest scene is held.
+    """
+
+    def __init__(self, source: Source) -> None:
+        """``source`` is this object's own; nobody else polls it."""
+        self._source = source
+        self._ahead_ns = round(2e9 / source.rate_hz)
+        self._scenes: list[Scene] = []
+
+    def open(self, start_ns: int) -> None:
+        """Open the source, at the same time as the node's own copy."""
+        self._source.open(start_ns)
+
+    def at(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
+        """Everybody's canonical joints (J, 3) and which are known (J,), at ``now_ns``."""
+        while (scene := self._source.poll(now_ns + self._ahead_ns)) is not None:
+            self._scenes.append(scene)
+        while len(self._scenes) > 1 and self._scenes[1].capture_ns <= now_ns:
+            self._scenes.pop(0)
+        if not self._scenes or self._scenes[0].capture_ns > now_ns:
+            return {}
+        here = self._mapped(self._scenes[0])
+        if len(self._scenes) < 2:
+            return here
+        then_ns, next_ns = (scene.capture_ns for scene in self._scenes[:2])
+        if next_ns - then_ns > _LONGEST_GAP_S * 1e9:
+            return here
+        fraction = (now_ns - then_ns) / (next_ns - then_ns)
+        later = self._mapped(self._scenes[1])
+        for person, (end, end_known) in later.items():
+            if person in here:
+                start, known = here[person]
+                both = (known & end_known)[:, None]
+                here[person] = (np.where(both, start + (end - start) * fraction, start), known)
+        return here
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
+
+    def _mapped(self, scene: Scene) -> dict[int, tuple[Floats, Bools]]:
+        joint_map = self._source.joint_map
+        return {p.id: joint_map.map(p.positions, p.observed) for p in scene.people}
+
+
+_ENDS = np.array([(s.joint_a, s.joint_b) for s in CANONICAL.segments])  # (S, 2)
+_BELONGS = np.zeros((len(_ENDS), len(CANONICAL.joints)), dtype=bool)  # (S, J)
+_BELONGS[np.arange(len(_ENDS))[:, None], _ENDS] = True
+# the head's centre lies within the head's capsule, at neither end
+_BELONGS[[s.name == "head" for s in CANONICAL.segments], CANONICAL.index("head")] = True
+# A lone joint is at least as thick as the thinnest segment that ends there.
+_JOINT_RADII = np.array(
+    [
+        min(s.radius for s, has in zip(CANONICAL.segments, _BELONGS[:, j], strict=True) if has)
+        for j in range(len(CANONICAL.joints))
+    ]
+)
+_RADII = np.concatenate([[s.radius for s in CANONICAL.segments], _JOINT_RADII])  # (S + J,)

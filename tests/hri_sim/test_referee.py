@@ -1,0 +1,200 @@
+"""The referee: touches counted once, as what they are, by real radii."""
+
+import numpy as np
+import pytest
+from hri_sim.referee import Referee, TruePeople
+
+from hri_predict.joint_map import load_joint_map
+from hri_predict.risk.types import Capsules
+from hri_predict.scene import Person, Scene
+from hri_predict.skeleton import CANONICAL
+
+MS = 1_000_000
+BALL = 0.1
+FOREARM = next(s for s in CANONICAL.segments if s.name == "l_forearm")
+HEAD = next(s for s in CANONICAL.segments if s.name == "head")
+
+
+class Ball:
+    """A robot that is a ball of 0.1 m on the x axis, at its one joint's value."""
+
+    name = "ball"
+
+    def capsules(self, q):
+        centre = np.concatenate([q, np.zeros((*q.shape[:-1], 2))], axis=-1)[..., None, :]
+        return Capsules(centre, centre, np.full(centre.shape[:-1], BALL))
+
+    def tip_speed(self, q, qd):
+        return np.abs(qd[..., 0])
+
+
+def referee_of_ball():
+    return Referee([Ball()])  # type: ignore[list-item]  # all that it asks of a robot model
+
+
+def joints(**at):
+    positions = np.full((len(CANONICAL.joints), 3), np.nan)
+    for name, where in at.items():
+        positions[CANONICAL.index(name)] = where
+    return positions, np.isfinite(positions).all(axis=1)
+
+
+def forearm(x):
+    """A forearm along y, beside the ball's axis, its axis at x."""
+    return joints(l_elbow=[x, -0.2, 0], l_wrist=[x, 0.2, 0])
+
+
+def ball(x, speed=0.0):
+    return {"ball": (np.array([x]), np.array([speed]))}
+
+
+TOUCH = FOREARM.radius + BALL
+
+
+def test_separation_is_that_of_the_real_surfaces():
+    referee = referee_of_ball()
+    assert referee.min_separation_m is None
+    referee.observe(0, {1: forearm(2.0)}, ball(0.0))
+    assert referee.min_separation_m == pytest.approx(2.0 - TOUCH)
+    referee.observe(40 * MS, {1: forearm(1.0)}, ball(0.0))
+    referee.observe(80 * MS, {1: forearm(3.0)}, ball(0.0))
+    assert referee.min_separation_m == pytest.approx(1.0 - TOUCH)
+    assert (referee.contacts, referee.contacts_standing) == (0, 0)
+
+
+def test_a_touch_of_the_moving_robot_counts_once_however_long():
+    referee = referee_of_ball()
+    for k in range(100):
+        referee.observe(k * 10 * MS, {1: forearm(TOUCH - 0.01)}, ball(0.0, 0.5))
+    assert (referee.contacts, referee.contacts_standing) == (1, 0)
+
+
+def test_a_touch_of_the_standing_robot_is_counted_apart():
+    referee = referee_of_ball()
+    for k in range(10):
+        referee.observe(k * 10 * MS, {1: forearm(TOUCH - 0.01)}, ball(0.0, 0.010))
+    assert (referee.contacts, referee.contacts_standing) == (0, 1)
+
+
+def test_a_robot_that_starts_while_touched_makes_it_a_contact():
+    referee = referee_of_ball()
+    speeds = [0, 0, 0, 0.2, 0.2, 0, 0, 0.2]
+    for k, speed in enumerate(speeds):
+        referee.observe(k * 10 * MS, {1: forearm(TOUCH - 0.01)}, ball(0.0, speed))
+    assert (referee.contacts, referee.contacts_standing) == (1, 0)
+
+
+def test_a_touch_ends_only_when_it_is_clearly_over():
+    referee = referee_of_ball()
+    for k, gap in enumerate([-0.001, 0.001, -0.001, 0.01, -0.001, 0.5, -0.001]):
+        referee.observe(k * 10 * MS, {1: forearm(TOUCH + gap)}, ball(0.0, 1.0))
+    assert referee.contacts == 2
+
+
+def test_every_person_counts():
+    referee = referee_of_ball()
+    near = forearm(TOUCH - 0.01)
+    referee.observe(0, {1: near, 2: near, 3: forearm(5.0)}, ball(0.0, 1.0))
+    assert referee.contacts == 2
+
+
+def test_a_touch_between_two_observations_is_seen():
+    # the ball passes through the arm within one cycle of the node: 100 mm a millisecond step
+    referee = referee_of_ball()
+    referee.observe(0, {1: forearm(0.0)}, ball(-1.0, 20.0))
+    referee.observe(100 * MS, {1: forearm(0.0)}, ball(1.0, 20.0))
+    assert referee.contacts == 1
+    assert referee.min_separation_m == pytest.approx(-TOUCH)
+    # and so when the person passes through the robot
+    referee = referee_of_ball()
+    referee.observe(0, {1: forearm(-1.0)}, ball(0.0))
+    referee.observe(100 * MS, {1: forearm(1.0)}, ball(0.0))
+    assert referee.contacts_standing == 1
+
+
+def test_nothing_is_invented_across_a_long_gap_or_for_somebody_new():
+    referee = referee_of_ball()
+    referee.observe(0, {1: forearm(-1.0)}, ball(0.0))
+    referee.observe(5000 * MS, {1: forearm(1.0)}, ball(0.0))
+    referee.observe(5040 * MS, {2: forearm(-1.0)}, ball(0.0))
+    assert referee.contacts_standing == 0
+    assert referee.min_separation_m == pytest.approx(1.0 - TOUCH)
+
+
+def test_unobserved_joints_are_skipped_and_lone_ones_are_balls():
+    referee = referee_of_ball()
+    positions, observed = joints(l_wrist=[1.0, 0, 0])
+    referee.observe(0, {1: (positions, observed)}, ball(0.0))
+    thinnest = min(
+        s.radius for s in CANONICAL.segments if CANONICAL.index("l_wrist") in (s.joint_a, s.joint_b)
+    )
+    assert referee.min_separation_m == pytest.approx(1.0 - BALL - thinnest)
+    # a position that is there but not known does not count, nor does NaN that claims to be known
+    referee = referee_of_ball()
+    positions, observed = forearm(0.0)
+    referee.observe(0, {1: (positions, np.zeros_like(observed))}, ball(0.0))
+    referee.observe(0, {1: (np.full_like(positions, np.nan), observed)}, ball(0.0))
+    assert referee.min_separation_m is None
+
+
+def test_the_head_is_a_capsule_and_its_centre_adds_nothing():
+    referee = referee_of_ball()
+    head = joints(neck=[0.5, 0, 0], head_top=[0.5, 0, 0.3], head=[0.5, 0, 0.2])
+    referee.observe(0, {1: head}, ball(0.0))
+    assert referee.min_separation_m == pytest.approx(0.5 - BALL - HEAD.radius)
+
+
+def test_it_agrees_with_sampling_by_brute_force():
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        positions = rng.uniform([1.5, -1, -1], [3.5, 1, 1], (len(CANONICAL.joints), 3))
+        referee = referee_of_ball()
+        referee.observe(0, {1: (positions, np.ones(len(positions), bool))}, ball(0.0))
+        along = np.linspace(0, 1, 2001)[:, None]
+        expected = min(
+            np.linalg.norm(
+                positions[s.joint_a] * (1 - along) + positions[s.joint_b] * along, axis=1
+            ).min()
+            - s.radius
+            for s in CANONICAL.segments
+        )
+        assert referee.min_separation_m == pytest.approx(expected - BALL, abs=1e-3)
+
+
+class Walker:
+    """Scene k at k x 40 ms: the left wrist at x = k, and its owner leaves after scene 50."""
+
+    joint_map = load_joint_map("canonical")
+    rate_hz = 25.0
+    declares_noise = False
+
+    def open(self, start_ns):
+        self.k = 0
+
+    def next_ns(self):
+        return self.k * 40 * MS
+
+    def poll(self, now_ns):
+        k = self.k
+        if k > 60 or k * 40 * MS > now_ns:
+            return None
+        self.k += 1
+        positions, observed = joints(l_wrist=[k, 0, 0])
+        people = (Person(7, positions, observed),) if k <= 50 else ()
+        return Scene(k * 40 * MS, k, True, people)
+
+    def close(self):
+        pass
+
+
+def test_true_people_are_interpolated_between_scenes():
+    truth = TruePeople(Walker())
+    truth.open(0)
+    wrist = CANONICAL.index("l_wrist")
+    for now_ms in (0, 10, 40, 45, 1990):
+        people = truth.at(now_ms * MS)
+        positions, observed = people[7]
+        assert positions[wrist, 0] == pytest.approx(now_ms / 40)
+        assert list(np.flatnonzero(observed)) == [wrist]
+    assert truth.at(2035 * MS)[7][0][wrist, 0] == 50  # about to leave: held until the next scene
+    assert truth.at(2040 * MS) == {}
