@@ -90,9 +90,8 @@ class RingBuffer:
         self._position_rows = list(self._positions)
         self._flat_rows = [row.reshape(-1) for row in self._positions]
         self._observed_rows = list(self._observed)
-        self._zeros = np.zeros(3 * joints)
         self._finite = np.zeros((joints, 3), np.bool_)
-        self._all_finite = np.zeros(joints, np.bool_)
+        self._finite_columns = tuple(self._finite.T)
         self._newest_ns: int | None = None
         self._begun = 0
         self._committed = 0
@@ -132,13 +131,15 @@ class RingBuffer:
         seen = self._observed_rows[slot]
         row[...] = positions
         seen[...] = observed
-        # 0 times anything that is not finite is NaN: one product finds them all
-        if self._flat_rows[slot].dot(self._zeros) != 0.0:
+        flat = self._flat_rows[slot]
+        if not flat.dot(flat) < np.inf:  # one product finds NaN and infinity anywhere
+            x, y, z = self._finite_columns
             np.isfinite(row, out=self._finite)
-            np.logical_and.reduce(self._finite, axis=1, out=self._all_finite)
-            np.logical_and(seen, self._all_finite, out=seen)
+            np.logical_and(seen, x, out=seen)
+            np.logical_and(seen, y, out=seen)
+            np.logical_and(seen, z, out=seen)
             np.logical_not(self._finite, out=self._finite)
-            np.copyto(row, 0.0, where=self._finite)
+            np.putmask(row, self._finite, 0.0)
         self._newest_ns = capture_ns
         self._committed = index + 1
         return result
