@@ -1,11 +1,12 @@
 """A link to a robot controller over CAN, classic or FD."""
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
 from hri_drivers.can_transport import CanTransport, check_interface
-from hri_drivers.link_load import link_load
+from hri_drivers.link_load import check_load, link_load
 from hri_drivers.link_slots import Budget
 from hri_drivers.link_thread import SupervisedLink
 from hri_drivers.serial_link import item_count
@@ -127,6 +128,7 @@ class CanLink(SupervisedLink[CanFrame]):
     """``hri_predict.link.Link`` over CAN; arguments as for ``SerialLink``."""
 
     settings_model: ClassVar[type[CanLinkSettings]] = CanLinkSettings
+    port_field: ClassVar[str] = "channel"  # of the settings: what a simulated other end fills in
 
     def __init__(
         self,
@@ -135,7 +137,7 @@ class CanLink(SupervisedLink[CanFrame]):
         transport: Transport[CanFrame] | None = None,
         *,
         rate_hz: float = 25.0,
-        robots: int = 1,
+        robots: Sequence[int] = (0,),
     ) -> None:
         load = self.load(settings, rate_hz, robots)
         wire = transport if transport is not None else self.make_transport(settings)
@@ -172,8 +174,8 @@ class CanLink(SupervisedLink[CanFrame]):
         )
 
     @staticmethod
-    def load(settings: CanLinkSettings, rate_hz: float, robots: int = 1) -> LinkLoad:
-        """How full the bus will be; see ``link_load.check_load``."""
+    def load(settings: CanLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
+        """How full the bus will be; see ``check_load``."""
         return link_load(
             settings.name,
             settings.wire_kind,
@@ -181,7 +183,23 @@ class CanLink(SupervisedLink[CanFrame]):
             settings.data_bitrate,
             settings.extended,
             rate_hz,
-            robots if settings.robots is None else len(settings.robots),
+            len(robots),
             settings.robot_state_rate_hz,
             settings.reserved_load,
         )
+
+    @classmethod
+    def check_load(
+        cls, settings: CanLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)
+    ) -> None:
+        """Refuse a link that cannot carry what must always fit.
+
+        Raises:
+            LinkError: one line with the load and what would fit.
+        """
+        check_load(cls.load(settings, rate_hz, robots))
+
+    @staticmethod
+    def receiver(settings: CanLinkSettings) -> CanReceiver:
+        """What decodes this link's units, for whoever only listens."""
+        return CanReceiver(settings.fd, settings.base_id, settings.extended)

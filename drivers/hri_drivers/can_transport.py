@@ -216,7 +216,11 @@ def _lock(bus: can.BusABC) -> bool:
         port.exclusive = True
     except OSError:
         return False
-    except (AttributeError, ValueError, NotImplementedError):  # a URL, or a system that locks anyway
+    except (
+        AttributeError,
+        ValueError,
+        NotImplementedError,
+    ):  # a URL; Windows locks anyway
         pass
     return True
 

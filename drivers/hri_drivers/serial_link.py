@@ -1,10 +1,11 @@
 """A link to a robot controller over a serial line (RS-232, RS-485, USB, a socket)."""
 
+from collections.abc import Sequence
 from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from hri_drivers.link_load import link_load
+from hri_drivers.link_load import check_load, link_load
 from hri_drivers.link_slots import Budget
 from hri_drivers.link_thread import SupervisedLink
 from hri_drivers.serial_transport import SerialTransport
@@ -107,13 +108,14 @@ class SerialLink(SupervisedLink[bytes]):
         clock: the node's.
         transport: the wire, if not the configured port (a pipe, a fault injector).
         rate_hz: the node's cycle, from which the room for Zone and Pose follows.
-        robots: robots in the configuration; counts only if ``settings.robots`` names none.
+        robots: indices of the robots that are advised on this link.
 
     Raises:
         LinkError: neither a port nor a transport is given.
     """
 
     settings_model: ClassVar[type[SerialLinkSettings]] = SerialLinkSettings
+    port_field: ClassVar[str] = "port"  # of the settings: what a simulated other end fills in
 
     def __init__(
         self,
@@ -122,7 +124,7 @@ class SerialLink(SupervisedLink[bytes]):
         transport: Transport[bytes] | None = None,
         *,
         rate_hz: float = 25.0,
-        robots: int = 1,
+        robots: Sequence[int] = (0,),
     ) -> None:
         load = self.load(settings, rate_hz, robots)
         super().__init__(
@@ -146,8 +148,10 @@ class SerialLink(SupervisedLink[bytes]):
         return SerialTransport(settings.port, settings.baudrate, rtscts=settings.rtscts)
 
     @staticmethod
-    def load(settings: SerialLinkSettings, rate_hz: float, robots: int = 1) -> LinkLoad:
-        """How full the link will be; see ``link_load.check_load``."""
+    def load(
+        settings: SerialLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)
+    ) -> LinkLoad:
+        """How full the link will be; see ``check_load``."""
         return link_load(
             settings.name,
             "serial",
@@ -155,7 +159,23 @@ class SerialLink(SupervisedLink[bytes]):
             None,
             False,
             rate_hz,
-            robots if settings.robots is None else len(settings.robots),
+            len(robots),
             settings.robot_state_rate_hz,
             settings.reserved_load,
         )
+
+    @classmethod
+    def check_load(
+        cls, settings: SerialLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)
+    ) -> None:
+        """Refuse a link that cannot carry what must always fit.
+
+        Raises:
+            LinkError: one line with the load and what would fit.
+        """
+        check_load(cls.load(settings, rate_hz, robots))
+
+    @staticmethod
+    def receiver(settings: SerialLinkSettings) -> SerialReceiver:
+        """What decodes this link's units, for whoever only listens."""
+        return SerialReceiver()
