@@ -1,0 +1,254 @@
+"""A robot in the room: where its capsules are, how fast they move, how it stops."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from hri_predict.errors import RobotError
+from hri_predict.risk.kinematics import Chain, cross
+from hri_predict.risk.robot_file import CapsuleFile, RobotFile, StoppingFile, read_robot_file
+from hri_predict.risk.types import Capsules
+from hri_predict.scene import Floats
+from hri_predict.settings import Pose, Settings
+
+STANDING_M_S = 0.001
+"""A fastest point below this speed counts as at rest: stopping takes no time and no distance."""
+
+
+class StateMotion(Settings):
+    """The robot's motion is what its controller reports in RobotState."""
+
+    kind: Literal["state"] = "state"
+    stale_s: float = Field(0.1, gt=0, le=2, description="age at which RobotState is stale")
+    acceleration_m_s2: float = Field(
+        5.0, ge=0, description="of the fastest point, at most; bounds its motion since RobotState"
+    )
+
+
+class TrajectoryMotion(Settings):
+    """The robot follows a trajectory file, whatever its controller says."""
+
+    kind: Literal["trajectory"]
+    file: str = Field(min_length=1, description="shipped name or path of a YAML file")
+    start_s: float = Field(0.0, ge=0, description="time within the cycle at the node's start")
+
+
+class StandingMotion(Settings):
+    """The robot stands still."""
+
+    kind: Literal["standing"]
+    positions: Annotated[list[float], Field(min_length=1)]
+
+
+Motion = Annotated[StateMotion | TrajectoryMotion | StandingMotion, Field(discriminator="kind")]
+
+
+class RobotSettings(Settings):
+    """One entry of ``robots:`` in the configuration."""
+
+    name: str = Field(min_length=1, max_length=64)
+    model: str = Field(min_length=1, description="shipped name (ur5e) or path of a YAML file")
+    room_from_robot: Pose
+    payload_kg: float | None = Field(
+        None, ge=0, description="heaviest load carried; default the heaviest of the stopping table"
+    )
+    max_speed_m_s: float = Field(gt=0, le=20, description="fastest point in production")
+    motion: Motion = StateMotion()
+
+
+class RobotModel:
+    """A robot's geometry and stopping, placed in the room. N joints, C capsules.
+
+    Args:
+        file: the robot file.
+        room_from_robot: (4, 4) pose of the chain's base in the room.
+        payload_kg: heaviest load carried; ``None`` means the heaviest of the stopping table. With
+            0 the file's payload capsules are left out.
+        name: of this robot in the configuration.
+
+    Attributes:
+        name: as configured.
+        dof: N.
+        joint_names: N names, in the order of RobotState.
+        capsule_names: C names: links from the base outwards, tool, payload.
+        position_min, position_max: (N,) rad.
+        velocity_max: (N,) rad/s.
+        base: (3,) the base's origin in the room.
+        reach_m: no point of any capsule is ever farther than this from ``base``.
+    """
+
+    def __init__(
+        self, file: RobotFile, room_from_robot: Floats, payload_kg: float | None, name: str
+    ) -> None:
+        self.name = name
+        self.dof = len(file.joints)
+        self.joint_names = tuple(j.name for j in file.joints)
+        self.position_min = np.array([j.position[0] for j in file.joints])
+        self.position_max = np.array([j.position[1] for j in file.joints])
+        self.velocity_max = np.array([j.velocity for j in file.joints])
+        self.base = room_from_robot[:3, 3].copy()
+        joints = [j.joint() for j in file.joints]
+        self._chain = Chain(room_from_robot, joints)
+        self._speeds, self._times, self._distances = _stopping_row(file.stopping, payload_kg)
+
+        links = {link: i for i, link in enumerate(file.links())}
+        carried = [] if payload_kg == 0 else file.payload
+        capsules: list[tuple[int, CapsuleFile]] = sorted(
+            ((links[c.link], c) for c in file.capsules), key=lambda pair: pair[0]
+        )
+        capsules += [(self.dof, c) for c in (*file.tool, *carried)]
+        self.capsule_names = tuple(c.name for _, c in capsules)
+        self._link = np.array([link for link, _ in capsules])
+        self._radius = np.array([c.radius for _, c in capsules])
+        self._ends = np.array([[c.a, c.b] for _, c in capsules])  # (C, 2, 3)
+        # (C, N): rigid pieces of the chain from each joint to the capsule's farther end.
+        self._arms = np.array(
+            [
+                np.maximum(*(self._chain.arms(link, np.array(end)) for end in (c.a, c.b)))
+                for link, c in capsules
+            ]
+        )
+        root = float(np.linalg.norm(joints[0].pre[:3, 3]))
+        on_base = np.max(np.linalg.norm(self._ends, axis=-1), axis=-1)
+        from_base = np.where(self._link == 0, on_base, root + self._arms.sum(axis=1))
+        self.reach_m = float(np.max(from_base + self._radius))
+
+    def capsules(self, q: Floats) -> Capsules:
+        """Capsules (..., C) in the room at joint positions ``q`` (..., N) rad."""
+        return self._place(self._chain.links(q))
+
+    def tip_speed(self, q: Floats, qd: Floats) -> Floats:
+        """Speed bound (...,) m/s of the fastest point of any capsule.
+
+        Exact for the axes (speed is convex along one, so an end is the fastest); a point off the
+        axis adds at most |omega| x radius, which is what is added: an upper bound.
+        """
+        links = self._chain.links(q)
+        ends, turn = self._end_speeds(links, qd)
+        speed: Floats = np.max(ends + turn * self._radius, axis=-1)
+        return speed
+
+    def stopping(self, speed_m_s: float) -> tuple[float, float]:
+        """Time (s) and distance (m) from the onset of braking to rest, with this payload.
+
+        Linear between the table's speeds. Below its first: the first's time, distance in
+        proportion. Above its last: constant deceleration, time in proportion to the speed and
+        distance to its square. The row is that of the next heavier payload.
+        """
+        if not speed_m_s >= STANDING_M_S:  # NaN is no speed at all
+            if np.isnan(speed_m_s):
+                raise ValueError("speed is NaN")
+            return 0.0, 0.0
+        last = float(self._speeds[-1])
+        if speed_m_s > last:
+            ratio = speed_m_s / last
+            return float(self._times[-1]) * ratio, float(self._distances[-1]) * ratio**2
+        time_s = np.interp(speed_m_s, self._speeds, self._times)
+        distance = np.interp(speed_m_s, [0.0, *self._speeds], [0.0, *self._distances])
+        return float(time_s), float(distance)
+
+    def stopping_capsules(
+        self, q: Floats, qd: Floats, times_s: Floats, reaction_s: float, stopping_s: float
+    ) -> Capsules:
+        """Capsules (K, C) that contain the stopping robot, interval by interval.
+
+        Every joint keeps its velocity until ``reaction_s`` and all come to rest together at
+        ``reaction_s + stopping_s``, decelerating uniformly; if the stopping table's distance at
+        this speed is longer than that, the braking sets in later by as much as makes up for it.
+        Entry k contains the robot during the whole of [times_s[k-1], times_s[k]]; entry 0 at the
+        instant times_s[0].
+
+        Proof: all joints share one path parameter, q(u) = q + qd u, and an interval covers
+        u in [m - h, m + h]. For an end x of a capsule's axis, Taylor about m gives
+        |x(u) - x(m)| <= |x'(m)| h + max|x''| h^2 / 2. The end is a sum of rigid pieces, piece i
+        fixed to link i with |omega_i| <= W_i = sum over j <= i of |qd_j|; so its second derivative
+        is at most length_i (W_i^2 + |omega_i'|), and omega_i' = sum over j <= i of
+        qd_j omega_{j-1} x axis_j is at most sum of |qd_j| W_{j-1} = (W_i^2 - sum of qd_j^2) / 2.
+        Likewise |x(u) - x(m)| <= h x sum of |qd_j| x (pieces beyond j); the smaller bound serves.
+        A point of the axis is a fixed convex combination of the two ends and moves by no more
+        than the farther; a point of the capsule stays within the radius of its point of the axis.
+        So the capsule at m with the radius grown by that bound contains it throughout.
+
+        Args:
+            q, qd: (N,) rad and rad/s at time 0.
+            times_s: (K,) seconds, not falling; before 0 counts as 0.
+            reaction_s: until braking begins, >= 0.
+            stopping_s: from there to rest, >= 0.
+        """
+        q, qd = np.asarray(q, float), np.asarray(qd, float)
+        travel = self._travel(q, qd, np.asarray(times_s, float), reaction_s, stopping_s)
+        before = np.concatenate([travel[:1], travel[:-1]])
+        middle, half = (travel + before) / 2, np.abs(travel - before) / 2
+        links = self._chain.links(q + middle[:, None] * qd)
+        placed = self._place(links)
+
+        speed, _ = self._end_speeds(links, np.broadcast_to(qd, (len(middle), self.dof)))
+        rate = np.abs(qd)
+        turning = np.cumsum(rate)
+        bend = self._arms @ (turning**2 + (turning**2 - np.cumsum(rate**2)) / 2)  # (C,)
+        beyond = np.cumsum(self._arms[:, ::-1], axis=1)[:, ::-1] @ rate  # (C,)
+        grow = np.minimum(speed + bend * half[:, None] / 2, beyond) * half[:, None]
+        return Capsules(placed.a, placed.b, placed.radius + grow)
+
+    def _travel(
+        self, q: Floats, qd: Floats, times_s: Floats, reaction_s: float, stopping_s: float
+    ) -> Floats:
+        """Path parameter u (K,) in seconds of full speed: how far along q + qd u the robot is."""
+        speed = float(self.tip_speed(q, qd))
+        _, distance = self.stopping(speed)
+        # Holding for h and then braking uniformly over T - h covers speed x (T + h) / 2.
+        hold = 2 * distance / speed - stopping_s if speed > 0 else 0.0
+        hold = min(max(hold, 0.0), stopping_s)
+        onset, braking = reaction_s + hold, stopping_s - hold
+        after = np.clip(times_s - onset, 0.0, braking)
+        lost = after**2 / (2 * braking) if braking > 0 else 0.0
+        travel: Floats = np.clip(times_s, 0.0, onset) + after - lost
+        return travel
+
+    def _place(self, links: Floats) -> Capsules:
+        at = links[..., self._link, :, :]  # (..., C, 3, 4)
+        ends = np.matmul(self._ends, np.swapaxes(at[..., :3], -1, -2)) + at[..., None, :, 3]
+        radius = np.broadcast_to(self._radius, ends.shape[:-2])
+        return Capsules(ends[..., 0, :], ends[..., 1, :], radius)
+
+    def _end_speeds(self, links: Floats, qd: Floats) -> tuple[Floats, Floats]:
+        """(..., C) speed of each capsule's faster end, and turning speed of its link."""
+        omega, v0 = self._chain.twists(links, qd)
+        turn, shift = omega[..., self._link, :], v0[..., self._link, :]
+        placed = self._place(links)
+        fastest = [
+            np.sqrt(np.sum((shift + cross(turn, end)) ** 2, axis=-1))
+            for end in (placed.a, placed.b)
+        ]
+        return np.maximum(*fastest), np.sqrt(np.sum(turn**2, axis=-1))
+
+
+def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:
+    """Read a robot's file, check it, and place it in the room.
+
+    Args:
+        settings: the robot's entry in the configuration.
+        base_dir: what a relative path in it is relative to.
+
+    Raises:
+        RobotError: broken chain, missing capsule, stopping table that falls, payload above it, ...
+    """
+    file = read_robot_file(settings.model, base_dir)
+    heaviest = file.stopping.rows[-1].payload_kg
+    if settings.payload_kg is not None and settings.payload_kg > heaviest:
+        raise RobotError(
+            f"robot '{settings.name}': payload_kg {settings.payload_kg:g} is above the stopping "
+            f"table of '{settings.model}', which ends at {heaviest:g} kg; "
+            f"measure the stopping time with this load and add a row"
+        )
+    matrix = settings.room_from_robot.matrix()
+    return RobotModel(file, matrix, settings.payload_kg, settings.name)
+
+
+def _stopping_row(stopping: StoppingFile, payload_kg: float | None) -> tuple[Floats, ...]:
+    """Speeds, times and distances of the lightest row that covers the payload."""
+    rows = stopping.rows
+    row = next((r for r in rows if payload_kg is not None and r.payload_kg >= payload_kg), rows[-1])
+    return np.array(stopping.speed_m_s), np.array(row.time_s), np.array(row.distance_m)

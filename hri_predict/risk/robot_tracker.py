@@ -1,0 +1,201 @@
+"""Where a robot is now, or why that is not known."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.errors import RobotError
+from hri_predict.protocol.messages import RobotMode, RobotState
+from hri_predict.reasons import Reason
+from hri_predict.risk.robot import RobotModel, RobotSettings, StandingMotion, StateMotion
+from hri_predict.risk.trajectory import load_trajectory
+from hri_predict.scene import Floats
+
+POSITION_TOLERANCE_RAD = 0.01
+"""How far beyond a limit a reported position may lie: sensor noise and the wire's rounding."""
+
+VELOCITY_TOLERANCE = 0.1
+"""Likewise for velocities, as a fraction of the limit: a servo overshoots for a moment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotNow:
+    """A robot at one moment.
+
+    Attributes:
+        q: (N,) rad; ``None`` when it is not known at all (no state yet, or an impossible one).
+        qd: (N,) rad/s; ``None`` with ``q``.
+        speed_m_s: of the fastest point (upper bound at ``q``, ``qd``); 0 when not known.
+        reasons: why it cannot be trusted; empty when it can.
+        uncertainty_m: how far any point may be from where ``q`` puts it because the arm changed its
+            speed since RobotState came: acceleration x age^2 / 2. Add it to Z_r.
+        age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
+    """
+
+    q: Floats | None
+    qd: Floats | None
+    speed_m_s: float
+    reasons: tuple[Reason, ...] = ()
+    uncertainty_m: float = 0.0
+    age_s: float | None = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Received:
+    """The newest acceptable RobotState."""
+
+    q: Floats
+    qd: Floats
+    mode: RobotMode
+    received_ns: int
+
+
+class RobotTracker:
+    """Follows one robot by its RobotState, its trajectory file, or standing still.
+
+    Args:
+        settings: the robot's entry in the configuration.
+        model: its model.
+        base_dir: what a relative path of a trajectory file is relative to.
+        start_ns: when a trajectory starts; ``None`` means at the first ``at``.
+
+    Attributes:
+        settings, model: as given.
+        counters: states ``accepted``, ``repeated`` (same counter, so not fresh) and ``invalid``.
+
+    Raises:
+        RobotError: the trajectory or the standing position does not fit the robot.
+    """
+
+    def __init__(
+        self,
+        settings: RobotSettings,
+        model: RobotModel,
+        base_dir: Path | None = None,
+        start_ns: int | None = None,
+    ) -> None:
+        self.settings = settings
+        self.model = model
+        self.counters = {"accepted": 0, "repeated": 0, "invalid": 0}
+        self._start_ns = start_ns
+        self._state: _Received | None = None
+        self._invalid = False
+        self._last_counter: dict[str, int] = {}
+        self._trajectory = None
+        motion = settings.motion
+        if isinstance(motion, StandingMotion):
+            self._standing = self._checked_standing(motion)
+        elif not isinstance(motion, StateMotion):
+            self._trajectory = load_trajectory(motion.file, model, base_dir)
+            peak = self._trajectory.peak_tip_speed(model)
+            if peak > settings.max_speed_m_s:
+                raise RobotError(
+                    f"robot '{settings.name}': its fastest point reaches {peak:.3g} m/s on "
+                    f"trajectory '{motion.file}', above max_speed_m_s "
+                    f"{settings.max_speed_m_s:g}; raise that, or slow the trajectory"
+                )
+
+    def update(self, state: RobotState, received_ns: int, link: str = "") -> None:
+        """Take a RobotState.
+
+        A counter that repeats on its link does not refresh anything: a frozen sender ages out. A
+        state that cannot be true (joint count, NaN, limits) makes the position unknown until a
+        good one comes.
+
+        Args:
+            state: as received.
+            received_ns: when, node's clock.
+            link: which link it came on; each has a counter of its own.
+        """
+        if self._last_counter.get(link) == state.counter:
+            self.counters["repeated"] += 1
+            return
+        self._last_counter[link] = state.counter
+        if not self._possible(state):
+            self.counters["invalid"] += 1
+            self._invalid = True
+            return
+        self.counters["accepted"] += 1
+        self._invalid = False
+        self._state = _Received(
+            np.array(state.positions), np.array(state.velocities), state.mode, received_ns
+        )
+
+    def at(self, now_ns: int) -> RobotNow:
+        """Where the robot is at ``now_ns``, node's clock.
+
+        By RobotState: the joints are carried on at their reported velocity over the state's age
+        (no longer than ``stale_s``, and not past their limits); what a change of speed since may
+        have added is ``uncertainty_m``.
+        """
+        motion = self.settings.motion
+        if isinstance(motion, StateMotion):
+            return self._by_state(motion, now_ns)
+        if isinstance(motion, StandingMotion):
+            return RobotNow(self._standing, np.zeros(self.model.dof), 0.0)
+        assert self._trajectory is not None  # __init__ loaded it
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        q, qd = self._trajectory.at((now_ns - self._start_ns) * 1e-9 + motion.start_s)
+        return RobotNow(q, qd, float(self.model.tip_speed(q, qd)))
+
+    def _by_state(self, motion: StateMotion, now_ns: int) -> RobotNow:
+        if self._invalid:
+            return RobotNow(None, None, 0.0, (Reason.ROBOT_STATE_INVALID,), age_s=None)
+        state = self._state
+        if state is None:
+            return RobotNow(None, None, 0.0, (Reason.ROBOT_STATE_STALE,), age_s=None)
+        age_s = max((now_ns - state.received_ns) * 1e-9, 0.0)
+        reasons = []
+        if age_s > motion.stale_s:
+            reasons.append(Reason.ROBOT_STATE_STALE)
+        if state.mode is not RobotMode.AUTOMATIC:
+            reasons.append(Reason.ROBOT_NOT_AUTOMATIC)
+        ahead_s = min(age_s, motion.stale_s)
+        q = np.clip(
+            state.q + state.qd * ahead_s,
+            np.minimum(self.model.position_min, state.q),
+            np.maximum(self.model.position_max, state.q),
+        )
+        return RobotNow(
+            q,
+            state.qd,
+            float(self.model.tip_speed(q, state.qd)),
+            tuple(reasons),
+            motion.acceleration_m_s2 * ahead_s**2 / 2,
+            age_s,
+        )
+
+    def _possible(self, state: RobotState) -> bool:
+        model = self.model
+        if len(state.positions) != model.dof or len(state.velocities) != model.dof:
+            return False
+        try:
+            q, qd = np.array(state.positions, float), np.array(state.velocities, float)
+        except (TypeError, ValueError):  # a field that is "not available"
+            return False
+        # Written so that NaN, which compares false with everything, is refused.
+        return bool(
+            np.all(q >= model.position_min - POSITION_TOLERANCE_RAD)
+            and np.all(q <= model.position_max + POSITION_TOLERANCE_RAD)
+            and np.all(np.abs(qd) <= model.velocity_max * (1 + VELOCITY_TOLERANCE))
+        )
+
+    def _checked_standing(self, motion: StandingMotion) -> Floats:
+        model, name = self.model, self.settings.name
+        if len(motion.positions) != model.dof:
+            raise RobotError(
+                f"robot '{name}': motion.positions has {len(motion.positions)} values, but "
+                f"'{self.settings.model}' has {model.dof} joints; give one for each of "
+                f"{', '.join(model.joint_names)}"
+            )
+        q = np.array(motion.positions)
+        outside = np.flatnonzero((q < model.position_min) | (q > model.position_max))
+        if outside.size:
+            j = outside[0]
+            raise RobotError(
+                f"robot '{name}': motion.positions: joint '{model.joint_names[j]}' at {q[j]:g} rad "
+                f"is outside {model.position_min[j]:g} .. {model.position_max[j]:g}"
+            )
+        return q
