@@ -301,8 +301,8 @@ DEFINITIONS: tuple[Definition, ...] = (
         "node",
         1000,
         (
-            Field("VERSION", 16, "protocol version"),
-            Field("HASH", 32, "hash of the definitions"),
+            Field("SCHEMA_VERSION", 16, "protocol version"),
+            Field("SCHEMA_HASH", 32, "hash of the definitions"),
         ),
     ),
     Definition(
