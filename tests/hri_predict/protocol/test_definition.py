@@ -1,0 +1,127 @@
+"""The one definition keeps the promises that codec, DBC and documents rest on."""
+
+from dataclasses import replace
+
+import pytest
+
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID
+from hri_predict.protocol.definition import (
+    BY_TYPE,
+    DEFINITIONS,
+    MAX_ROBOTS,
+    PART_BYTES,
+    SCHEMA_HASH,
+    Definition,
+    Field,
+    frame_number,
+    frame_table,
+    schema_hash,
+)
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    Advice,
+    Message,
+    Pose,
+    RobotState,
+    Schema,
+    Status,
+    Zone,
+)
+
+
+def test_every_message_is_defined_once() -> None:
+    assert set(BY_TYPE) == {Advice, RobotState, Status, Acknowledge, Schema, Zone, Pose}
+    assert len(DEFINITIONS) == len(BY_TYPE)
+
+
+def test_classic_payloads_are_whole_parts_and_no_field_crosses_them() -> None:
+    for definition in DEFINITIONS:
+        if not definition.classic:
+            continue
+        assert sum(f.bits for f in definition.fields) == 8 * PART_BYTES * definition.parts
+        start = 0
+        for field in definition.fields:
+            last = start + field.bits - 1
+            assert start // (8 * PART_BYTES) == last // (8 * PART_BYTES), field.signal
+            start += field.bits
+
+
+def test_wide_payloads_are_whole_bytes_and_fit_an_fd_frame() -> None:
+    for definition in DEFINITIONS:
+        assert sum(f.bits for f in definition.fields) % 8 == 0
+        assert sum(f.bits for f in definition.item) % 8 == 0
+        assert 3 + definition.max_bytes <= 64
+
+
+def test_no_two_frames_share_a_number() -> None:
+    for classic in (True, False):
+        frames = [
+            frame_number(d, robot, part)
+            for d in DEFINITIONS
+            if d.classic or not classic
+            for robot in range(MAX_ROBOTS if d.per_robot else 1)
+            for part in range(d.parts if classic else 1)
+        ]
+        assert len(frames) == len(set(frames))
+        assert set(frames) == set(frame_table(classic))
+
+
+def test_default_ids_keep_clear_of_canopen() -> None:
+    taken = [
+        *(range(0x000, 0x001), range(0x080, 0x101), range(0x101, 0x181)),  # NMT, SYNC, EMCY, TIME
+        *(range(0x181, 0x580), range(0x581, 0x680), range(0x6E0, 0x700)),  # PDO, SDO, reserved
+        range(0x701, 0x800),  # heartbeat, LSS
+    ]
+    ids = {DEFAULT_BASE_ID + n for n in (*frame_table(True), *frame_table(False))}
+    assert not [hex(i) for i in ids if any(i in block for block in taken)]
+
+
+def test_a_lower_id_wins_the_bus_in_order_of_urgency() -> None:
+    def ids(*kinds: type[Message]) -> list[int]:
+        return [n for n, (d, _, _) in frame_table(False).items() if d.type in kinds]
+
+    assert max(ids(Advice, RobotState)) < min(ids(Status))
+    assert max(ids(Status)) < min(ids(Schema))
+    assert max(ids(Schema)) < min(ids(Zone, Pose))
+
+
+def changed_fields(field: Field) -> list[Field]:
+    return [
+        replace(field, signal=field.signal + "_X"),
+        replace(field, bits=field.bits + 1),
+        replace(field, scale=field.scale + 1),
+        replace(field, signed=not field.signed),
+        replace(field, unit=field.unit + "k"),
+        replace(field, optional=not field.optional),
+        replace(field, wraps=not field.wraps),
+    ]
+
+
+def with_fields(definition: Definition, name: str, fields: tuple[Field, ...]) -> Definition:
+    if name == "item":
+        return replace(definition, item=fields)
+    return replace(definition, fields=fields)
+
+
+@pytest.mark.parametrize("position", range(len(DEFINITIONS)))
+def test_the_hash_changes_with_every_field(position: int) -> None:
+    definition = DEFINITIONS[position]
+    hashes = {SCHEMA_HASH}
+    changes = 0
+    for name in ("fields", "item"):
+        row = getattr(definition, name)
+        for i, field in enumerate(row):
+            for other in changed_fields(field):
+                fields = (*row[:i], other, *row[i + 1 :])
+                changed = with_fields(definition, name, fields)
+                hashes.add(
+                    schema_hash((*DEFINITIONS[:position], changed, *DEFINITIONS[position + 1 :]))
+                )
+                changes += 1
+    assert len(hashes) == 1 + changes
+
+
+def test_the_hash_ignores_what_is_only_said_about_a_field() -> None:
+    first = DEFINITIONS[0]
+    reworded = replace(first, fields=(replace(first.fields[0], text="other"), *first.fields[1:]))
+    assert schema_hash((reworded, *DEFINITIONS[1:])) == SCHEMA_HASH
