@@ -7,16 +7,14 @@ extension of the CANable 2.0 firmware (commands d, D, b, B, Y), as python-can sp
 """
 
 import contextlib
-import errno
-import os
-import select
-import tty
 from collections.abc import Callable
 
 from hri_drivers.transport import TransportBusy
 
-from hri_predict.errors import LinkError
 from hri_predict.protocol.can_codec import CanFrame
+from hri_sim.pty import PtyTransport, open_pty
+
+__all__ = ["SlcanAdapter", "from_line", "open_pty", "to_line"]
 
 OK = b"\r"
 ERROR = b"\a"
@@ -34,23 +32,8 @@ BITRATES = {
 }
 DATA_BITRATES = {"2": 2_000_000, "5": 5_000_000}
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+_LENGTHS = tuple("012345678")
 MAX_LINE = 1 + 8 + 1 + 128
-WRITE_TIMEOUT_S = 0.05
-
-
-def open_pty() -> tuple[int, str]:
-    """Open a raw pseudo-terminal.
-
-    Returns:
-        The master's file descriptor, and the path that the other side opens as its serial port.
-        The caller closes the descriptor; the path is gone with it.
-    """
-    master, slave = os.openpty()
-    try:
-        tty.setraw(slave)
-        return master, os.ttyname(slave)
-    finally:
-        os.close(slave)
 
 
 class SlcanAdapter:
@@ -68,15 +51,15 @@ class SlcanAdapter:
         listen_only: the driver opened the channel with ``L``.
         channel_open: whether frames pass.
         malformed: lines that were no command or no frame.
+        refused: right commands and frames at the wrong time, such as frames while it is closed.
         remote_frames: remote frames, which carry nothing and are only acknowledged.
         not_passed: frames for the driver while the channel was closed.
     """
 
     def __init__(self, fd: int) -> None:
-        self._fd = fd
+        self._port = PtyTransport(fd)
         self._buffer = bytearray()
         self._skip_line = False
-        self._closed = False
         self.bitrate: int | None = None
         self.data_bitrate: int | None = None
         self.listen_only = False
@@ -84,9 +67,10 @@ class SlcanAdapter:
         self.malformed = 0
         self.remote_frames = 0
         self.not_passed = 0
+        self.refused = 0
         self._commands: dict[str, Callable[[str], bytes | None]] = {
             "S": self._set_bitrate,
-            "s": lambda arg: OK if _is_hex(arg, 4) and not self.channel_open else None,
+            "s": self._set_register,
             "Y": self._set_data_bitrate,
             "O": lambda arg: self._open_channel(arg, listen_only=False),
             "L": lambda arg: self._open_channel(arg, listen_only=True),
@@ -103,16 +87,14 @@ class SlcanAdapter:
         Raises:
             LinkError: it was closed.
         """
-        if self._closed:
-            raise LinkError("slcan adapter: its pseudo-terminal is closed; open a new one")
-        os.set_blocking(self._fd, False)
+        self._port.open()
 
     def write(self, unit: CanFrame) -> None:
         """Send ``unit`` to the driver, as received from the bus."""
         if not self.channel_open:
             self.not_passed += 1
             return
-        self._send(to_line(unit).encode("ascii") + OK)
+        self._port.write(to_line(unit).encode("ascii") + OK)
 
     def read(self, timeout_s: float) -> list[CanFrame]:
         """Answer what the driver has asked; return the frames that it has sent."""
@@ -124,16 +106,13 @@ class SlcanAdapter:
                 answer = ERROR
             if answer:
                 with contextlib.suppress(TransportBusy):  # it does not read; its loss
-                    self._send(answer)
+                    self._port.write(answer)
         return frames
 
     def close(self) -> None:
         """Close the descriptor: the driver sees its adapter unplugged."""
-        if not self._closed:
-            self._closed = True
-            self.channel_open = False
-            with contextlib.suppress(OSError):
-                os.close(self._fd)
+        self.channel_open = False
+        self._port.close()
 
     # -- commands ---------------------------------------------------------------------------------
 
@@ -144,35 +123,49 @@ class SlcanAdapter:
         kind, argument = line[0], line[1:]
         if kind in self._commands:
             return self._commands[kind](argument)
-        if not self.channel_open or self.listen_only:
-            return None
         if kind in "rR":
             digits = 3 if kind == "r" else 8
-            if not _is_hex(argument[:digits], digits) or argument[digits:] not in "012345678":
+            if not _is_hex(argument[:digits], digits) or argument[digits:] not in _LENGTHS:
                 return None
-            self.remote_frames += 1
+            frame = None
         else:
             frame = from_line(line)
             if frame is None:
                 return None
+        if not self.channel_open or self.listen_only:
+            return self._refuse()
+        if frame is None:
+            self.remote_frames += 1
+        else:
             frames.append(frame)
         return b"z\r" if kind in "trdb" else b"Z\r"
 
     def _set_bitrate(self, argument: str) -> bytes | None:
-        if argument not in BITRATES or self.channel_open:
+        if argument not in BITRATES:
             return None
+        if self.channel_open:
+            return self._refuse()
         self.bitrate = BITRATES[argument]
         return OK
 
-    def _set_data_bitrate(self, argument: str) -> bytes | None:
-        if argument not in DATA_BITRATES or self.channel_open:
+    def _set_register(self, argument: str) -> bytes | None:
+        if not _is_hex(argument, 4):
             return None
+        return self._refuse() if self.channel_open else OK
+
+    def _set_data_bitrate(self, argument: str) -> bytes | None:
+        if argument not in DATA_BITRATES:
+            return None
+        if self.channel_open:
+            return self._refuse()
         self.data_bitrate = DATA_BITRATES[argument]
         return OK
 
     def _open_channel(self, argument: str, listen_only: bool) -> bytes | None:
-        if argument or self.channel_open:
+        if argument:
             return None
+        if self.channel_open:
+            return self._refuse()
         self.channel_open, self.listen_only = True, listen_only
         return OK
 
@@ -182,11 +175,18 @@ class SlcanAdapter:
         self.channel_open = False
         return OK
 
+    def _refuse(self) -> bytes:
+        """Answer to a right command at the wrong time."""
+        self.refused += 1
+        return ERROR
+
     # -- bytes ------------------------------------------------------------------------------------
 
     def _lines(self, timeout_s: float) -> list[str]:
         """Complete lines that have come, without their ends; overlong ones count as malformed."""
-        self._buffer += self._bytes(timeout_s)
+        self._buffer += b"".join(self._port.read(timeout_s))
+        if self._port.hung_up:  # the driver has gone without a goodbye; one may come (again)
+            self.channel_open = False
         *lines, rest = bytes(self._buffer).split(OK)
         if lines and self._skip_line:
             lines, self._skip_line = lines[1:], False
@@ -196,40 +196,18 @@ class SlcanAdapter:
         self._buffer = bytearray(rest)
         return [line.decode("latin-1") for line in lines]
 
-    def _bytes(self, timeout_s: float) -> bytes:
-        if self._closed:
-            raise LinkError("slcan adapter: closed")
-        try:
-            if not select.select([self._fd], [], [], timeout_s)[0]:
-                return b""
-            return os.read(self._fd, 4096)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            if error.errno != errno.EIO:
-                raise LinkError(f"slcan adapter: lost ({error})") from error
-            # Nobody has the other side open: the channel is closed, but a driver may come (again).
-            self.channel_open = False
-            if timeout_s > 0:
-                select.select([], [], [], min(timeout_s, 0.02))
-            return b""
-
-    def _send(self, data: bytes) -> None:
-        try:
-            while data:
-                if not select.select([], [self._fd], [], WRITE_TIMEOUT_S)[1]:
-                    raise TransportBusy("slcan adapter: the driver does not read")
-                data = data[os.write(self._fd, data) :]
-        except OSError as error:
-            raise LinkError(f"slcan adapter: lost ({error})") from error
-
 
 def to_line(frame: CanFrame) -> str:
-    """Return the slcan line of a frame, without its end."""
+    """Return the slcan line of a frame, without its end.
+
+    FD data are filled up with zeros to a length that FD knows.
+    """
     identifier = f"{frame.arbitration_id:08X}" if frame.extended else f"{frame.arbitration_id:03X}"
     kind = "b" if frame.fd else "t"
-    length = FD_LENGTHS.index(len(frame.data)) if frame.fd else len(frame.data)
-    return f"{kind.upper() if frame.extended else kind}{identifier}{length:X}{frame.data.hex()}"
+    size = next(n for n in FD_LENGTHS if n >= len(frame.data))
+    data = frame.data + bytes(size - len(frame.data))
+    kind = kind.upper() if frame.extended else kind
+    return f"{kind}{identifier}{FD_LENGTHS.index(size):X}{data.hex()}"
 
 
 def from_line(line: str) -> CanFrame | None:
