@@ -1,0 +1,89 @@
+"""Every registered predictor keeps the contract of ``predictors/base.py``.
+
+Causality needs no test of its own here: ``predict`` is given the history and nothing else.
+"""
+
+import numpy as np
+import pytest
+
+from hri_predict import registry
+from hri_predict.predictors.base import Predictor, PredictorSettings, checked
+from hri_predict.scene import Bools, Floats
+
+
+@pytest.fixture(params=registry.names("predictors"))
+def predictor(request) -> Predictor:
+    cls = registry.load("predictors", request.param)
+    assert issubclass(cls.settings_model, PredictorSettings)
+    predictor: Predictor = cls(cls.settings_model(name=request.param, horizon_s=1.0, rate_hz=25.0))
+    return predictor
+
+
+def people(predictor: Predictor, count: int, seen: float = 0.8) -> tuple[Floats, Bools]:
+    """Random walks, each person about its own place, with holes."""
+    rng = np.random.default_rng(7)
+    shape = (count, predictor.history_steps, len(predictor.skeleton.joints))
+    walk = rng.normal(0, 0.02, (*shape, 3)).cumsum(axis=1)
+    return walk + rng.normal(0, 3, (count, 1, 1, 3)), rng.random(shape) < seen
+
+
+def test_is_known_by_name():
+    assert {"zero_velocity", "constant_velocity", "kalman"} <= set(registry.names("predictors"))
+
+
+def test_reaches_the_horizon(predictor):
+    assert predictor.horizon_steps / predictor.rate_hz >= 1.0
+    assert predictor.history_steps >= 1
+
+
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_forecast_is_finite_and_in_shape(predictor, count):
+    forecast = predictor.predict(*people(predictor, count))
+    checked(forecast, count, predictor)
+    if forecast.std is not None:
+        assert (forecast.std > 0).all()
+
+
+def test_people_nowhere_observed_still_get_a_finite_forecast(predictor):
+    history, observed = people(predictor, 3)
+    observed[1] = False
+    checked(predictor.predict(history, observed), 3, predictor)
+
+
+def test_same_batch_gives_same_bytes_and_is_left_alone(predictor):
+    history, observed = people(predictor, 4)
+    copies = history.copy(), observed.copy()
+    first, second = (predictor.predict(history, observed) for _ in range(2))
+    assert first.positions.tobytes() == second.positions.tobytes()
+    if first.std is not None and second.std is not None:
+        assert first.std.tobytes() == second.std.tobytes()
+    np.testing.assert_array_equal(history, copies[0])
+    np.testing.assert_array_equal(observed, copies[1])
+
+
+def test_forecast_of_a_person_does_not_depend_on_the_others(predictor):
+    history, observed = people(predictor, 5)
+    together = predictor.predict(history, observed)
+    for person in range(5):
+        alone = predictor.predict(history[person : person + 1], observed[person : person + 1])
+        np.testing.assert_allclose(
+            alone.positions[0], together.positions[person], rtol=0, atol=1e-5
+        )
+
+
+def test_values_not_observed_do_not_matter(predictor):
+    history, observed = people(predictor, 4, seen=0.5)
+    garbage = np.where(observed[..., None], history, 1e6)
+    np.testing.assert_array_equal(
+        predictor.predict(garbage, observed).positions,
+        predictor.predict(history, observed).positions,
+    )
+
+
+def test_joints_never_observed_stay_by_their_person(predictor):
+    history, observed = people(predictor, 3, seen=1.0)
+    history = np.repeat(history[:, :1], predictor.history_steps, axis=1)  # everybody stands
+    observed[:, :, ::2] = False
+    forecast = predictor.predict(history, observed).positions[:, 0]
+    centre = history[:, -1].mean(axis=1, keepdims=True)
+    assert np.linalg.norm(forecast - centre, axis=-1).max() < 0.5
