@@ -283,7 +283,7 @@ class SupervisedLink(Generic[U]):
             except TransportBusy as error:
                 self._busy(message, error, now_ns)
                 return
-            except LinkError:
+            except Exception:
                 self.counters.write_errors += 1
                 self._return(message)
                 raise

@@ -1,9 +1,10 @@
 import threading
+from typing import Any
 
 import pytest
 from hri_drivers.link_slots import MAX_EDGES, Budget, Slots
 from hri_drivers.serial_transport import SerialTransport
-from hri_drivers.transport import pipe
+from hri_drivers.transport import PipeEnd, pipe
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -33,12 +34,16 @@ def zone(person=0, step=0):
     return Zone(person, step, 0.1, ())
 
 
+def byte_pipe(capacity: int = 4096) -> tuple[PipeEnd[bytes], PipeEnd[bytes]]:
+    return pipe(capacity)
+
+
 # -- pipe -----------------------------------------------------------------------------------------
 
 
 @given(st.lists(st.binary(min_size=1)))
 def test_a_pipe_keeps_order_and_loses_nothing_it_has_room_for(units):
-    a, b = pipe()
+    a, b = byte_pipe()
     a.open()
     b.open()
     for unit in units:
@@ -49,7 +54,7 @@ def test_a_pipe_keeps_order_and_loses_nothing_it_has_room_for(units):
 
 
 def test_a_full_pipe_loses_the_oldest_and_counts_them():
-    a, b = pipe(capacity=3)
+    a, b = byte_pipe(capacity=3)
     a.open()
     b.open()
     for unit in b"abcde":
@@ -59,7 +64,7 @@ def test_a_full_pipe_loses_the_oldest_and_counts_them():
 
 
 def test_what_is_written_to_nobody_is_counted():
-    a, b = pipe()
+    a, b = byte_pipe()
     a.open()
     a.write(b"x")
     b.open()
@@ -68,7 +73,7 @@ def test_what_is_written_to_nobody_is_counted():
 
 
 def test_a_closed_pipe_refuses():
-    a, _ = pipe()
+    a, _ = byte_pipe()
     with pytest.raises(LinkError, match="closed"):
         a.write(b"x")
     with pytest.raises(LinkError, match="closed"):
@@ -76,7 +81,7 @@ def test_a_closed_pipe_refuses():
 
 
 def test_a_pipe_wakes_the_reader():
-    a, b = pipe()
+    a, b = byte_pipe()
     a.open()
     b.open()
     got = []
@@ -117,7 +122,7 @@ def test_bulk_waits_when_it_may_not_go():
 
 def test_every_person_and_step_gets_its_turn_however_few_fit():
     slots = Slots()
-    seen = []
+    seen: list[Any] = []
     for _ in range(10):
         for person in range(2):
             for step in range(5):
@@ -138,6 +143,7 @@ def test_a_message_put_back_goes_next_unless_a_newer_one_is_there():
     slots.post(advice(0, 1))
     slots.post(advice(1))
     taken = slots.pop()
+    assert taken is not None
     assert slots.put_back(taken)
     assert slots.pop() == taken
     slots.post(advice(0, 2))
@@ -151,7 +157,7 @@ def test_slots_hold_the_last_of_each_subject(posts):
     for robot, latch in posts:
         displaced += slots.post(advice(robot, latch)) is not None
     newest = dict(posts)
-    held = [slots.pop() for _ in range(len(slots))]
+    held: list[Any] = [slots.pop() for _ in range(len(slots))]
     assert {m.robot: m.latch_id for m in held} == newest
     assert displaced == len(posts) - len(newest)
 

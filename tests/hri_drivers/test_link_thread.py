@@ -1,0 +1,492 @@
+"""What every link does, over every transport: the same checks back to back."""
+
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from hri_drivers.can_link import CanLink, CanLinkSettings
+from hri_drivers.can_transport import CanTransport
+from hri_drivers.serial_link import SerialLink, SerialLinkSettings
+from hri_drivers.transport import TransportBusy, pipe
+from hri_sim.pty import PtyTransport
+from hri_sim.slcan_adapter import SlcanAdapter, open_pty
+
+from hri_predict.clock import MonotonicClock, VirtualClock
+from hri_predict.errors import LinkError
+from hri_predict.protocol.can_codec import CanReceiver, CanSender
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    Advice,
+    Level,
+    NodeState,
+    RobotMode,
+    RobotState,
+    Schema,
+    Status,
+    Zone,
+    ZoneCapsule,
+)
+from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
+from hri_predict.reasons import Reason
+
+CHANNELS = itertools.count()
+
+
+def advice(latch_id=0, robot=0, **more):
+    return Advice(robot, Level.SLOW, Reason.PERSON_NEAR, latch_id, speed_limit_m_s=0.25, **more)
+
+
+def robot_state(counter, robot=0):
+    return RobotState(robot, RobotMode.AUTOMATIC, counter, (0.1,) * 6, (0.0,) * 6)
+
+
+def zone(person=0, step=0, capture_ns=0, segments=3):
+    capsules = tuple(ZoneCapsule(i, (0.0, 0.0, 1.0), (0.0, 0.5, 1.0), 0.2) for i in range(segments))
+    return Zone(person, step, 0.04 * step, capsules, capture_ns=capture_ns)
+
+
+STATUS = Status(NodeState.RUNNING, Reason.NONE, 1, 0, 7)
+
+
+class Peer:
+    """The controller's end: decodes what it hears, in a thread of its own where time is real."""
+
+    def __init__(self, transport: Any, sender: Any, receiver: Any) -> None:
+        self.transport, self._sender, self._receiver = transport, sender, receiver
+        self.heard: list[Any] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def start(self) -> None:
+        self.transport.open()
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self.listen(0.05)
+
+    def listen(self, timeout_s: float = 0.0) -> None:
+        for unit in self.transport.read(timeout_s):
+            self.heard += self._receiver.feed(unit)
+
+    def say(self, message: Any) -> None:
+        units = self._sender.encode(message)
+        for unit in [units] if isinstance(units, bytes) else units:
+            self.transport.write(unit)
+
+    def heard_of(self, kind: type) -> list[Any]:
+        return [m for m in self.heard if isinstance(m, kind)]
+
+    def stop(self) -> None:
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self.transport.close()
+
+
+@dataclass
+class Pair:
+    link: Any
+    peer: Peer
+
+
+def serial_pair(clock: Any, transport: Any, far: Any, port: str | None = None) -> Pair:
+    settings = SerialLinkSettings(name="cell", port=port or "pipe", baudrate=921_600)
+    link = SerialLink(settings, clock, transport)
+    return Pair(link, Peer(far, SerialSender(), SerialReceiver()))
+
+
+def can_pair(clock: Any, far: Any, fd: bool, transport: Any = None, **where: str) -> Pair:
+    settings = CanLinkSettings(
+        name="cell", simulate={}, fd=fd, **({"interface": "virtual", "channel": "x"} | where)
+    )
+    return Pair(CanLink(settings, clock, transport), Peer(far, CanSender(fd), CanReceiver(fd)))
+
+
+def make(kind: str, clock: Any) -> Pair:
+    fd = kind.endswith("fd")
+    if kind == "serial pipe":
+        return serial_pair(clock, *pipe())
+    if kind.startswith("can pipe"):
+        near, end = pipe()  # type: ignore[var-annotated]
+        return can_pair(clock, end, fd, near)
+    if kind == "serial pty":
+        master, path = open_pty()
+        return serial_pair(clock, None, PtyTransport(master), path)
+    if kind.startswith("slcan"):
+        master, path = open_pty()
+        return can_pair(clock, SlcanAdapter(master), fd, interface="slcan", channel=path)
+    channel = f"test-{next(CHANNELS)}"
+    far = CanTransport("virtual", channel, fd=fd)
+    return can_pair(clock, far, fd, interface="virtual", channel=channel)
+
+
+REAL_TIME = ["serial pipe", "serial pty", "virtual", "virtual fd", "slcan", "slcan fd"]
+VIRTUAL_TIME = ["serial pipe", "can pipe", "can pipe fd"]
+
+
+def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
+    """Wait for something that another thread does; the limit only ends a test that fails."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "did not happen"
+        time.sleep(0.005)
+
+
+def take_into(received: list[Any], link: Any) -> int:
+    received += link.take()
+    return len(received)
+
+
+@pytest.fixture(params=REAL_TIME)
+def pair(request):
+    pair = make(request.param, MonotonicClock())
+    pair.peer.start()
+    pair.link.start()
+    if request.param.startswith("slcan"):
+        eventually(lambda: pair.peer.transport.channel_open)
+    yield pair
+    pair.link.stop()
+    pair.peer.stop()
+
+
+# -- real time, real threads ----------------------------------------------------------------------
+
+
+def test_messages_pass_both_ways(pair):
+    pair.link.post(advice(5))
+    pair.link.post(STATUS)
+    pair.link.post(Schema(1, 2))
+    eventually(lambda: len(pair.peer.heard) >= 3)
+    assert {type(m) for m in pair.peer.heard} == {Advice, Status, Schema}
+    assert pair.peer.heard_of(Advice)[0].latch_id == 5
+
+    received: list[Any] = []
+    pair.peer.say(robot_state(9))
+    pair.peer.say(Acknowledge(5, 77))
+    eventually(lambda: take_into(received, pair.link) == 2)
+    assert received[0].message == robot_state(9)
+    assert received[1].message == Acknowledge(5, 77)
+    assert 0 < received[0].received_ns <= received[1].received_ns
+    counters = pair.link.counters
+    assert (counters.messages_sent, counters.messages_received) == (3, 2)
+    assert counters.crc_errors == counters.counter_errors == counters.malformed == 0
+    assert counters.write_errors == 0
+
+
+def test_advice_echoes_the_last_robot_state_of_its_robot(pair):
+    pair.peer.say(robot_state(41, robot=0))
+    pair.peer.say(robot_state(42, robot=1))
+    received: list[Any] = []
+    eventually(lambda: take_into(received, pair.link) == 2)
+    for robot in range(3):
+        pair.link.post(advice(robot=robot))
+    eventually(lambda: len(pair.peer.heard_of(Advice)) == 3)
+    echoes = {m.robot: m.echo for m in pair.peer.heard_of(Advice)}
+    assert echoes == {0: 41, 1: 42, 2: None}
+
+
+def test_the_age_is_that_at_encoding(pair):
+    captured_ns = MonotonicClock().now_ns() - 300_000_000
+    pair.link.post(advice(capture_ns=captured_ns))
+    eventually(lambda: pair.peer.heard)
+    waited_s = (MonotonicClock().now_ns() - captured_ns) * 1e-9
+    assert 0.3 <= pair.peer.heard[0].age_s <= waited_s + 0.001
+
+
+def test_the_last_word_leaves_before_the_link_closes(pair):
+    last = Status(NodeState.STOPPING, Reason.STOPPING, 0, 0, 1)
+    pair.link.post(last)
+    pair.link.post(advice(1))
+    pair.link.stop()
+    pair.link.stop()
+    assert not pair.link.connected
+    eventually(lambda: len(pair.peer.heard) == 2)
+    assert pair.peer.heard_of(Status)[0].node_state is NodeState.STOPPING
+
+
+def test_many_messages_arrive_in_order_or_are_counted(pair):
+    """Newest wins: nothing arrives twice or out of order, and what is missing was superseded."""
+    for latch_id in range(1, 301):
+        pair.link.post(advice(latch_id))
+    eventually(lambda: pair.peer.heard and pair.peer.heard[-1].latch_id == 300)
+    got = [m.latch_id for m in pair.peer.heard]
+    assert got == sorted(set(got))
+    assert len(got) + pair.link.counters.superseded == 300
+    assert pair.link.counters.messages_sent == len(got)
+
+
+# -- the virtual clock ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", VIRTUAL_TIME)
+def test_on_the_virtual_clock_service_does_it_all(kind):
+    clock = VirtualClock(1_000_000_000)
+    pair = make(kind, clock)
+    pair.peer.transport.open()
+    link = pair.link
+    link.service(clock.now_ns())
+    assert link.connected
+    pair.peer.say(robot_state(3))
+    link.post(advice(1, capture_ns=900_000_000))
+    link.post(advice(2, capture_ns=900_000_000))
+    link.service(clock.now_ns())
+    pair.peer.listen()
+    assert [(m.latch_id, m.echo, m.age_s) for m in pair.peer.heard] == [(2, 3, 0.1)]
+    assert [r.received_ns for r in link.take()] == [1_000_000_000]
+    assert link.counters.superseded == 1
+    link.post(STATUS)
+    link.stop()
+    pair.peer.listen()
+    assert isinstance(pair.peer.heard[-1], Status)
+
+
+@pytest.mark.parametrize("kind", ["serial pipe", "can pipe fd"])
+def test_zones_take_only_the_room_that_is_left(kind):
+    clock = VirtualClock()
+    pair = make(kind, clock)
+    link = pair.link
+    pair.peer.transport.open()
+    ticks, steps = 100, 25
+    for tick in range(ticks):
+        clock.advance_to(tick * 40_000_000)
+        link.post(advice(tick % 60_000))
+        for person, step in itertools.product(range(8), range(steps)):
+            link.post(zone(person, step, clock.now_ns(), segments=17))
+        link.service(clock.now_ns())
+        pair.peer.listen()
+        assert isinstance(pair.peer.heard_of(Advice)[-1], Advice)
+        assert pair.peer.heard_of(Advice)[-1].latch_id == tick
+    zones = pair.peer.heard_of(Zone)
+    load = type(link).load(link_settings(kind), 25.0, (0,))
+    codec = link._codec
+    per_zone = codec.worst_s(zone(segments=17))
+    frames_of_zone = 6
+    sent_s = len(zones) / frames_of_zone * per_zone
+    assert sent_s <= load.spare * ticks * 0.04 + (1 - load.load) * 0.04
+    assert sent_s >= 0.8 * load.spare * ticks * 0.04
+    assert len({(z.person, z.step) for z in zones}) == 8 * steps  # everybody's turn comes
+    assert link.counters.decimated > 0
+    assert link.counters.superseded == 0
+    # Whatever was posted was written, displaced, or still waits.
+    posted = ticks * (1 + 8 * steps)
+    counters = link.counters
+    assert counters.messages_sent + counters.decimated + len(link._slots) == posted
+
+
+def link_settings(kind: str) -> Any:
+    if kind.startswith("serial"):
+        return SerialLinkSettings(name="cell", port="pipe", baudrate=921_600)
+    return CanLinkSettings(name="cell", interface="virtual", channel="x", fd=True)
+
+
+def test_classic_can_does_not_carry_zones_and_counts_them():
+    clock = VirtualClock()
+    link = make("can pipe", clock).link
+    link.post(zone())
+    link.service(0)
+    assert link.counters.decimated == 1
+    assert link.counters.messages_sent == 0
+
+
+def test_a_stale_zone_is_not_written():
+    clock = VirtualClock(10_000_000_000)
+    link = make("serial pipe", clock).link
+    link.post(zone(capture_ns=9_000_000_000))
+    link.service(clock.now_ns())
+    assert (link.counters.decimated, link.counters.messages_sent) == (1, 0)
+
+
+def test_a_value_that_no_field_holds_costs_that_message_alone():
+    link = make("serial pipe", VirtualClock()).link
+    link.post(advice(robot=9))
+    link.post(STATUS)
+    link.service(0)
+    assert link.connected
+    assert (link.counters.messages_sent, link.counters.write_errors) == (1, 1)
+    assert "robot 9" in str(link.last_error)
+
+
+def test_an_inbox_that_nobody_empties_keeps_every_acknowledge():
+    pair = make("serial pipe", VirtualClock())
+    pair.link.service(0)
+    pair.peer.transport.open()
+    pair.peer.say(Acknowledge(1, 1))
+    for n in range(400):
+        pair.peer.say(robot_state(n % 256))
+    pair.link.service(0)
+    received = [r.message for r in pair.link.take()]
+    assert received[0] == Acknowledge(1, 1)
+    assert received[-1] == robot_state(399 % 256)
+    assert len(received) + pair.link.counters.overrun == 401
+
+
+def test_what_a_node_sends_is_not_taken_for_a_controllers():
+    pair = make("serial pipe", VirtualClock())
+    pair.link.service(0)
+    pair.peer.transport.open()
+    pair.peer.say(advice())
+    pair.link.service(0)
+    assert pair.link.take() == []
+    assert pair.link.counters.unexpected == 1
+
+
+def test_the_recorder_hears_every_unit_that_was_written():
+    pair = make("can pipe", VirtualClock())
+    heard = []
+    pair.link.on_sent = lambda name, raw, now_ns: heard.append((name, raw, now_ns))
+    pair.link.post(advice())
+    pair.link.service(5)
+    assert [(name, len(raw), now_ns) for name, raw, now_ns in heard] == [("cell", 12, 5)] * 3
+
+
+# -- trouble --------------------------------------------------------------------------------------
+
+
+class Unreliable:
+    """A transport that fails as told; deterministic."""
+
+    def __init__(self) -> None:
+        self.absent = self.busy = self.broken = False
+        self.opens = 0
+        self.written: list[bytes] = []
+        self.closed = threading.Event()
+
+    def open(self) -> None:
+        self.opens += 1
+        if self.absent:
+            raise LinkError("port is not there")
+        self.closed.clear()
+
+    def write(self, unit: bytes) -> None:
+        if self.busy:
+            raise TransportBusy("queue is full")
+        if self.broken:
+            raise LinkError("unplugged")
+        self.written.append(unit)
+
+    def read(self, timeout_s: float) -> list[bytes]:
+        if self.broken:
+            raise LinkError("unplugged")
+        self.closed.wait(timeout_s)
+        return []
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def heard(transport: Unreliable) -> list[Any]:
+    receiver = SerialReceiver()
+    return [m for unit in transport.written for m in receiver.feed(unit)]
+
+
+def on(transport: Unreliable, clock: Any, **more: Any) -> SerialLink:
+    settings = SerialLinkSettings(name="cell", port="x", baudrate=921_600, **more)
+    return SerialLink(settings, clock, transport)
+
+
+def test_an_absent_device_is_an_error_at_start():
+    transport = Unreliable()
+    transport.absent = True
+    link = on(transport, MonotonicClock())
+    with pytest.raises(LinkError, match="link 'cell': port is not there"):
+        link.start()
+    link.stop()
+
+
+def test_an_absent_device_may_be_waited_for():
+    transport = Unreliable()
+    transport.absent = True
+    link = on(transport, MonotonicClock(), wait_for_device=True)
+    link.start()
+    assert not link.connected
+    link.post(STATUS)
+    transport.absent = False
+    eventually(lambda: heard(transport))
+    assert link.connected
+    link.stop()
+
+
+def test_it_tries_again_less_and_less_often():
+    clock, transport = VirtualClock(), Unreliable()
+    transport.absent = True
+    link = on(transport, clock)
+    tries = []
+    for ms in range(0, 10_000, 10):
+        before = transport.opens
+        link.service(ms * 1_000_000)
+        if transport.opens > before:
+            tries.append(ms)
+    gaps = [b - a for a, b in itertools.pairwise(tries)]
+    assert gaps == [50, 100, 200, 400, 800, 1600, 2000, 2000, 2000]
+    assert link.last_error == "port is not there"
+
+
+def test_a_full_queue_keeps_the_newest_and_never_a_backlog():
+    clock, transport = VirtualClock(), Unreliable()
+    link = on(transport, clock)
+    link.service(0)
+    transport.busy = True
+    for cycle in range(1, 11):
+        link.post(advice(cycle))
+        link.service(cycle * 40_000_000)
+        assert len(link._slots) == 1
+    assert link.connected
+    assert link.counters.write_errors == 10
+    assert link.counters.superseded == 9
+    transport.busy = False
+    link.service(440_000_000)
+    assert [m.latch_id for m in heard(transport)] == [10]
+    assert link.last_error == "queue is full"
+
+
+def test_a_queue_that_stays_full_gets_the_device_reopened():
+    clock, transport = VirtualClock(), Unreliable()
+    link = on(transport, clock)
+    link.service(0)
+    transport.busy = True
+    for ms in range(0, 1200, 10):
+        link.post(advice(1))
+        link.service(ms * 1_000_000)
+    assert link.counters.disconnects == 1
+    assert link.counters.reconnects == 1
+
+
+def test_an_unplugged_device_is_reopened_and_gets_the_newest():
+    transport = Unreliable()
+    link = on(transport, MonotonicClock())
+    link.start()
+    link.post(advice(1))
+    eventually(lambda: transport.written)
+    transport.absent = transport.broken = True
+    eventually(lambda: not link.connected)
+    link.post(advice(2))
+    link.post(advice(3))
+    transport.absent = transport.broken = False
+    eventually(lambda: link.connected and len(transport.written) > 1)
+    assert [m.latch_id for m in heard(transport)] == [1, 3]
+    assert link.counters.reconnects == link.counters.disconnects == 1
+    link.stop()
+
+
+def test_a_bug_in_a_driver_does_not_end_the_thread():
+    transport: Any = Unreliable()
+    link = on(transport, MonotonicClock())
+    link.start()
+    good = transport.write
+
+    def buggy(unit: bytes) -> None:
+        raise RuntimeError("driver lost its mind")
+
+    transport.write = buggy
+    link.post(STATUS)
+    eventually(lambda: link.counters.disconnects)
+    assert link.last_error == "driver lost its mind"
+    transport.write = good
+    link.post(STATUS)
+    eventually(lambda: heard(transport))
+    link.stop()
