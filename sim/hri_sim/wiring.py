@@ -23,6 +23,7 @@ from hri_predict.scene import Floats
 
 PERMIT_STALE_S = 0.1
 _TRUTH_STALE_S = 0.25  # a drive silent for longer is dead; its brakes have closed
+_CARRIED_S = 0.1  # so far is its motion carried on
 _MAX_JOINTS = 7
 _VALUES = 1 + 2 * _MAX_JOINTS
 _BODY = struct.Struct(f"<qQ{_VALUES}d")  # stamp, number of values, values
@@ -41,10 +42,14 @@ class Truth:
 
     def at(self, now_ns: int) -> tuple[Floats, Floats]:
         """Joints at ``now_ns``: carried on from the stamp; at rest once the drive is dead."""
-        dt = (now_ns - self.stamp_ns) * 1e-9
-        if dt > _TRUTH_STALE_S:
+        if not self.alive(now_ns):
             return self.q, np.zeros_like(self.qd)
-        return self.q + self.qd * min(max(dt, 0.0), PERMIT_STALE_S), self.qd
+        ahead_s = min(max((now_ns - self.stamp_ns) * 1e-9, 0.0), _CARRIED_S)
+        return self.q + self.qd * ahead_s, self.qd
+
+    def alive(self, now_ns: int) -> bool:
+        """Whether the drive still moves the arm."""
+        return now_ns - self.stamp_ns <= _TRUTH_STALE_S * 1e9
 
 
 class Wiring:

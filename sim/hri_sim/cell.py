@@ -1,0 +1,275 @@
+"""The simulated cell: a mock controller at the other end of every link that asks for one.
+
+In real time each is a process of its own, behind a pseudo-terminal; on the virtual clock they are
+stepped in this process through pipes. Everything else is the same.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from hri_drivers.transport import PipeEnd, pipe
+
+from hri_predict.clock import Clock
+from hri_predict.errors import LinkError
+from hri_predict.link import LinkSettings
+from hri_predict.risk.robot import RobotModel, RobotSettings
+from hri_predict.scene import Floats
+from hri_sim.controller import ControllerReport
+from hri_sim.controller_process import job_for
+from hri_sim.referee import Referee
+from hri_sim.station import Post, Station, channels, codec_for, posts
+from hri_sim.wiring import Wiring
+
+_START_S = 30.0  # a loaded machine takes its time to import numpy
+_END_S = 5.0
+
+
+class MockCell:
+    """Controllers, arms and wires of all simulated links.
+
+    Real time: ``start`` ... ``stop``. Virtual clock: ``transports``, then ``step`` whenever
+    ``next_ns`` says, then ``stop``.
+    """
+
+    def __init__(
+        self,
+        links: Sequence[LinkSettings],
+        robots: Sequence[RobotSettings],
+        base_dir: Path | None,
+        clock: Clock,
+        factor: float = 1.0,
+    ) -> None:
+        """Check everything; nothing is started yet.
+
+        Raises:
+            ConfigError: a ``simulate:`` block is wrong; see ``station.posts``.
+            RobotError: a robot or trajectory file is wrong.
+        """
+        self._posts = {post.name: post for post in posts(links, robots, base_dir)}
+        self._clock = clock
+        self._factor = factor
+        self._folder: Path | None = None
+        self._wirings: dict[int, Wiring] = {}
+        self._processes: dict[str, _Process] = {}
+        self._ended: list[ControllerReport] = []
+        self._stations: list[tuple[Station[Any], PipeEnd[Any]]] = []
+        self._due_ns: list[int] = []
+
+    # -- real time --------------------------------------------------------------------------------
+
+    def start(self) -> dict[str, str]:
+        """Start one process per link; returns link name -> port (or channel) for the node to open.
+
+        The port is a link in a private folder to whatever pseudo-terminal the controller has now:
+        it stays the same when the controller is started again.
+
+        Raises:
+            LinkError: a controller did not start; says why.
+        """
+        self._folder = Path(tempfile.mkdtemp(prefix="hri-cell-"))
+        for index in self._robot_indices():
+            names = self._channels(index)
+            self._wirings[index] = Wiring.create(self._folder / f"wiring{index}", names)
+        try:
+            for post in self._posts.values():  # side by side: each takes a second to import
+                self._processes[post.name] = self._spawn(post)
+            return {name: self._port_of(name) for name in self._posts}
+        except BaseException:
+            self.stop()
+            raise
+
+    def kill(self, link: str) -> None:
+        """Kill a controller's process, as a power failure would. Its arm stops where it is."""
+        process = self._processes.pop(link)
+        process.kill()
+        self._ended.append(_untold(self._posts[link]))
+
+    def restart(self, link: str) -> None:
+        """Start the controller of ``link`` again, behind the same port.
+
+        Raises:
+            LinkError: it did not start.
+        """
+        if link in self._processes:
+            self.kill(link)
+        self._processes[link] = self._spawn(self._posts[link])
+        self._port_of(link)
+
+    # -- virtual clock ----------------------------------------------------------------------------
+
+    def transports(self) -> dict[str, PipeEnd[Any]]:
+        """Build all controllers here; returns link name -> the node's end of its pipe."""
+        for index in self._robot_indices():
+            self._wirings[index] = Wiring.in_memory(self._channels(index))
+        ends: dict[str, PipeEnd[Any]] = {}
+        now_ns = self._clock.now_ns()
+        for post in self._posts.values():
+            near, far = pipe()  # type: ignore[var-annotated]  # bytes or frames, as the link is
+            far.open()
+            station: Station[Any] = Station(
+                post, codec_for(post.link), self._wirings[post.robot_index]
+            )
+            self._stations.append((station, far))
+            self._due_ns.append(now_ns)
+            ends[post.name] = near
+        return ends
+
+    def next_ns(self) -> int | None:
+        """When the next controller's cycle is due; ``None`` without any."""
+        return min(self._due_ns, default=None)
+
+    def step(self, now_ns: int) -> None:
+        """Run every cycle that is due, in the order of the links."""
+        for i, (station, far) in enumerate(self._stations):
+            if self._due_ns[i] > now_ns:
+                continue
+            for unit in station.cycle(far.read(0.0), now_ns):
+                far.write(unit)
+            while self._due_ns[i] <= now_ns:
+                self._due_ns[i] += station.period_ns
+
+    # -- both -------------------------------------------------------------------------------------
+
+    def robot_truth(self, now_ns: int) -> dict[str, tuple[Floats, Floats]]:
+        """Robot name -> true joints (N,), rad and rad/s, of every simulated robot."""
+        truth = {}
+        for post in self._posts.values():
+            wiring = self._wirings.get(post.robot_index)
+            now = wiring.truth() if wiring is not None else None
+            if now is not None:
+                truth[post.robot.name] = now.at(now_ns)
+        return truth
+
+    def referee(self, robots: Sequence[RobotModel]) -> Referee:
+        """A referee for these robots, to be fed with ``robot_truth``."""
+        return Referee(robots)
+
+    def stop(self) -> list[ControllerReport]:
+        """End all controllers; returns their reports, link by link. Safe to call twice."""
+        for name, process in self._processes.items():
+            told = process.finish()
+            report = _untold(self._posts[name]) if told is None else _report(told)
+            self._ended.append(report)
+        self._processes.clear()
+        for station, far in self._stations:
+            far.close()
+            self._ended.append(station.report())
+        self._stations.clear()
+        self._due_ns.clear()
+        for wiring in self._wirings.values():
+            wiring.close()
+        self._wirings.clear()
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None
+        order = list(self._posts)
+        self._ended.sort(key=lambda report: order.index(report.name))
+        return list(self._ended)
+
+    def _robot_indices(self) -> list[int]:
+        return sorted({post.robot_index for post in self._posts.values()})
+
+    def _channels(self, index: int) -> list[str]:
+        return channels(list(self._posts.values()), index)
+
+    def _spawn(self, post: Post) -> "_Process":
+        assert self._folder is not None, "start() first"
+        names = self._channels(post.robot_index)
+        wiring = self._folder / f"wiring{post.robot_index}"
+        number = list(self._posts).index(post.name)  # a link's name need not make a file name
+        job = self._folder / f"job{number}.json"
+        job.write_text(json.dumps(job_for(post, wiring, names, self._factor)), encoding="utf-8")
+        return _Process(post.name, job)
+
+    def _port_of(self, link: str) -> str:
+        """Wait until the controller has told its port; (re)point the lasting name to it."""
+        assert self._folder is not None, "start() first"
+        port = self._processes[link].port()
+        if not Path(port).is_absolute():  # a bus that both share, such as udp_multicast
+            return port
+        lasting = self._folder / f"port{list(self._posts).index(link)}"
+        fresh = lasting.with_suffix(".new")
+        fresh.symlink_to(port)
+        os.replace(fresh, lasting)
+        return str(lasting)
+
+
+class _Process:
+    """A controller's process: its two lines of output, and its end."""
+
+    def __init__(self, name: str, job: Path) -> None:
+        self._name = name
+        self._child = subprocess.Popen(
+            [sys.executable, "-m", "hri_sim.controller_process", str(job)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C goes to the node alone
+        )
+
+    def port(self) -> str:
+        """The port that it opened."""
+        line = self._line(_START_S)
+        if line is None:
+            self.kill()
+            raise LinkError(
+                f"link '{self._name}': its mock controller did not start (exit status "
+                f"{self._child.returncode}); its error is on standard error"
+            )
+        return str(line["port"])
+
+    def finish(self) -> dict[str, Any] | None:
+        """Ask it to end; returns its report, or ``None`` if it has none to give."""
+        with contextlib.suppress(ProcessLookupError):
+            self._child.send_signal(signal.SIGTERM)
+        report = self._line(_END_S)
+        try:
+            self._child.wait(_END_S if report is not None else 0.1)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+        self._close()
+        return report
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._child.kill()
+        self._close()
+
+    def _close(self) -> None:
+        self._child.wait()
+        for stream in (self._child.stdin, self._child.stdout):
+            if stream is not None:
+                with contextlib.suppress(OSError):
+                    stream.close()
+
+    def _line(self, timeout_s: float) -> dict[str, Any] | None:
+        """Its next line of output, if it comes in time."""
+        stream = self._child.stdout
+        assert stream is not None
+        lines: list[bytes] = []
+        reader = threading.Thread(target=lambda: lines.append(stream.readline()), daemon=True)
+        reader.start()
+        reader.join(timeout_s)
+        if not lines or not lines[0]:
+            return None
+        data: dict[str, Any] = json.loads(lines[0])
+        return data
+
+
+def _report(told: dict[str, Any]) -> ControllerReport:
+    told["events"] = [tuple(event) for event in told["events"]]
+    return ControllerReport(**told)
+
+
+def _untold(post: Post) -> ControllerReport:
+    role, robot = post.settings.role, post.settings.robot or ""
+    return ControllerReport(post.name, role, robot, ended="killed")
