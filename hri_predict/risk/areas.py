@@ -1,0 +1,173 @@
+"""Areas of the room: the user's named zones, and the sensor's field of view."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from hri_predict.protocol.messages import Level
+from hri_predict.reasons import Reason
+from hri_predict.risk.geometry import segment_distance
+from hri_predict.risk.levels import Demand
+from hri_predict.risk.separation import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
+from hri_predict.risk.types import Capsules, NamedZoneState
+from hri_predict.risk.zones import BodyZones
+from hri_predict.scene import Bools, Floats
+from hri_predict.settings import Region
+
+FLOOR_M = 0.05
+"""Below this nobody is; a view that begins here begins at the floor."""
+TOP_M = 2.5
+"""Above this nobody reaches (2.2 m is a tall man's grip); a view that ends here sees all."""
+
+
+class NamedZoneSettings(Region):
+    """A zone of the user's (an entry of ``zones:``) and what it asks of robots.
+
+    ``occupied`` compares the bodies as captured, widened by ``person_uncertainty_m``. Entry is
+    predicted from the body as forecast, enclosed over each step but not grown: that informs. With
+    ``entry: zone`` it is predicted from the zones, which hold wherever the body may be. Where there
+    is no forecast (it failed, or the person is lost) both are the zones.
+    """
+
+    name: str = Field(min_length=1)
+    level: Literal["none", "warn", "slow", "stop"] = Field(
+        "warn", description="what is asked while it is occupied"
+    )
+    robots: list[str] | None = Field(None, description="robots that it asks it of; default all")
+    speed_limit_m_s: float = Field(
+        0.25, gt=0, le=10, description="for level slow; 0.25 m/s is reduced speed (ISO 10218-1)"
+    )
+    entry: Literal["forecast", "zone"] = "forecast"
+    entry_warning_s: float = Field(
+        0.0, ge=0, le=10, description="ask it this long before a predicted entry already"
+    )
+
+
+class _Outline:
+    """The polygon of a region, ready for distances in the plane."""
+
+    def __init__(self, region: Region) -> None:
+        corners = np.asarray(region.polygon, dtype=np.float64)
+        self.start = np.column_stack([corners, np.zeros(len(corners))])
+        self.end = np.roll(self.start, -1, axis=0)
+        self.low, self.high = corners.min(0), corners.max(0)
+
+    def contains(self, points: Floats) -> Bools:
+        """Whether each of (..., 2) points is inside (even-odd rule)."""
+        x, y = points[..., 0, None], points[..., 1, None]
+        x0, y0, x1, y1 = self.start[:, 0], self.start[:, 1], self.end[:, 0], self.end[:, 1]
+        spans = (y0 > y) != (y1 > y)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = x0 + (y - y0) * (x1 - x0) / (y1 - y0)
+        inside: Bools = (np.count_nonzero(spans & (x < crossing), axis=-1) % 2).astype(bool)
+        return inside
+
+    def edge_distance(self, capsules: Capsules) -> Floats:
+        """Distance in the plane from each capsule's axis (...,) to the nearest edge."""
+        flat = np.array([1.0, 1.0, 0.0])
+        a, b = capsules.a[..., None, :] * flat, capsules.b[..., None, :] * flat
+        distance: Floats = segment_distance(a, b, self.start, self.end).min(-1)
+        return distance
+
+
+class NamedZone:
+    """A named zone, watched."""
+
+    def __init__(self, settings: NamedZoneSettings, person_uncertainty_m: float) -> None:
+        self.settings = settings
+        self._outline = _Outline(settings)
+        self._margin = person_uncertainty_m
+
+    def occupied(self, capsules: Capsules) -> Bools:
+        """Whether each capsule (...,) touches the prism; never misses one that does.
+
+        The capsule is taken with the whole of its height range everywhere along it, which can only
+        add; a capsule that is not finite touches.
+        """
+        result = ~self._far(capsules)
+        near = np.nonzero(result)
+        if not len(near[0]):
+            return result
+        few = Capsules(capsules.a[near], capsules.b[near], capsules.radius[near] + self._margin)
+        inside = self._outline.contains(few.a[:, :2]) | self._outline.contains(few.b[:, :2])
+        touches: Bools = inside | ~(self._outline.edge_distance(few) > few.radius)
+        result[near] = touches
+        return result
+
+    def state(self, bodies: BodyZones) -> NamedZoneState:
+        """Who is inside now, and when somebody may first be."""
+        zones = bodies.zones.capsules
+        if self.occupied(Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])).any():
+            return NamedZoneState(self.settings.name, True, 0.0)
+        bodies_then = zones if self.settings.entry == "zone" else bodies.paths
+        entered = np.flatnonzero(self.occupied(bodies_then)[:, 1:].any(axis=(0, 2)))
+        if not entered.size:
+            return NamedZoneState(self.settings.name, False, None)
+        begins = bodies.zones.times_s[entered[0]]
+        return NamedZoneState(self.settings.name, False, float(begins))
+
+    def demand(self, state: NamedZoneState, robot: str, max_speed_m_s: float) -> Demand:
+        """What the zone asks of ``robot`` in that state."""
+        settings = self.settings
+        asked = not settings.robots or robot in settings.robots
+        soon = state.entry_s is not None and state.entry_s <= settings.entry_warning_s
+        entering = soon and settings.entry_warning_s > 0
+        if settings.level == "none" or not asked or not (state.occupied or entering):
+            return Demand.nothing(max_speed_m_s)
+        level = {"warn": Level.WARN, "slow": Level.SLOW, "stop": Level.STOP}[settings.level]
+        limit = {
+            Level.WARN: max_speed_m_s,
+            Level.SLOW: min(settings.speed_limit_m_s, max_speed_m_s),
+        }.get(level, 0.0)
+        reason = Reason.ZONE_OCCUPIED if state.occupied else Reason.ZONE_ENTRY_PREDICTED
+        return Demand(level, level, limit, limit, reason)
+
+    def _far(self, capsules: Capsules) -> Bools:
+        """Capsules whose bounding box misses the prism's."""
+        radius = (capsules.radius + self._margin)[..., None]
+        low = np.minimum(capsules.a, capsules.b) - radius
+        high = np.maximum(capsules.a, capsules.b) + radius
+        prism_low = np.append(self._outline.low, self.settings.z_min)
+        prism_high = np.append(self._outline.high, self.settings.z_max)
+        far: Bools = np.any((high < prism_low) | (low > prism_high), axis=-1)
+        return far
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldOfView:
+    """What the sensor sees; everything else counts as occupied.
+
+    A person may stand just outside, unseen, and come in at the speeds of ISO 13855. People stand on
+    the floor: above ``TOP_M`` and below ``FLOOR_M`` nobody is, seen or not.
+    """
+
+    region: Region
+    _outline: _Outline
+
+    @classmethod
+    def of(cls, region: Region) -> "FieldOfView":
+        """The field of view that ``region`` describes."""
+        return cls(region, _Outline(region))
+
+    def distance_outside(self, capsules: Capsules) -> Floats:
+        """Distance (...,) from each capsule to where the sensor does not see; <= 0: it is there."""
+        outline = self._outline
+        inside = outline.contains(capsules.a[..., :2]) & outline.contains(capsules.b[..., :2])
+        edge = outline.edge_distance(capsules)
+        crosses = edge <= 0.0
+        distance = np.where(inside & ~crosses, edge, 0.0)
+        if self.region.z_max < TOP_M:
+            top = np.maximum(capsules.a[..., 2], capsules.b[..., 2])
+            distance = np.minimum(distance, self.region.z_max - top)
+        if self.region.z_min > FLOOR_M:
+            bottom = np.minimum(capsules.a[..., 2], capsules.b[..., 2])
+            distance = np.minimum(distance, bottom - self.region.z_min)
+        return distance - capsules.radius
+
+
+def approach_m(time_s: Floats) -> Floats:
+    """How far an unseen person may have come: 2.0 m/s up to 0.5 m, then 1.6 m/s (ISO 13855)."""
+    near, walk = REACH_SPEED_M_S * time_s, WALK_SPEED_M_S * time_s
+    return np.minimum(near, np.maximum(NEAR_M, walk))

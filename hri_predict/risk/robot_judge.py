@@ -1,0 +1,246 @@
+"""One robot against everybody: what the people, and what the sensor does not see, ask of it."""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.reasons import Reason
+from hri_predict.risk.areas import FieldOfView, approach_m
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.levels import Demand, demand_of, margins
+from hri_predict.risk.nearest_in_time import NearestInTime, nearest_in_time
+from hri_predict.risk.robot_tracker import RobotNow, RobotTracker
+from hri_predict.risk.separation import (
+    Course,
+    Finding,
+    StoppingCurve,
+    judge_iso,
+    judge_predictive,
+)
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.types import Capsules
+from hri_predict.risk.zones import BodyZones
+from hri_predict.scene import Floats
+
+MOVING_M_S = 0.02
+"""Below this speed the direction of motion says nothing about where the robot will go."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What one tick asks of one robot.
+
+    Attributes:
+        demand: of people and unseen places together.
+        people: what was found about the people; ``None`` where nobody is.
+        unseen_decides: whether it is the unseen that asks for more.
+    """
+
+    demand: Demand
+    people: Finding | None
+    unseen_decides: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Motion:
+    """How the robot moves now, and would stop. K steps after now."""
+
+    q: Floats
+    qd: Floats
+    speed_m_s: float
+    clearance_m: float  # C + Z_d + Z_r
+    capsules: Capsules  # (C,) now
+    stopping_s: float
+    stopping_m: float
+    times_s: Floats  # (K+1,)
+    until_braking_s: float  # from now
+
+
+class RobotJudge:
+    """Judges one robot.
+
+    Args:
+        settings: see ``RiskSettings``.
+        tracker: where the robot is.
+        budget: the delays.
+        view: what the sensor sees; ``None``: everything.
+        horizon_s: the forecast's last step after the capture.
+
+    Attributes:
+        name: the robot's.
+        max_speed_m_s: its highest speed in production.
+        longest_s: T_r + T_s at worst: input almost stale, highest speed.
+
+    Raises:
+        ConfigError: that goes past the horizon.
+    """
+
+    def __init__(
+        self,
+        settings: RiskSettings,
+        tracker: RobotTracker,
+        budget: DelayBudget,
+        view: FieldOfView | None,
+        horizon_s: float,
+    ) -> None:
+        self.tracker = tracker
+        self.name = tracker.settings.name
+        self.max_speed_m_s = tracker.settings.max_speed_m_s
+        self._settings = settings
+        self._margins = margins(settings)
+        self._budget = budget
+        self._view = view
+        self._horizon_s = horizon_s
+        self._curve = StoppingCurve.of(tracker.model.stopping, self.max_speed_m_s)
+        slowest_s = float(self._curve.time_s[-1])
+        extend = settings.limits.extend_beyond_horizon
+        budget.check(self.name, slowest_s, horizon_s, extend)
+        self.longest_s = budget.reaction_s(budget.stale_s, self.name) + slowest_s
+
+    def judge(self, now: RobotNow, bodies: BodyZones) -> Judgement:
+        """Judge the robot as it is ``now`` against ``bodies``."""
+        if now.q is None or now.qd is None or not _is_finite(now):
+            reason = next(iter(now.reasons), Reason.ROBOT_STATE_INVALID)
+            return Judgement(Demand.unknown(reason), None, False)
+        motion = self._motion(now, now.q, now.qd, bodies)
+        if motion is None:
+            return Judgement(Demand.unknown(Reason.HORIZON_TOO_SHORT), None, False)
+        people = self._people(motion, bodies) if len(bodies.zones.ids) else None
+        unseen = None if self._view is None else self._unseen(motion, bodies.age_s, self._view)
+        demand = Demand.nothing(self.max_speed_m_s)
+        if people is not None:
+            demand = demand | self._demand(people, _reason(people, bodies))
+        if unseen is None:
+            return Judgement(demand, people, False)
+        out_of_view = self._demand(unseen, Reason.OUT_OF_VIEW)
+        both = demand | out_of_view
+        decides = both.reason is Reason.OUT_OF_VIEW
+        return Judgement(both, people, decides)
+
+    def _demand(self, finding: Finding, reason: Reason) -> Demand:
+        return demand_of(finding, self._settings, self.max_speed_m_s, reason)
+
+    def _motion(self, now: RobotNow, q: Floats, qd: Floats, bodies: BodyZones) -> _Motion | None:
+        """The robot's motion, or ``None`` if its stop is not covered by the zones."""
+        stopping_s, stopping_m = self.tracker.model.stopping(now.speed_m_s)
+        until_braking_s = self._budget.after_now_s(self.name)
+        end_s = until_braking_s + max(stopping_s, float(self._curve.time_s[-1]))
+        times_s = bodies.zones.times_s
+        if self._settings.mode == "predictive":
+            extend = self._settings.limits.extend_beyond_horizon
+            reach_s = times_s[-1] if extend else min(times_s[-1], self._horizon_s - bodies.age_s)
+            if end_s > reach_s + 1e-9:
+                return None
+            times_s = times_s[: int(np.searchsorted(times_s, end_s)) + 1]
+        return _Motion(
+            q=q,
+            qd=qd,
+            speed_m_s=now.speed_m_s,
+            clearance_m=self._settings.clearance_m + now.uncertainty_m,
+            capsules=self.tracker.model.capsules(q),
+            stopping_s=stopping_s,
+            stopping_m=stopping_m,
+            times_s=times_s,
+            until_braking_s=until_braking_s,
+        )
+
+    def _people(self, motion: _Motion, bodies: BodyZones) -> Finding:
+        zones = bodies.zones.capsules
+        captured = Capsules(zones.a[:, :1], zones.b[:, :1], zones.radius[:, :1])
+        first = nearest_in_time(captured, _repeated(motion.capsules, 1))
+        distance = float(first.distance[0])
+        if self._settings.mode == "iso":
+            who = int(first.person[0]), int(first.segment[0]), int(first.link[0])
+            return self._iso(distance, motion, bodies.age_s, who)
+        steps = len(motion.times_s) - 1
+        later = Capsules(
+            zones.a[:, 1 : steps + 1], zones.b[:, 1 : steps + 1], zones.radius[:, 1 : steps + 1]
+        )
+        standing = nearest_in_time(later, _repeated(motion.capsules, steps))
+
+        @functools.cache  # two margins ask for the same few speeds
+        def at_speed(speed_m_s: float) -> NearestInTime:
+            return nearest_in_time(later, self._stopping(motion, speed_m_s))
+
+        moving = motion.speed_m_s > MOVING_M_S
+        return self._predictive(Course(distance, standing, at_speed if moving else None), motion)
+
+    def _unseen(self, motion: _Motion, age_s: float, view: FieldOfView) -> Finding:
+        """A person who stands just outside the field of view since the capture."""
+        distance = float(view.distance_outside(motion.capsules).min())
+        if self._settings.mode == "iso":
+            return self._iso(distance, motion, age_s, (-1, -1, -1))
+        come = approach_m(motion.times_s[1:] + age_s)
+        nobody = np.full(len(come), -1)
+        standing = NearestInTime(distance - come, nobody, nobody, nobody)
+
+        @functools.cache
+        def at_speed(speed_m_s: float) -> NearestInTime:
+            robot = self._stopping(motion, speed_m_s)
+            outside = view.distance_outside(robot).min(1)
+            return NearestInTime(outside - come, nobody, nobody, nobody)
+
+        moving = motion.speed_m_s > MOVING_M_S
+        return self._predictive(Course(distance, standing, at_speed if moving else None), motion)
+
+    def _stopping(self, motion: _Motion, speed_m_s: float) -> Capsules:
+        """(K, C) the robot as it stops from ``speed_m_s`` in its present direction."""
+        time_s = motion.stopping_s
+        if speed_m_s != motion.speed_m_s:
+            time_s, _ = self._curve.at(speed_m_s)
+        capsules = self.tracker.model.stopping_capsules(
+            motion.q,
+            motion.qd * (speed_m_s / motion.speed_m_s),
+            motion.times_s,
+            motion.until_braking_s,
+            time_s,
+        )
+        return Capsules(capsules.a[1:], capsules.b[1:], capsules.radius[1:])
+
+    def _iso(
+        self, distance_m: float, motion: _Motion, age_s: float, who: tuple[int, int, int]
+    ) -> Finding:
+        return judge_iso(
+            distance_m,
+            motion.speed_m_s,
+            (motion.stopping_s, motion.stopping_m),
+            self._curve,
+            self._budget.reaction_s(age_s, self.name),
+            motion.clearance_m,
+            self._margins,
+            who,
+        )
+
+    def _predictive(self, course: Course, motion: _Motion) -> Finding:
+        return judge_predictive(
+            course,
+            motion.times_s,
+            motion.speed_m_s,
+            (motion.stopping_s, motion.stopping_m),
+            self._curve,
+            motion.until_braking_s,
+            motion.clearance_m,
+            self._margins,
+        )
+
+
+def _reason(finding: Finding, bodies: BodyZones) -> Reason:
+    if bodies.lost[finding.person]:
+        return Reason.PERSON_LOST
+    return Reason.PERSON_NEAR if finding.near else Reason.PERSON_APPROACHING
+
+
+def _is_finite(now: RobotNow) -> bool:
+    values = (now.q, now.qd, now.speed_m_s, now.uncertainty_m)
+    return all(bool(np.isfinite(v).all()) for v in values if v is not None) and now.speed_m_s >= 0
+
+
+def _repeated(capsules: Capsules, steps: int) -> Capsules:
+    """(C,) to (steps, C)."""
+    shape = (steps, *capsules.radius.shape)
+    return Capsules(
+        np.broadcast_to(capsules.a, (*shape, 3)),
+        np.broadcast_to(capsules.b, (*shape, 3)),
+        np.broadcast_to(capsules.radius, shape),
+    )

@@ -1,0 +1,90 @@
+"""Settings of the risk stage (``risk:`` in the configuration)."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from hri_predict.settings import Settings
+
+
+class HumanLimits(Settings):
+    """How fast people move, and how far a forecast of theirs is trusted.
+
+    Speeds: ISO 13855:2010 gives K = 2.0 m/s for an upper limb and 1.6 m/s for a walking body (read
+    in the ifm OY and Schmersal SLC manuals). Accelerations: the body file of SaRA gives 20-25 m/s2
+    for trunk and head, 30 for legs, 50 for arms and hands, with 2 m/s for every joint
+    (JakobThumm/sara-shield, ``safety_shield/config/human_reach_TUM_lab.yaml``).
+    """
+
+    arm_speed_m_s: float = Field(2.0, gt=0, le=20, description="shoulder to finger tips")
+    body_speed_m_s: float = Field(1.6, gt=0, le=20, description="everything else")
+    physical_speed_m_s: float = Field(
+        2.0, gt=0, le=20, description="every joint, where there is no forecast to go by"
+    )
+    arm_acceleration_m_s2: float = Field(50.0, gt=0, le=1000)
+    body_acceleration_m_s2: float = Field(30.0, gt=0, le=1000)
+    velocity_error_m_s: float = Field(
+        1.6,
+        ge=0,
+        le=20,
+        description="error of the forecast's velocity at capture; the default, a whole walking"
+        " speed, holds for any predictor",
+    )
+    std_factor: float = Field(
+        0.0, ge=0, le=10, description="zones hold at least this many of the forecast's std; 0: off"
+    )
+    extend_beyond_horizon: bool = Field(
+        False, description="past the last horizon zones grow at the physical speed"
+    )
+
+
+class RiskSettings(Settings):
+    """How separation is judged, and how levels change.
+
+    ``iso``: the distance now against the protective separation distance of ISO/TS 15066.
+    ``predictive``: the zones against the stopping robot, time by time.
+    """
+
+    mode: Literal["iso", "predictive"] = "iso"
+    intrusion_m: float = Field(0.0, ge=0, le=2, description="C: reach into the field, ISO 13855")
+    person_uncertainty_m: float = Field(
+        0.05, ge=0, le=1, description="Z_d: of a person's position as sensed"
+    )
+    robot_uncertainty_m: float = Field(0.01, ge=0, le=1, description="Z_r: of the robot's position")
+    band_m: float = Field(
+        0.1, ge=0, le=2, description="a level is released only this far beyond its threshold"
+    )
+    release_captures: int = Field(
+        5, ge=1, le=10_000, description="distinct captures that must agree before a release"
+    )
+    warn_margin_m: float = Field(
+        0.5, ge=0, le=10, description="warn this far before the robot would be slowed"
+    )
+    slow_margin_m: float = Field(
+        0.25,
+        ge=0,
+        le=2,
+        description="the speed limit is for a person this much nearer, so that a robot that obeys"
+        " it, with its delay, is not stopped while a person walks up",
+    )
+    min_speed_m_s: float = Field(
+        0.05, gt=0, le=1, description="a limit below this is advised as a stop"
+    )
+    speed_rise_m_s2: float = Field(
+        0.5, gt=0, le=100, description="how fast the speed limit may rise; it falls at once"
+    )
+    latch_stop: bool = Field(
+        False, description="a stop stays until acknowledged after its cause has cleared"
+    )
+    limits: HumanLimits = HumanLimits()
+
+    @model_validator(mode="after")
+    def _slower_than_fastest(self) -> Self:
+        if self.limits.arm_speed_m_s < self.limits.body_speed_m_s:
+            raise ValueError("limits.arm_speed_m_s must be at least limits.body_speed_m_s")
+        return self
+
+    @property
+    def clearance_m(self) -> float:
+        """C + Z_d + Z_r, metres: what must be left of the distance whatever moves."""
+        return self.intrusion_m + self.person_uncertainty_m + self.robot_uncertainty_m
