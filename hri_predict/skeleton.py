@@ -270,11 +270,3 @@ CANONICAL = make_skeleton(
     parts=_parts(),
     bone_lengths=[_bone_length(joint) for joint in JOINTS],
 )
-
-
-def __getattr__(name: str) -> object:  # until every importer has moved to hri_predict.joint_map
-    if name == "JointMap":
-        from hri_predict.joint_map import JointMap
-
-        return JointMap
-    raise AttributeError(name)

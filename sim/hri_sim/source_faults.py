@@ -8,9 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from hri_predict.joint_map import JointMap
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import Vector3
-from hri_predict.skeleton import JointMap
 from hri_predict.source import Source
 from hri_sim.fault_settings import FaultSettings, faults_from
 
