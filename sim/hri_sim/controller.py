@@ -101,7 +101,7 @@ class ControllerReport:
         crc_errors, counter_errors, malformed, incomplete: as the receiver counts them.
         schema_mismatches: Schema messages of another version or hash.
         timeouts: times that the node fell silent.
-        stale: times that the newest advice grew too old, or its age could not be bounded.
+        stale: times that the newest advice was or grew too old.
         max_age_s: greatest age of an advice at its receipt, as carried.
         max_gap_s: longest time between two good advices.
         round_trip_p50_s, round_trip_max_s: from sending a RobotState to an advice that echoes it.
@@ -360,13 +360,12 @@ class ControllerCore(Generic[U]):
             return "starting"
         if len(self._errors) > self._settings.tolerated_errors:
             return "errors"
-        since_s = (now_ns - self._heard.at_ns) * 1e-9
-        bound_s = self._heard.age_bound_s
-        if self._heard.level in _MOVING_LEVELS and (
-            bound_s is None or bound_s + since_s > self._settings.max_age_s
-        ):
-            return "stale"
-        return ""
+        if self._heard.level not in _MOVING_LEVELS:
+            return ""  # a stop is a stop at any age
+        if self._heard.age_bound_s is None:
+            return "no age"
+        age_s = self._heard.age_bound_s + (now_ns - self._heard.at_ns) * 1e-9
+        return "stale" if age_s > self._settings.max_age_s else ""
 
     def _error_count(self) -> int:
         c = self._counters
