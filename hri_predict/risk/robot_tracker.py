@@ -150,7 +150,7 @@ class RobotTracker:
         reasons = []
         if age_s > motion.stale_s:
             reasons.append(Reason.ROBOT_STATE_STALE)
-        if state.mode is not RobotMode.AUTOMATIC:
+        if state.mode != RobotMode.AUTOMATIC:
             reasons.append(Reason.ROBOT_NOT_AUTOMATIC)
         ahead_s = min(age_s, motion.stale_s)
         q = np.clip(
