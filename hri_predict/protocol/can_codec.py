@@ -163,7 +163,9 @@ class CanReceiver:
         else:
             payload = self._classic_payload(frame.data, stream, number, part, definition.parts)
             counter = frame.data[1] if payload is not None else 0
-        if payload is None or not fresh(stream.sequence, counter, self.counters):
+        if payload is None:
+            return []
+        if definition.sequenced and not fresh(stream.sequence, counter, self.counters):
             return []
         return self._decoded(definition, robot, payload)
 
@@ -183,6 +185,8 @@ class CanReceiver:
         if not e2e.check_profile2(data, _ID_LISTS[number + part]):
             self.counters.crc_errors += 1
             return None
+        if parts == 1:
+            return data[2:]
         if data[1] != stream.counter:
             self._start(stream, data[1])
         elif stream.complete or part in stream.parts:

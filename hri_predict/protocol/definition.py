@@ -104,6 +104,8 @@ class Definition:
         item: fields of one repeated item after the fixed part; empty if nothing repeats.
         items_per_frame: how many items one frame carries at most.
         classic: whether classic CAN carries it.
+        sequenced: whether its counter must advance. Not so for Schema, which says the same as long
+            as the node runs: one from a restarted node is heard at once, before its Advice is.
     """
 
     type: type[Message]
@@ -116,6 +118,7 @@ class Definition:
     item: tuple[Field, ...] = ()
     items_per_frame: int = 0
     classic: bool = True
+    sequenced: bool = True
 
     @property
     def name(self) -> str:
@@ -304,6 +307,7 @@ DEFINITIONS: tuple[Definition, ...] = (
             Field("SCHEMA_VERSION", 16, "protocol version"),
             Field("SCHEMA_HASH", 32, "hash of the definitions"),
         ),
+        sequenced=False,
     ),
     Definition(
         Zone,
@@ -357,7 +361,7 @@ def schema_hash(definitions: tuple[Definition, ...] = DEFINITIONS) -> int:
     text = repr(
         [
             (
-                *(d.name, d.number, d.per_robot, d.items_per_frame, d.classic),
+                *(d.name, d.number, d.per_robot, d.items_per_frame, d.classic, d.sequenced),
                 *([shape(f) for f in d.fields], [shape(f) for f in d.item]),
             )
             for d in definitions

@@ -95,13 +95,15 @@ class SerialReceiver:
         if known is None:
             self.counters.ignored += 1
             return []
+        definition, robot, _ = known
         sequence = self._sequences.get(data_id)
         if sequence is None:
             sequence = self._sequences[data_id] = e2e.CounterCheck(0x10000)
-        if not fresh(sequence, int.from_bytes(frame[2:4], "big"), self.counters):
+        counter = int.from_bytes(frame[2:4], "big")
+        if definition.sequenced and not fresh(sequence, counter, self.counters):
             return []
         try:
-            message = decode_payload(known[0], known[1], frame[e2e.PROFILE_4_HEADER :])
+            message = decode_payload(definition, robot, frame[e2e.PROFILE_4_HEADER :])
         except Malformed:
             self.counters.malformed += 1
             return []

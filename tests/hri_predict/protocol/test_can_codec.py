@@ -278,6 +278,17 @@ def test_old_and_repeated_frames_between_new_ones_are_never_fresh(data: st.DataO
         assert receiver.counters.counter_errors > errors
 
 
+@pytest.mark.parametrize("fd", [False, True])
+def test_the_schema_of_a_restarted_node_is_heard_at_once(fd: bool) -> None:
+    receiver = CanReceiver(fd)
+    for run in range(3):
+        sender = CanSender(fd)
+        for _ in range(1 + 20 * run):
+            (frame,) = sender.encode(Schema(1, run))
+            assert receiver.feed(frame) == [Schema(1, run)]
+    assert receiver.counters.counter_errors == 0
+
+
 def test_robots_and_links_keep_apart() -> None:
     sender, receiver = CanSender(), CanReceiver()
     for i in range(50):

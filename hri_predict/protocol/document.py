@@ -1,0 +1,280 @@
+"""The tables of ``drivers/PROTOCOL.md``, written from the definition.
+
+``python -m hri_predict.protocol.document drivers/PROTOCOL.md`` renews everything between a line
+``<!-- table: NAME -->`` and the next ``<!-- end -->``; the words around them are written by hand.
+"""
+
+import re
+import sys
+from collections.abc import Callable, Iterable
+from enum import IntEnum
+from pathlib import Path
+
+from hri_predict.errors import ConfigError
+from hri_predict.protocol import e2e
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanSender
+from hri_predict.protocol.dbc import choices, frame_name
+from hri_predict.protocol.definition import (
+    BY_TYPE,
+    DEFINITIONS,
+    MAX_ROBOTS,
+    PART_BYTES,
+    SCHEMA_HASH,
+    SCHEMA_VERSION,
+    Definition,
+    Field,
+    frame_number,
+    frame_table,
+)
+from hri_predict.protocol.messages import Advice, Level, Message, NodeState, RobotMode
+from hri_predict.protocol.serial_codec import MAX_DECODED, MAX_ENCODED, SerialSender
+from hri_predict.protocol.wire import wire_bits
+from hri_predict.reasons import Reason
+from hri_predict.skeleton import CANONICAL
+
+# The example of the documents: the first Advice after a start, robot 1.
+EXAMPLE = Advice(
+    robot=1,
+    level=Level.SLOW,
+    reason=Reason.PERSON_APPROACHING,
+    separation_m=1.234,
+    predicted_separation_m=0.415,
+    time_to_breach_s=0.32,
+    speed_limit_m_s=0.75,
+    body_part=6,
+    robot_link=5,
+    echo=200,
+    age_s=0.041,
+)
+
+_BLOCK = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return a Markdown table."""
+    names = list(head)
+    lines = ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
+    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def hexadecimal(data: bytes) -> str:
+    """Return bytes as two digits each."""
+    return "`" + data.hex(" ").upper() + "`"
+
+
+def field_table(definition: Definition) -> str:
+    """Return the fields of a message, then those of its repeated item."""
+    text = _rows(definition, definition.fields)
+    if definition.item:
+        text += (
+            f"\nThen COUNT items of {definition.item_bytes} bytes each, at most "
+            f"{definition.items_per_frame} in a frame; bytes count from the item's first:\n\n"
+        )
+        text += _rows(definition, definition.item)
+    return text
+
+
+def _rows(definition: Definition, fields: tuple[Field, ...]) -> str:
+    rows, start = [], 0
+    classic = definition.classic
+    for f in fields:
+        place = [_bytes(start, f.bits)]
+        if classic:
+            part = start // (8 * PART_BYTES)
+            inside = start - 8 * PART_BYTES * part + 8 * e2e.PROFILE_2_HEADER
+            place.append(f"part {part}, {_bytes(inside, f.bits)}")
+        step = f"{f.resolution:g} {f.unit}" if f.scale else ""
+        rows.append((f.signal, *place, _kind(f), step, _range(f), _absent(f), _text(f)))
+        start += f.bits
+    head = ["signal", "payload byte"] + (["classic frame"] if classic else [])
+    return table([*head, "type", "step", "range", "not available", "what it says"], rows)
+
+
+def _bytes(start: int, bits: int) -> str:
+    first, last = start // 8, (start + bits - 1) // 8
+    if bits % 8:
+        return f"{first}, bits {start % 8}..{start % 8 + bits - 1}"
+    return f"{first}..{last}" if last > first else f"{first}"
+
+
+def _kind(f: Field) -> str:
+    return f"{'INT' if f.signed else 'UINT'}{f.bits}"
+
+
+def _range(f: Field) -> str:
+    if f.enum:
+        return "see below"
+    low, high = f.raw_range
+    if not f.scale:
+        return f"{low}..{high}"
+    return f"{low / f.scale:g}..{high / f.scale:g} {f.unit}"
+
+
+def _absent(f: Field) -> str:
+    if f.not_available is None:
+        return ""
+    code = f.not_available & ((1 << f.bits) - 1)
+    return f"`16#{code:0{f.bits // 4}X}`" + ("" if f.optional else ", refuse")
+
+
+def _text(f: Field) -> str:
+    rounded = {"nearest": "", "down": " (rounded down)", "up": " (rounded up)"}
+    return f.text + rounded[f.rounding]
+
+
+def frames() -> str:
+    """Return every frame: number, ids, who sends it, and what it carries."""
+    rows = []
+    for d in DEFINITIONS:
+        robot = f" + {frame_number(d, 1) - frame_number(d)} r" if d.per_robot else ""
+        for part in range(d.parts if d.classic else 1):
+            number = frame_number(d, 0, part)
+            rows.append(
+                (
+                    f"{number:#04x}{robot}",
+                    f"`{DEFAULT_BASE_ID + number:#05x}`{robot}",
+                    d.name + (f", part {part}" if d.classic and d.parts > 1 else ""),
+                    d.sender,
+                    "yes" if d.classic else "no",
+                    "yes" if part == 0 else "",
+                    f"{d.cycle_ms} ms" if d.cycle_ms else "event" if d.classic else "spare load",
+                )
+            )
+    head = ("number", "CAN id (default)", "message", "sender", "classic CAN", "FD, serial", "cycle")
+    return table(head, rows)
+
+
+def reasons() -> str:
+    """Return the reasons with what clears them."""
+    return table(
+        ("value", "name", "what is the matter", "clears when"),
+        ((int(r), r.name, r.text, r.clears_when) for r in Reason),
+    )
+
+
+def enumeration(enum: type[IntEnum]) -> str:
+    """Return the values of an enumeration."""
+    return table(("value", "name"), ((int(e), e.name) for e in enum))
+
+
+def data_ids() -> str:
+    """Return the data ids of all frames of robot 0 and of those of no robot."""
+    rows = []
+    for number, (d, robot, part) in sorted(frame_table(classic=True).items()):
+        if robot == 0:
+            wide = f"`16#{e2e.data_id_16(number):04X}`" if part == 0 else ""
+            serial = f"`16#{e2e.data_id_32(number):08X}`" if part == 0 else ""
+            listed = " ".join(str(i) for i in e2e.data_id_list(number))
+            rows.append((frame_name(d, 0, part, False), f"{number:#04x}", listed, wide, serial))
+    for d in DEFINITIONS:
+        if not d.classic:
+            ids = (f"`16#{e2e.data_id_16(d.number):04X}`", f"`16#{e2e.data_id_32(d.number):08X}`")
+            rows.append((frame_name(d, 0, 0, True), f"{d.number:#04x}", "", *ids))
+    head = ("frame", "number", "profile 2, counter 0..15", "profile 5", "profile 4")
+    return table(head, rows)
+
+
+def sizes() -> str:
+    """Return what each message takes on the wire at worst."""
+    rows = []
+    for d in DEFINITIONS:
+        classic = f"{wire_bits(d.type, 'can').nominal}" if d.classic else "-"
+        fd, serial = wire_bits(d.type, "can_fd"), wire_bits(d.type, "serial")
+        rows.append((d.name, classic, f"{fd.nominal} + {fd.data}", serial.nominal))
+    return table(("message", "classic", "FD, nominal + data", "serial"), rows)
+
+
+def example_fields() -> str:
+    """Return the example's payload, field by field."""
+    payload = CanSender(fd=True).encode(EXAMPLE)[0].data[e2e.PROFILE_5_HEADER :]
+    rows, start = [], 0
+    for f in BY_TYPE[Advice].fields:
+        raw = payload[start // 8 : (start + f.bits) // 8]
+        value = int.from_bytes(raw, "little", signed=f.signed)
+        named = choices(f).get(value)
+        meaning = named or (f"{value / f.scale:g} {f.unit}" if f.scale else str(value))
+        rows.append((f.signal, hexadecimal(raw), value, meaning))
+        start += f.bits
+    return table(("signal", "bytes as sent", "raw", "means"), rows)
+
+
+def example_frames() -> str:
+    """Return the example as it goes over each kind of link."""
+    rows = [
+        (f"classic, id `{f.arbitration_id:#05x}`", hexadecimal(f.data))
+        for f in CanSender().encode(EXAMPLE)
+    ]
+    (fd,) = CanSender(fd=True).encode(EXAMPLE)
+    rows.append((f"FD, id `{fd.arbitration_id:#05x}`", hexadecimal(fd.data)))
+    rows.append(("serial", hexadecimal(SerialSender().encode(EXAMPLE))))
+    return table(("link", "bytes in the order sent"), rows)
+
+
+def schema() -> str:
+    """Return version and hash."""
+    rows = [("SCHEMA_VERSION", SCHEMA_VERSION), ("SCHEMA_HASH", f"`16#{SCHEMA_HASH:08X}`")]
+    return table(("constant", "value"), rows)
+
+
+def names_of(words: Iterable[str]) -> str:
+    """Return names with their indices."""
+    return table(("index", "name"), enumerate(words))
+
+
+def message_block(kind: type[Message]) -> Callable[[], str]:
+    """Return what writes the table of one message."""
+    return lambda: field_table(BY_TYPE[kind])
+
+
+BLOCKS: dict[str, Callable[[], str]] = {
+    **{d.name: message_block(d.type) for d in DEFINITIONS},
+    "frames": frames,
+    "levels": lambda: enumeration(Level),
+    "node states": lambda: enumeration(NodeState),
+    "robot modes": lambda: enumeration(RobotMode),
+    "reasons": reasons,
+    "data ids": data_ids,
+    "sizes": sizes,
+    "schema": schema,
+    "segments": lambda: names_of(s.name for s in CANONICAL.segments),
+    "joints": lambda: names_of(CANONICAL.joints),
+    "example fields": example_fields,
+    "example frames": example_frames,
+    "limits": lambda: table(
+        ("constant", "value"),
+        (
+            ("robots on one link, at most", MAX_ROBOTS),
+            ("MAX_DELTA", e2e.MAX_DELTA),
+            ("RESYNC", e2e.RESYNC),
+            ("longest serial frame, bytes, before COBS", MAX_DECODED),
+            ("the same after COBS, without the 16#00", MAX_ENCODED),
+        ),
+    ),
+}
+
+
+def renewed(text: str) -> str:
+    """Return the document with all its tables renewed.
+
+    Raises:
+        ConfigError: a table that nobody writes.
+    """
+
+    def block(match: re.Match[str]) -> str:
+        name = match[2]
+        if name not in BLOCKS:
+            raise ConfigError(f"no table '{name}'; there are: {', '.join(sorted(BLOCKS))}")
+        return f"{match[1]}{BLOCKS[name]()}{match[3]}"
+
+    return _BLOCK.sub(block, text)
+
+
+def main() -> None:
+    """Renew the document named on the command line."""
+    path = Path(sys.argv[1] if len(sys.argv) > 1 else "drivers/PROTOCOL.md")
+    path.write_text(renewed(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
