@@ -14,16 +14,20 @@ difference and must not be mixed up:
 - *Jump*: the stamp's step disagrees, by more than ``jump_limit_ns``, both with the sequence's step
   times the nominal period (not a delay: a late scene has a true stamp) and with the receipt's step
   (not a pause: a source that pauses resumes with stamps and receipts advanced alike). The capture
-  is then carried on by the sequence, and the offset is re-estimated from there.
+  is then carried on by the sequence, or by the receipt if that gives a newer one: after a pause the
+  sequence falls short, and too new a capture is set right by the next scene of less latency while
+  too old a one would stay too old for minutes. The offset is re-estimated from there.
 - *Spike*: a single wrong stamp. Beyond the limit it is a jump and a jump back, and carrying across
   both restores the offset. Below it, a stamp that is too new would pull the minimum down, so a fall
   of more than ``SPIKE_NS`` is believed only once ``SPIKE_CONFIRMATIONS`` scenes within
   ``SPIKE_WITHIN_NS`` agree.
 
 Smaller backward steps of a clock than the limit are taken for delay: the age is then too large, by
-less than the limit, until drift has caught up. All errors that remain make the age larger, never
-smaller, except that a delay there from the very first scene is taken for offset: no one-way
-alignment can see it.
+less than the limit, until drift has caught up. So is a clock that stands still while its source
+sleeps: nothing tells it from scenes that are late by as long, and the input stays stale until the
+source begins anew (its sequence restarts). All errors that remain make the age larger, never
+smaller, except that a delay there from the very first scene, or from the very scene of a jump, is
+taken for offset: no one-way alignment can see it.
 """
 
 from collections import deque
@@ -37,8 +41,6 @@ SPIKE_NS = 20_000_000
 SPIKE_CONFIRMATIONS = 3
 SPIKE_WITHIN_NS = 2 * NS_PER_S
 MIN_JUMP_NS = 100_000_000
-CARRY_LIMIT_NS = NS_PER_S
-"""A carried capture older than the receipt by more than this is given up: the source restarted."""
 JUMPED_SCENES = 10
 
 
@@ -102,9 +104,10 @@ class ClockAlignment:
             self._set_offset(newest_possible - stamp_ns, receipt_ns)
         elif self._is_jump(stamp_ns, sequence, receipt_ns):
             self._note_jump()
-            carried = self._last[3] + (sequence - self._last[1]) * self._period_ns
-            if not 0 <= newest_possible - carried <= CARRY_LIMIT_NS:
-                carried = newest_possible
+            _, last_sequence, last_receipt_ns, last_capture_ns = self._last
+            by_sequence = last_capture_ns + (sequence - last_sequence) * self._period_ns
+            by_receipt = last_capture_ns + (receipt_ns - last_receipt_ns)
+            carried = min(max(by_sequence, by_receipt), newest_possible)
             self._set_offset(carried - stamp_ns, receipt_ns)
         else:
             self._follow(newest_possible - stamp_ns, receipt_ns)

@@ -61,7 +61,10 @@ class People:
         self._gap_ns = round(gap_s * 1e9)
         self._capacity = int(1.25 * span_s * rate_hz_source) + 16
         self._limits = MotionLimits(
-            settings.max_joint_speed_m_s, settings.max_body_speed_m_s, round(period_s * 1e9)
+            settings.max_joint_speed_m_s,
+            settings.max_body_speed_m_s,
+            period_ns=round(period_s * 1e9),
+            refused_ns=self._gap_ns,
         )
         self._gate = SceneGate(round(period_s * 1e9), round(source_settings.min_latency_s * 1e9))
         self._lock = threading.Lock()
@@ -180,7 +183,10 @@ class People:
             track.rival = Track.start(body, self._history(), capture_ns, now_ns)
             return None
         self._push(rival, body, agrees, capture_ns, now_ns)
-        return rival if rival.captures >= self._settings.reaccept_captures else None
+        if rival.captures < self._settings.reaccept_captures:
+            return None
+        track.rival = None
+        return rival
 
     def _push(
         self, track: Track, body: Body, believed: Bools, capture_ns: int, now_ns: int
@@ -312,9 +318,8 @@ class People:
         last: Floats = np.zeros((people, joints, 3))
         age_s: Floats = np.full((people, joints), np.inf)
         for index, (_, ring, capture_ns) in enumerate(tracks):
-            window = ring.window(capture_ns, self._steps, self._rate_hz)
+            window, last[index], stamps = ring.recall(capture_ns, self._steps, self._rate_hz)
             history[index], observed[index] = window.positions, window.observed
-            last[index], stamps = ring.last_observed(capture_ns)
             ever = stamps != NEVER
             age_s[index, ever] = (capture_ns - stamps[ever]) * 1e-9
         return PeopleSnapshot(

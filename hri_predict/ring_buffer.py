@@ -191,18 +191,13 @@ class RingBuffer:
         Returns:
             positions (J, 3), NaN if never within the buffer, and stamps (J,), ``NEVER`` if never.
         """
-        stamps, positions, observed = self.samples()
-        end = int(stamps.searchsorted(t_end_ns, side="right"))
-        last: Floats = np.full((self.joints, 3), np.nan)
-        when: Stamps = np.full(self.joints, NEVER)
-        if end:
-            seen = observed[:end]
-            index = end - 1 - seen[::-1].argmax(axis=0)
-            ever = seen.any(axis=0)
-            joints = np.flatnonzero(ever)
-            last[joints] = positions[index[joints], joints]
-            when[joints] = stamps[index[joints]]
-        return last, when
+        return last_observed(*self.samples(), t_end_ns)
+
+    def recall(self, t_end_ns: int, n: int, rate_hz: float) -> tuple[Window, Floats, Stamps]:
+        """Return ``window`` and ``last_observed`` of the same moment; for any thread."""
+        samples = self.samples()
+        window = resample(*samples, t_end_ns, n, rate_hz, self._max_gap_ns)
+        return window, *last_observed(*samples, t_end_ns)
 
 
 @lru_cache(maxsize=32)
@@ -277,3 +272,20 @@ def resample(
     if seen.shape[1] != joints:
         seen = np.repeat(seen, joints, axis=1)
     return Window(result, seen)
+
+
+def last_observed(
+    stamps: Stamps, positions: Floats, observed: Bools, t_end_ns: int
+) -> tuple[Floats, Stamps]:
+    """Where and when each joint was last observed; see ``RingBuffer.last_observed``."""
+    joints = observed.shape[1]
+    last: Floats = np.full((joints, 3), np.nan)
+    when: Stamps = np.full(joints, NEVER)
+    end = int(stamps.searchsorted(t_end_ns, side="right"))
+    if end:
+        seen = observed[:end]
+        index = end - 1 - seen[::-1].argmax(axis=0)
+        ever = np.flatnonzero(seen[index, np.arange(joints)])
+        last[ever] = positions[index[ever], ever]
+        when[ever] = stamps[index[ever]]
+    return last, when

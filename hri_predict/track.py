@@ -46,11 +46,14 @@ class MotionLimits:
         body_speed_m_s: of the joints' mean.
         period_ns: least time that two captures count as apart, so that jitter of the stamps does
             not look like speed.
+        refused_ns: most time that they count as apart while captures are being refused; else any
+            jump would become a possible motion by being repeated for long enough.
     """
 
     joint_speed_m_s: float
     body_speed_m_s: float
     period_ns: int
+    refused_ns: int
 
 
 @dataclass(slots=True, eq=False)
@@ -124,10 +127,10 @@ class Track:
         count = int(np.count_nonzero(common))
         if not count:
             apart = float(np.linalg.norm(body.centroid - self.centroid))
-            elapsed_s = max(capture_ns - self.capture_ns, limits.period_ns) * 1e-9
+            elapsed_s = float(self._elapsed_s(np.array([self.capture_ns]), capture_ns, limits)[0])
             far = apart > _DISJOINT_REACH_M + limits.body_speed_m_s * elapsed_s
             return None if far else body.observed
-        elapsed = np.maximum(capture_ns - self.stamps[common], limits.period_ns) * 1e-9
+        elapsed = self._elapsed_s(self.stamps[common], capture_ns, limits)
         velocity = (body.positions[common] - self.positions[common]) / elapsed[:, None]
         too_fast = np.einsum("ji,ji->j", velocity, velocity) > limits.joint_speed_m_s**2
         glitches = int(np.count_nonzero(too_fast))
@@ -142,3 +145,10 @@ class Track:
         believed = body.observed.copy()
         believed[np.flatnonzero(common)[too_fast]] = False
         return believed
+
+    def _elapsed_s(self, stamps: Stamps, capture_ns: int, limits: MotionLimits) -> Floats:
+        elapsed = np.maximum(capture_ns - stamps, limits.period_ns)
+        if self.rival is not None:
+            elapsed = np.minimum(elapsed, max(limits.period_ns, limits.refused_ns))
+        seconds: Floats = elapsed * 1e-9
+        return seconds

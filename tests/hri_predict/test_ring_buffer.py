@@ -81,6 +81,10 @@ def test_window_equals_the_naive_model(history, n, rate, shift, capacity):
     assert window.positions.shape == (n, observed.shape[1], 3)
     np.testing.assert_array_equal(window.observed, seen)
     np.testing.assert_allclose(window.positions, expected, atol=1e-12)
+    recalled, last, when = ring.recall(t_end, n, rate)
+    np.testing.assert_array_equal(recalled.positions, window.positions)
+    np.testing.assert_array_equal(last, ring.last_observed(t_end)[0])
+    np.testing.assert_array_equal(when, ring.last_observed(t_end)[1])
 
 
 @settings(max_examples=100, deadline=None)

@@ -1,0 +1,465 @@
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hri_predict.joint_map import load_joint_map
+from hri_predict.people import People
+from hri_predict.people_settings import PeopleSettings
+from hri_predict.reasons import Reason
+from hri_predict.scene import Person, Scene
+from hri_predict.settings import Pose
+from hri_predict.skeleton import JOINTS
+from hri_predict.source import SourceSettings
+
+MS = 1_000_000
+RATE = 25.0
+PERIOD = 40 * MS
+J = len(JOINTS)
+T = 10
+# about the size of a body, so that the mean of the joints stands for it
+SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
+ALL = np.ones(J, bool)
+
+
+def body(person_id, x, y=0.0, observed=ALL):
+    positions = SHAPE + np.array([x, y, 0.0])
+    return Person(person_id, np.where(observed[:, None], positions, np.nan), observed)
+
+
+class Room:
+    """A source and a people stage on one clock: every scene arrives 5 ms after its capture."""
+
+    def __init__(self, declares_noise=False, source=None, joint_map="canonical", **people):
+        self.people = People(
+            PeopleSettings(**people),
+            load_joint_map(joint_map),
+            SourceSettings(
+                kind="test", room_from_source=Pose(), min_latency_s=0.005, **(source or {})
+            ),
+            RATE,
+            declares_noise,
+            T,
+            RATE,
+        )
+        self.now = 1_000_000 * MS
+        self.sequence = 100
+
+    def see(self, *persons, times=1, sees_room=True, step=1, stamp_error=0):
+        for _ in range(times):
+            self.now += PERIOD
+            self.sequence += step
+            scene = Scene(self.now - 5 * MS + stamp_error, self.sequence, sees_room, persons)
+            self.people.receive(scene, self.now)
+        return self.snapshot()
+
+    def snapshot(self, later=0):
+        return self.people.snapshot(self.now + later)
+
+    def count(self, name):
+        return self.snapshot().counters.get(name, 0)
+
+
+def test_nothing_received_is_no_input():
+    snapshot = Room().snapshot()
+    assert snapshot.reasons == (Reason.NO_INPUT,)
+    assert snapshot.newest_capture_ns is None
+    assert snapshot.age_s is None
+    assert snapshot.history.shape == (0, T, J, 3)
+    assert snapshot.observed.shape == (0, T, J)
+    assert snapshot.last_positions.shape == (0, J, 3)
+    assert snapshot.capture_ns.shape == (0,)
+
+
+def test_a_walker_is_followed_with_his_history():
+    room = Room()
+    for i in range(30):
+        snapshot = room.see(body(3, 0.04 * i), body(1, 5.0))
+    assert snapshot.reasons == ()
+    assert snapshot.ids == (1, 3)
+    assert snapshot.captures == 30
+    assert snapshot.capture_ns.tolist() == [room.now - 5 * MS] * 2
+    assert snapshot.newest_capture_ns == room.now - 5 * MS
+    assert snapshot.age_s == pytest.approx(0.005)
+    assert snapshot.observed.all()
+    expected = SHAPE + np.array([[[0.04 * i, 0.0, 0.0]] for i in range(20, 30)])
+    np.testing.assert_allclose(snapshot.history[1], expected, atol=1e-9)
+    np.testing.assert_allclose(snapshot.last_positions[1], expected[-1], atol=1e-9)
+    assert (snapshot.joint_age_s == 0).all()
+
+
+def test_an_empty_room_that_is_seen_is_good_input():
+    snapshot = Room().see(times=5)
+    assert snapshot.reasons == ()
+    assert snapshot.ids == ()
+    assert snapshot.captures == 5
+
+
+def test_joints_not_observed_age():
+    room = Room()
+    hidden = ALL.copy()
+    hidden[4] = False
+    never = ALL.copy()
+    never[9] = False
+    room.see(body(1, 0.0, observed=never), times=3)
+    snapshot = room.see(body(1, 0.1, observed=never & hidden), times=4)
+    assert np.isfinite(snapshot.history).all()
+    assert not snapshot.observed[0, -1, 4]
+    assert not snapshot.observed[0, :, 9].any()
+    assert snapshot.joint_age_s[0, 4] == pytest.approx(0.16)
+    assert snapshot.joint_age_s[0, 9] == np.inf
+    assert snapshot.last_positions[0, 4] == pytest.approx(SHAPE[4])
+    assert np.isnan(snapshot.last_positions[0, 9]).all()
+
+
+def test_a_source_of_another_skeleton_is_mapped():
+    joint_map = load_joint_map("coco17")
+    names = joint_map.source_joints
+    positions = np.random.default_rng(1).uniform(0, 1, (len(names), 3))
+    room = Room(joint_map="coco17")
+    snapshot = room.see(Person(1, positions, np.ones(len(names), bool)), times=2)
+    expected, seen = joint_map.map(positions, np.ones(len(names), bool))
+    assert seen.any()
+    assert not seen.all()
+    np.testing.assert_array_equal(snapshot.observed[0, -1], seen)
+    np.testing.assert_allclose(snapshot.history[0, -1][seen], expected[seen])
+
+
+# -- stale, blind, frozen -------------------------------------------------------------------------
+
+
+def test_silence_is_stale_after_three_periods_and_20_ms_and_clears_by_itself():
+    room = Room()
+    room.see(body(1, 0.0), times=5)
+    limit = 3 * PERIOD + 20 * MS - 5 * MS  # the capture is 5 ms older than its receipt
+    assert room.snapshot(later=limit).reasons == ()
+    stale = room.snapshot(later=limit + 1)
+    assert stale.reasons == (Reason.INPUT_STALE,)
+    assert stale.ids == (1,)
+    assert stale.capture_ns[0] == room.now - 5 * MS
+    room.now += 10_000 * MS
+    assert room.see(body(1, 0.0)).reasons == ()
+
+
+def test_the_stale_limit_can_be_configured():
+    room = Room(source={"stale_s": 0.5})
+    room.see(body(1, 0.0))
+    assert room.snapshot(later=490 * MS).reasons == ()
+    assert room.snapshot(later=500 * MS).reasons == (Reason.INPUT_STALE,)
+
+
+def test_an_added_delay_shows_as_age():
+    room = Room()
+    room.see(body(1, 0.0), times=50)
+    snapshot = room.see(body(1, 0.0), times=20, stamp_error=-200 * MS)
+    # a step of the stamps alone would be a jump; here the way got slower: stop for 200 ms first
+    assert snapshot.counters["clock_jumps"] == 1
+    room = Room()
+    room.see(body(1, 0.0), times=50)
+    room.now += 200 * MS
+    for _ in range(20):
+        room.now += PERIOD
+        room.sequence += 1
+        stamp = room.now - 205 * MS
+        room.people.receive(Scene(stamp, room.sequence, True, (body(1, 0.0),)), room.now)
+    snapshot = room.snapshot()
+    assert snapshot.counters["clock_jumps"] == 0
+    assert snapshot.age_s == pytest.approx(0.205, abs=0.001)
+    assert snapshot.reasons == (Reason.INPUT_STALE,)
+
+
+def test_a_blind_source_is_said_to_be_blind_and_then_stale():
+    room = Room()
+    room.see(body(1, 0.0), times=5)
+    snapshot = room.see(sees_room=False)
+    assert snapshot.reasons == (Reason.SOURCE_BLIND,)
+    assert snapshot.captures == 5
+    snapshot = room.see(sees_room=False, times=10)
+    assert snapshot.reasons == (Reason.SOURCE_BLIND, Reason.INPUT_STALE)
+    assert snapshot.ids == (1,)  # not seen to have gone
+    assert snapshot.lost == ()
+    assert room.see(body(1, 0.1)).reasons == ()
+
+
+def test_a_sequence_that_stands_still_is_frozen_however_often_it_arrives():
+    room = Room()
+    room.see(body(1, 0.0), times=5)
+    assert room.see(body(1, 0.1), step=0, times=2).reasons == ()
+    snapshot = room.see(body(1, 0.1), step=0)
+    assert snapshot.reasons == (Reason.INPUT_FROZEN,)
+    snapshot = room.see(body(1, 0.1), step=0, times=3)
+    assert snapshot.reasons == (Reason.INPUT_FROZEN, Reason.INPUT_STALE)
+    assert snapshot.captures == 5
+    assert snapshot.counters["duplicate_scenes"] == 6
+    room.sequence += 6
+    assert room.see(body(1, 0.1)).reasons == ()
+
+
+@pytest.mark.parametrize("declares_noise", [True, False])
+def test_identical_joints_are_frozen_only_from_a_source_that_declares_noise(declares_noise):
+    room = Room(declares_noise=declares_noise)
+    for i in range(5):
+        room.see(body(1, 0.01 * i))
+    snapshot = room.see(body(1, 0.04), times=3)
+    if not declares_noise:
+        assert snapshot.reasons == ()
+        return
+    assert snapshot.reasons == (Reason.INPUT_FROZEN,)
+    assert snapshot.captures == 5
+    assert snapshot.counters["identical_captures"] == 3
+    assert snapshot.capture_ns[0] == room.now - 5 * MS - 3 * PERIOD
+    assert room.see(body(1, 0.05)).reasons == ()
+
+
+def test_a_jump_of_the_clock_is_said_and_clears():
+    room = Room()
+    room.see(body(1, 0.0), times=20)
+    snapshot = room.see(body(1, 0.0), stamp_error=10_000 * MS)
+    assert snapshot.reasons == (Reason.CLOCK_JUMP,)
+    assert snapshot.counters["clock_jumps"] == 1
+    assert snapshot.capture_ns[0] == room.now - 5 * MS
+    assert room.see(body(1, 0.0), stamp_error=10_000 * MS, times=9).reasons == (Reason.CLOCK_JUMP,)
+    assert room.see(body(1, 0.0), stamp_error=10_000 * MS).reasons == ()
+
+
+def test_scenes_out_of_order_are_refused_and_a_restart_is_taken():
+    room = Room()
+    room.see(body(1, 0.0), times=20)
+    room.sequence -= 3
+    assert room.see(body(1, 0.5)).counters["scenes_out_of_order"] == 1
+    room.sequence += 2
+    assert room.see(body(1, 0.0)).reasons == ()
+    room.sequence = 0  # the source began anew, and so did its clock
+    snapshot = room.see(body(1, 0.0), times=9, stamp_error=-room.now)
+    assert Reason.INPUT_FROZEN in snapshot.reasons
+    snapshot = room.see(body(1, 0.0), stamp_error=-room.now)
+    assert snapshot.reasons == (Reason.CLOCK_JUMP,)
+    assert snapshot.counters["source_restarts"] == 1
+    assert room.see(body(1, 0.0), times=12, stamp_error=-room.now).reasons == ()
+
+
+def test_lost_scenes_are_counted():
+    room = Room()
+    room.see(body(1, 0.0), times=2)
+    room.now += 2 * PERIOD
+    snapshot = room.see(body(1, 0.0), step=3)
+    assert snapshot.reasons == ()
+    assert snapshot.counters["lost_scenes"] == 2
+
+
+# -- impossible -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, 1001.0])
+def test_joints_that_are_not_numbers_are_unobserved_and_counted(bad):
+    room = Room()
+    room.see(body(1, 0.0), times=3)
+    wrong = body(1, 0.0)
+    wrong.positions[12, 1] = bad
+    snapshot = room.see(wrong)
+    assert snapshot.reasons == ()
+    assert not snapshot.observed[0, -1, 12]
+    assert snapshot.observed[0, -1].sum() == J - 1
+    assert snapshot.counters["unusable_joints"] == 1
+    assert np.isfinite(snapshot.history).all()
+    wrong.positions[:] = bad
+    snapshot = room.see(wrong)
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE,)
+    assert snapshot.counters["unusable_bodies"] == 1
+    assert snapshot.captures == 4
+    assert np.isfinite(snapshot.history).all()
+    assert room.see(body(1, 0.0)).reasons == ()
+
+
+def test_one_joint_that_flies_off_is_disbelieved_alone():
+    room = Room()
+    room.see(body(1, 0.0), times=5)
+    wrong = body(1, 0.0)
+    wrong.positions[8] += [3.0, 0.0, 0.0]
+    snapshot = room.see(wrong)
+    assert snapshot.reasons == ()
+    assert snapshot.counters["impossible_joints"] == 1
+    assert not snapshot.observed[0, -1, 8]
+    assert snapshot.joint_age_s[0, 8] == pytest.approx(0.04)
+    assert snapshot.last_positions[0, 8] == pytest.approx(SHAPE[8])
+
+
+def test_a_teleport_is_refused_and_undone():
+    room = Room()
+    room.see(body(1, 0.0), times=5)
+    captures = room.snapshot().captures
+    snapshot = room.see(body(1, 3.0), times=4)
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE, Reason.INPUT_STALE)
+    assert snapshot.counters["impossible_captures"] == 4
+    assert snapshot.captures == captures
+    assert snapshot.history[0, :, :, 0].max() < 1.0
+    assert snapshot.capture_ns[0] == room.now - 5 * MS - 4 * PERIOD
+    snapshot = room.see(body(1, 0.02))
+    assert snapshot.reasons == ()
+    assert snapshot.ids == (1,)
+    assert snapshot.lost == ()
+
+
+def test_a_teleport_that_stays_is_believed_and_leaves_a_lost_person_behind():
+    room = Room()
+    room.see(body(1, 0.0), times=5)
+    room.see(body(1, 3.0), times=5)
+    snapshot = room.see(body(1, 3.0))
+    assert snapshot.reasons == ()
+    assert snapshot.ids == (1,)
+    assert snapshot.last_positions[0] == pytest.approx(SHAPE + np.array([3.0, 0.0, 0.0]))
+    # its history is that of the new place only: no line is drawn from the old one
+    assert snapshot.history[0][snapshot.observed[0]][:, 0].min() > 2.0
+    assert [person.id for person in snapshot.lost] == [1]
+    assert snapshot.lost[0].positions == pytest.approx(SHAPE)
+
+
+def test_a_teleport_and_back_leaves_nothing_behind():
+    room = Room()
+    room.see(body(1, 0.0), times=5)
+    room.see(body(1, 3.0), times=20)
+    assert len(room.snapshot().lost) == 1
+    room.see(body(1, 0.0), times=5)
+    snapshot = room.see(body(1, 0.0))
+    assert snapshot.reasons == ()
+    assert snapshot.lost == ()
+    assert snapshot.ids == (1,)
+    assert snapshot.counters["glitches_undone"] == 1
+
+
+def test_captures_that_never_agree_are_never_believed():
+    room = Room()
+    room.see(body(1, 0.0), times=5)
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        snapshot = room.see(body(1, float(rng.choice([5.0, 10.0, 15.0, 20.0])) + rng.uniform()))
+        assert Reason.INPUT_IMPOSSIBLE in snapshot.reasons
+    assert snapshot.history[0, :, :, 0].max() < 1.0
+    room.see(body(1, 0.0))
+    assert room.see(body(1, 0.0)).reasons == ()
+
+
+def test_two_ids_that_swap_bodies_get_each_others_history():
+    room = Room()
+    for i in range(20):
+        room.see(body(1, 0.0, 0.02 * i), body(2, 3.0, -0.02 * i))
+    snapshot = room.see(body(2, 0.0, 0.4), body(1, 3.0, -0.4))
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE,)
+    for i in range(21, 26):
+        snapshot = room.see(body(2, 0.0, 0.02 * i), body(1, 3.0, -0.02 * i))
+    assert snapshot.reasons == ()
+    assert snapshot.ids == (1, 2)
+    assert snapshot.lost == ()
+    assert snapshot.last_positions[0] == pytest.approx(SHAPE + np.array([3.0, -0.5, 0.0]))
+    assert snapshot.last_positions[1] == pytest.approx(SHAPE + np.array([0.0, 0.5, 0.0]))
+    # each history lies at one place throughout, older steps included
+    assert snapshot.observed[:, 0].all()
+    assert snapshot.history[0, :, :, 0].min() > 2.0
+    assert snapshot.history[1, :, :, 0].max() < 1.0
+
+
+def test_malformed_bodies_and_double_ids_are_refused():
+    room = Room()
+    room.see(body(1, 0.0), times=3)
+    snapshot = room.see(Person(1, np.zeros((5, 3)), np.ones(5, bool)))
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE,)
+    assert snapshot.counters["malformed_bodies"] == 1
+    snapshot = room.see(body(1, 0.0), body(1, 2.0))
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE,)
+    assert snapshot.counters["duplicate_ids"] == 1
+    assert room.see(body(1, 0.0)).reasons == ()
+
+
+def test_more_people_than_can_be_followed_is_a_reason():
+    room = Room(max_people=3)
+    people = [body(i, 2.0 * i) for i in range(5)]
+    assert room.see(*people[:3], times=3).reasons == ()
+    snapshot = room.see(*people)
+    assert snapshot.reasons == (Reason.TOO_MANY_PEOPLE,)
+    assert snapshot.ids == (0, 1, 2)
+    assert snapshot.counters["excess_people"] == 2
+    assert snapshot.captures == 3
+    assert room.see(*people[:3]).reasons == ()
+
+
+# -- whatever comes -------------------------------------------------------------------------------
+
+numbers = st.sampled_from([0.0, 0.5, 2.0, np.nan, np.inf, -1e308, 999.0])
+persons = st.builds(
+    lambda i, x, y, bits: Person(
+        i,
+        SHAPE + np.array([x, y, 0.0]) if np.isfinite(x) else np.full((J, 3), x),
+        np.array([bits >> k & 1 for k in range(J)], bool),
+    ),
+    st.integers(0, 6),
+    numbers,
+    numbers,
+    st.sampled_from([0, 1, 2**J - 1, 0b1010]),
+)
+scenes = st.tuples(
+    st.lists(persons, max_size=5),
+    st.booleans(),
+    st.integers(-3, 5),
+    st.integers(0, 3000),
+    st.sampled_from([0, 0, 0, 10**12, -(10**12), 2**70]),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(scenes, max_size=40), st.booleans())
+def test_any_scenes_leave_a_sound_snapshot_and_a_stage_that_recovers(script, declares_noise):
+    room = Room(declares_noise=declares_noise, max_people=4)
+    for people, sees_room, step, wait_ms, stamp_error in script:
+        room.now += wait_ms * MS
+        snapshot = room.see(*people, sees_room=sees_room, step=step, stamp_error=stamp_error)
+        assert np.isfinite(snapshot.history).all()
+        assert len(snapshot.ids) == len(set(snapshot.ids)) <= 4
+        assert len(snapshot.lost) <= 4
+        assert snapshot.history.shape == (len(snapshot.ids), T, J, 3)
+        assert (snapshot.capture_ns <= room.now).all()
+        assert snapshot.newest_capture_ns is None or snapshot.newest_capture_ns <= room.now
+    # the room is seen empty until the growth of whoever was lost is over, and for ten scenes more
+    for _ in range(120):
+        snapshot = room.see()
+    assert snapshot.reasons == ()
+    assert snapshot.ids == ()
+    assert snapshot.lost == ()
+    assert room.see(body(9, 0.0)).reasons == ()
+
+
+def test_snapshots_are_whole_while_scenes_come_in():
+    """Every joint of a capture has the same x: a snapshot that mixes captures shows."""
+    room = Room(max_joint_speed_m_s=100.0)
+    done = threading.Event()
+    failures: list[object] = []
+
+    def receive():
+        try:
+            for i in range(1500):
+                positions = np.full((J, 3), 0.01 * i)
+                positions[:, 1:] = 0.0
+                room.now += PERIOD
+                room.sequence += 1
+                person = Person(i // 300, positions, ALL)
+                room.people.receive(Scene(room.now, room.sequence, True, (person,)), room.now)
+        except Exception as error:
+            failures.append(error)
+        done.set()
+
+    thread = threading.Thread(target=receive)
+    thread.start()
+    taken = 0
+    while not done.is_set() or not taken:
+        snapshot = room.people.snapshot(room.now)
+        x = snapshot.history[..., 0]
+        if not (x == x[..., :1]).all():
+            failures.append("torn history")
+        newest = snapshot.observed[:, -1]  # none where the writer went all the way round meanwhile
+        if not (x[:, -1] == snapshot.last_positions[..., 0])[newest].all():
+            failures.append("newest step is not the newest capture")
+        taken += bool(newest.any())
+    thread.join(60)
+    assert not failures
+    assert taken > 10
