@@ -10,6 +10,7 @@ import numpy as np
 from hri_predict.scene import Floats
 from hri_sim.body import MAX_LEAN, Body, Foot, Stance
 from hri_sim.walking import (
+    BEND_M_S2,
     Cruise,
     Footfalls,
     Path,
@@ -24,6 +25,7 @@ TURN_STEP = math.radians(45)
 TURN_LIFT_M = 0.25  # a turning foot is lifted as in a step of this length
 REACH_SPEED_M_S = 1.5  # peak of a reach at ease, at any joint of the arm
 MAX_REACH_SPEED_M_S = 3.0
+_LEVEL = 0.8  # of a stiff-legged walk's bob that is taken out
 _PEAK = 1.875  # peak rate of the minimum-jerk profile
 
 
@@ -102,9 +104,13 @@ class Walk:
         left_first: bool,
     ) -> None:
         self._body, self._path = body, Path(waypoints)
-        self._cruise = Cruise(self._path.length_m, speed_m_s)
+        bend = math.sqrt(BEND_M_S2 / max(self._path.sharpest, 1e-9))
+        self._cruise = Cruise(self._path.length_m, min(speed_m_s, bend))
         step_m = step_length(self._cruise.speed_m_s) * (0.7 if backwards else 1.0)
         self._falls = Footfalls(self._path.length_m, step_m, left_first)
+        # Walkers keep the knee bent over the stance foot, and so bob less than stiff legs would.
+        half = min(self._falls.step / 2, body.leg)
+        self._crouch_m = _LEVEL * (body.leg - math.sqrt(body.leg**2 - half**2))
         self._turned = math.pi if backwards else 0.0
         self.duration_s = self._cruise.duration_s
         self.first_heading = self._path.at(0.0)[1] + self._turned
@@ -121,7 +127,8 @@ class Walk:
             direction += self._turned
             ankle = point + side * self._body.half_hips * _left(direction)
             feet.append(Foot(ankle, direction, lift(x, self._falls.step)))
-        return Stance(xy, heading + self._turned, feet[0], feet[1])
+        crouch = self._crouch_m * self._cruise.pace(t)
+        return Stance(xy, heading + self._turned, feet[0], feet[1], crouch)
 
 
 class Reach:

@@ -16,14 +16,16 @@ from hri_predict.skeleton import JOINTS
 
 _HIP, _KNEE, _ANKLE = 0.530, 0.285, 0.039  # heights
 _TORSO, _SHOULDER, _EAR = 0.641, 0.818, 0.924
-_HALF_HIPS, _HALF_SHOULDERS = 0.191 / 2, 0.259 / 2
+# Hip joints, not hip breadth: 0.18 m apart at 1.75 m, as in the CMU motion-capture skeleton.
+_HALF_HIPS, _HALF_SHOULDERS = 0.103 / 2, 0.259 / 2
 _UPPER_ARM, _FOREARM, _HAND, _FOOT = 0.186, 0.146, 0.108, 0.152
 _TOE_AHEAD = 0.75 * _FOOT  # the heel is a quarter of the foot behind the ankle (own estimate)
 _TOE_HEIGHT = 0.012
 
 _STRAIGHT = 0.985  # of a limb's length: knees and elbows never lock
 _SOFT_M = 0.03  # how softly the pelvis goes from one leg's limit to the other's
-_ABDUCTION, _ELBOW_FLEXION = math.radians(8), math.radians(20)  # of an arm at rest
+_REACH, _LONGEST = 0.96, 0.995  # of an arm's length: for a target, and in passing
+_ABDUCTION, _ELBOW_FLEXION = math.radians(8), math.radians(25)  # of an arm at rest
 _SWING = 0.7  # radians of arm swing per leg length that the opposite foot is ahead
 _BULGE_M = 0.08  # a reaching hand keeps in front of its own shoulder
 MAX_LEAN = math.radians(35)
@@ -47,6 +49,7 @@ class Stance:
     Attributes:
         xy: (2,) pelvis over the floor, metres; ``heading`` radians from +x.
         left, right: the feet.
+        crouch: how far the pelvis keeps below standing height, metres.
         lean: pitch of the trunk, radians forward.
         hand: "left" or "right", the reaching one.
         reach: 0 (arm at rest) to 1 (finger tip on ``target``).
@@ -57,6 +60,7 @@ class Stance:
     heading: float
     left: Foot
     right: Foot
+    crouch: float = 0.0
     lean: float = 0.0
     hand: str = "right"
     reach: float = 0.0
@@ -85,7 +89,7 @@ class Body:
         ankles = {s: np.array([*f.xy, _ANKLE * h + f.lift]) for s, f in feet.items()}
         waist = np.array([*stance.xy, 0.0])
         hips = {s: waist + sign * self.half_hips * left for s, sign in (("l", 1), ("r", -1))}
-        rise = np.array([0.0, 0.0, self._pelvis_height(hips, ankles)])
+        rise = np.array([0.0, 0.0, self._pelvis_height(hips, ankles, stance.crouch)])
         at["waist"] = waist + rise
         for side, foot in feet.items():
             hip, ankle = hips[side] + rise, ankles[side]
@@ -112,11 +116,13 @@ class Body:
     def reach_limits(self) -> tuple[float, float]:
         """Least and greatest distance (m) from a shoulder at which a finger tip can be put."""
         hand = _HAND * self.height_m
-        return hand + 0.35 * self.arm, hand + _STRAIGHT * self.arm
+        return hand + 0.35 * self.arm, hand + _REACH * self.arm
 
-    def _pelvis_height(self, hips: dict[str, Floats], ankles: dict[str, Floats]) -> float:
-        """As high as both legs allow; a soft minimum, so that it has no kink."""
-        limits = []
+    def _pelvis_height(
+        self, hips: dict[str, Floats], ankles: dict[str, Floats], crouch: float
+    ) -> float:
+        """As high as both legs and the crouch allow; a soft minimum, so that it has no kink."""
+        limits = [_ANKLE * self.height_m + _STRAIGHT * self.leg - crouch]
         for side, hip in hips.items():
             across = ankles[side][:2] - hip[:2]
             room = max((_STRAIGHT * self.leg) ** 2 - float(across @ across), 0.0)
@@ -146,7 +152,7 @@ class Body:
             goal = target - shoulder - hand * pointing
             wrist = (1 - reach) * wrist + reach * goal
             wrist = wrist + 4 * reach * (1 - reach) * _BULGE_M * ahead
-        wrist = shoulder + wrist
+        wrist = shoulder + self._within_reach(wrist)
         elbow = two_bones(
             shoulder, wrist, upper, fore, _elbow_side(wrist - shoulder, ahead, outward)
         )
@@ -155,6 +161,14 @@ class Body:
             along = (1 - reach) * along + reach * pointing
             along = along / np.linalg.norm(along)
         return elbow, wrist, wrist + hand * along
+
+    def _within_reach(self, wrist: Floats) -> Floats:
+        """A wrist (3,) relative to its shoulder, drawn in smoothly where the arm is too short."""
+        distance = float(np.linalg.norm(wrist)) / self.arm
+        if distance <= _REACH:
+            return wrist
+        room = _LONGEST - _REACH
+        return wrist * ((_REACH + room * math.tanh((distance - _REACH) / room)) / distance)
 
 
 def two_bones(start: Floats, end: Floats, first: float, second: float, side: Floats) -> Floats:

@@ -28,7 +28,7 @@ class WalkTo(Settings):
     do: Literal["walk"]
     to: Point
     via: list[Point] = []
-    speed_m_s: float = Field(1.2, ge=0.1, le=1.8)
+    speed_m_s: float = Field(1.2, ge=0.1, le=1.8, description="at most; less in sharp bends")
     backwards: bool = False
 
 

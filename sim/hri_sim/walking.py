@@ -14,9 +14,10 @@ import numpy as np
 from hri_predict.scene import Floats
 
 WALK_RATIO = 0.0065  # metres per (step per minute)
-MAX_STEP_M = 0.75
+MAX_STEP_M = 0.7
 RAMP_S = 1.0  # to reach or leave walking speed
 LIFT_PER_STEP = 0.12  # how high a foot is lifted, of the step's length
+BEND_M_S2 = 1.3  # sideways acceleration at which a walker slows down for a bend
 _TABLE_M = 0.005
 
 
@@ -37,7 +38,12 @@ def step_length(speed_m_s: float) -> float:
 
 
 class Path:
-    """A curve through waypoints (N, 2): a natural cubic spline, so its curvature has no step."""
+    """A curve through waypoints (N, 2): a natural cubic spline, so its curvature has no step.
+
+    Attributes:
+        length_m: along the curve.
+        sharpest: greatest curvature, 1/m.
+    """
 
     def __init__(self, waypoints: Sequence[Floats]) -> None:
         points = np.asarray(waypoints, dtype=np.float64)
@@ -49,6 +55,8 @@ class Path:
         steps = np.linalg.norm(np.diff(fine, axis=0), axis=1)
         self._s = np.concatenate(([0.0], np.cumsum(steps)))
         self.length_m = float(self._s[-1])
+        ways = np.unwrap([self.at(s)[1] for s in np.linspace(0.0, self.length_m, 200)])
+        self.sharpest = float(np.abs(np.diff(ways)).max()) * 199 / self.length_m
 
     def at(self, s: float) -> tuple[Floats, float]:
         """Position (2,) and direction of travel (radians) at ``s`` metres along."""
@@ -93,6 +101,10 @@ class Cruise:
         if t > self.duration_s / 2:
             return self._length_m - self._rising(self.duration_s - t)
         return self._rising(t)
+
+    def pace(self, t: float) -> float:
+        """Speed after ``t`` seconds, as a fraction of the cruising speed."""
+        return minimum_jerk(t / RAMP_S) * minimum_jerk((self.duration_s - t) / RAMP_S)
 
     def _rising(self, t: float) -> float:
         x = min(max(t / RAMP_S, 0.0), 1.0)

@@ -1,0 +1,255 @@
+"""Plays a recording as a source (``kind: recording``): motion files, and the node's own MCAP.
+
+A motion file has one person, whom the source sees all the time. An MCAP recording plays as it was
+received: several people, their ids, blind scenes, late ones and lost ones.
+"""
+
+import bisect
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from hri_predict.errors import ConfigError
+from hri_predict.link import Received
+from hri_predict.recording import Recording, open_recording, placed
+from hri_predict.scene import Bools, Floats, Scene
+from hri_predict.settings import Pose
+from hri_predict.source import SourceSettings
+
+
+class RecordingSettings(SourceSettings):
+    """``source:`` of ``kind: recording``."""
+
+    kind: Literal["recording"]
+    room_from_source: Pose = Pose()
+    path: str = Field(min_length=1, description=".npz, .bvh or .mcap")
+    place: Annotated[list[float], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="[x, y, yaw] in the room of the recording's start"
+    )
+    start_s: float = Field(0.0, ge=0, description="skip what is before")
+    end_s: float | None = Field(None, gt=0, description="skip what is after")
+    loop: bool = Field(False, description="begin again at the end")
+    loop_gap_s: float = Field(
+        1.0, ge=0, le=60, description="the room is seen empty for so long between two loops"
+    )
+    rate_hz: float | None = Field(
+        None, gt=0, description="leave frames out to play at this rate; default the file's own"
+    )
+    person: int = Field(1, ge=0, le=65535, description="id of the person in a motion file")
+    noise_m: float = Field(0.0, ge=0, le=0.2, description="added; standard deviation per axis")
+    seed: int = Field(0, ge=0, description="of the noise")
+    unit_m: float | None = Field(None, gt=0, description="metres per unit of a BVH; default 0.01")
+    axes: Annotated[list[str], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="a BVH's axes that are forward, left, up; default [z, x, y]"
+    )
+
+
+class RecordingSource:
+    """See ``hri_predict.source.Source``.
+
+    Attributes:
+        recording: as read and placed; ``recording.note`` says if the file was cut.
+    """
+
+    settings_model = RecordingSettings
+
+    def __init__(self, settings: RecordingSettings, base_dir: Path | None = None) -> None:
+        """Read the recording; a relative path starts at ``base_dir``, or else where we are.
+
+        Raises:
+            RecordingError: it cannot be read.
+            ConfigError: the part or rate asked for is not in it.
+        """
+        recording = open_recording(
+            _find(settings.path, base_dir),
+            person=settings.person,
+            unit_m=settings.unit_m,
+            axes=settings.axes,
+        )
+        recording = placed(_part(recording, settings), settings.room_from_source, settings.place)
+        self.recording = _decimated(recording, settings)
+        self.joint_map = recording.joint_map
+        self.rate_hz = self.recording.rate_hz
+        self.declares_noise = recording.declares_noise or settings.noise_m > 0
+        self._settings = settings
+        self._scenes, self._arrival = self.recording.scenes, self.recording.arrival_ns
+        self._true_ns = _true_times(self.recording)
+        self._zero_ns = _zero(recording.kind, self._scenes[0], self._arrival[0])
+        self._start_ns: int | None = None
+        self._next = 0
+        # One loop: the scenes, then empty ones.
+        self._gap = round(settings.loop_gap_s * self.rate_hz) if settings.loop else 0
+        self._period_ns = round(1e9 / self.rate_hz)
+        span_ns = self._arrival[-1] - self._arrival[0]
+        self._loop_ns = span_ns + (self._gap + 1) * self._period_ns
+
+    def open(self, start_ns: int) -> None:
+        """Start: the first scene is captured at ``start_ns``."""
+        self._start_ns, self._next = start_ns, 0
+
+    def next_ns(self) -> int | None:
+        """Arrival of the next scene; ``None`` after the last."""
+        if self._start_ns is None:
+            return None
+        loop, k = divmod(self._next, len(self._scenes) + self._gap)
+        if loop > 0 and not self._settings.loop:
+            return None
+        return self._shift_ns(loop) + self._arrival_ns(k)
+
+    def poll(self, now_ns: int) -> Scene | None:
+        """The oldest scene that has arrived by ``now_ns`` and was not returned."""
+        due_ns = self.next_ns()
+        if due_ns is None or due_ns > now_ns:
+            return None
+        loop, k = divmod(self._next, len(self._scenes) + self._gap)
+        shift_ns = self._shift_ns(loop)
+        if k < len(self._scenes):
+            scene = self._noisy(self._scenes[k])
+            sequence = scene.sequence
+        else:
+            after = k + 1 - len(self._scenes)
+            last = self._scenes[-1]
+            scene = Scene(last.capture_ns + after * self._period_ns, 0, True, ())
+            sequence = last.sequence + after
+        span = self._scenes[-1].sequence - self._scenes[0].sequence + 1 + self._gap
+        self._next += 1
+        return replace(
+            scene, capture_ns=scene.capture_ns + shift_ns, sequence=sequence + loop * span
+        )
+
+    def close(self) -> None:
+        """Nothing is held."""
+        self._start_ns = None
+
+    @property
+    def received(self) -> Sequence[tuple[str, Received]]:
+        """What controllers sent while it was recorded (MCAP alone), as if received in this run.
+
+        Times are of the node's clock once ``open`` was called, else of the recording's.
+        """
+        shift_ns = 0 if self._start_ns is None else self._shift_ns(0)
+        return [
+            (link, Received(r.message, r.received_ns + shift_ns))
+            for link, r in self.recording.received
+        ]
+
+    def truth(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
+        """Where everybody really is: id -> ((21, 3) canonical joints in the room, (21,) known).
+
+        Between two captures on a straight line; free of added noise; ``open`` must have been
+        called. Nobody in a loop's gap, before the start and after the end.
+        """
+        assert self._start_ns is not None
+        since_ns = now_ns - self._start_ns
+        loop = max(0, since_ns // self._loop_ns) if self._settings.loop else 0
+        at_ns = now_ns - self._shift_ns(loop)
+        times_ns = self._true_ns
+        k = bisect.bisect_right(times_ns, at_ns) - 1
+        if k < 0 or at_ns > times_ns[-1] + self._period_ns:
+            return {}
+        next_k = min(k + 1, len(self._scenes) - 1)
+        before, after = self._scenes[k], self._scenes[next_k]
+        span_ns = times_ns[next_k] - times_ns[k]
+        part = 0.0 if span_ns <= 0 else (at_ns - times_ns[k]) / span_ns
+        later = {person.id: person for person in after.people}
+        found = {}
+        for person in before.people:
+            joints, known = self.joint_map.map(person.positions, person.observed)
+            if person.id in later:
+                then = later[person.id]
+                end, end_known = self.joint_map.map(then.positions, then.observed)
+                joints, known = joints + part * (end - joints), known & end_known
+            found[person.id] = joints, known
+        return found
+
+    def _shift_ns(self, loop: int) -> int:
+        assert self._start_ns is not None
+        return self._start_ns - self._zero_ns + loop * self._loop_ns
+
+    def _arrival_ns(self, k: int) -> int:
+        if k < len(self._scenes):
+            return self._arrival[k]
+        return self._arrival[-1] + (k + 1 - len(self._scenes)) * self._period_ns
+
+    def _noisy(self, scene: Scene) -> Scene:
+        if self._settings.noise_m == 0:
+            return scene
+        rng = np.random.default_rng([self._settings.seed, self._next])
+        noise = self._settings.noise_m
+        people = tuple(
+            replace(p, positions=p.positions + rng.normal(0.0, noise, p.positions.shape))
+            for p in scene.people
+        )
+        return replace(scene, people=people)
+
+
+def _find(path: str, base_dir: Path | None) -> Path:
+    """A relative path starts at the configuration's folder, or else where the user is."""
+    beside = base_dir / path if base_dir is not None else Path(path)
+    return beside if beside.exists() else Path(path)
+
+
+def _zero(kind: str, first: Scene, arrival_ns: int) -> int:
+    """The recording's time that becomes the start: its first arrival, and not before a capture.
+
+    An MCAP's source may have had a clock of its own; then its captures keep their distance from
+    the arrivals, as they were received.
+    """
+    if kind == "mcap" and abs(arrival_ns - first.capture_ns) < 1_000_000_000:
+        return min(arrival_ns, first.capture_ns)
+    return arrival_ns
+
+
+def _true_times(recording: Recording) -> list[int]:
+    """When each scene was true, on the clock of the arrivals: its capture, if that fits."""
+    captures = [scene.capture_ns for scene in recording.scenes]
+    same_clock = abs(recording.arrival_ns[0] - captures[0]) < 1_000_000_000
+    in_order = all(a < b for a, b in itertools.pairwise(captures))
+    return captures if same_clock and in_order else list(recording.arrival_ns)
+
+
+def _part(recording: Recording, settings: RecordingSettings) -> Recording:
+    """The part from ``start_s`` to ``end_s``."""
+    begin_ns = recording.arrival_ns[0] + round(settings.start_s * 1e9)
+    end_s = math.inf if settings.end_s is None else settings.end_s
+    end_ns = recording.arrival_ns[0] + end_s * 1e9
+    kept = [k for k, ns in enumerate(recording.arrival_ns) if begin_ns <= ns <= end_ns]
+    if not kept:
+        raise ConfigError(
+            f"source: nothing of {recording.path} is between start_s {settings.start_s:g} and "
+            f"end_s {end_s:g}; it lasts {recording.duration_s:.1f} s"
+        )
+    return _chosen(recording, kept)
+
+
+def _decimated(recording: Recording, settings: RecordingSettings) -> Recording:
+    """Frames left out so that those that remain come at ``rate_hz``, as near as they can."""
+    rate_hz = settings.rate_hz
+    if rate_hz is None or math.isclose(rate_hz, recording.rate_hz, rel_tol=1e-6):
+        return recording
+    if recording.kind == "mcap":
+        raise ConfigError("source.rate_hz: an MCAP recording plays as it was received; remove it")
+    if rate_hz > recording.rate_hz:
+        raise ConfigError(
+            f"source.rate_hz: {rate_hz:g} is above the recording's own {recording.rate_hz:g}; "
+            f"frames are left out, never invented"
+        )
+    count = 1 + math.floor((len(recording.scenes) - 1) * rate_hz / recording.rate_hz + 1e-9)
+    kept = [round(i * recording.rate_hz / rate_hz) for i in range(count)]
+    chosen = _chosen(recording, [k for k in kept if k < len(recording.scenes)])
+    numbered = [replace(scene, sequence=i) for i, scene in enumerate(chosen.scenes)]
+    return replace(chosen, scenes=numbered, rate_hz=rate_hz)
+
+
+def _chosen(recording: Recording, kept: list[int]) -> Recording:
+    return replace(
+        recording,
+        scenes=[recording.scenes[k] for k in kept],
+        arrival_ns=[recording.arrival_ns[k] for k in kept],
+    )
