@@ -126,7 +126,7 @@ class RobotModel:
         axis adds at most |omega| x radius, which is what is added: an upper bound.
         """
         links = self._chain.links(q)
-        ends, turn = self._end_speeds(links, qd)
+        ends, turn = self._end_speeds(links, self._place(links), qd)
         speed: Floats = np.max(ends + turn * self._radius, axis=-1)
         return speed
 
@@ -184,7 +184,7 @@ class RobotModel:
         links = self._chain.links(q + middle[:, None] * qd)
         placed = self._place(links)
 
-        speed, _ = self._end_speeds(links, np.broadcast_to(qd, (len(middle), self.dof)))
+        speed, _ = self._end_speeds(links, placed, qd)
         rate = np.abs(qd)
         turning = np.cumsum(rate)
         bend = self._arms @ (turning**2 + (turning**2 - np.cumsum(rate**2)) / 2)  # (C,)
@@ -213,11 +213,10 @@ class RobotModel:
         radius = np.broadcast_to(self._radius, ends.shape[:-2])
         return Capsules(ends[..., 0, :], ends[..., 1, :], radius)
 
-    def _end_speeds(self, links: Floats, qd: Floats) -> tuple[Floats, Floats]:
+    def _end_speeds(self, links: Floats, placed: Capsules, qd: Floats) -> tuple[Floats, Floats]:
         """(..., C) speed of each capsule's faster end, and turning speed of its link."""
         omega, v0 = self._chain.twists(links, qd)
         turn, shift = omega[..., self._link, :], v0[..., self._link, :]
-        placed = self._place(links)
         fastest = [
             np.sqrt(np.sum((shift + cross(turn, end)) ** 2, axis=-1))
             for end in (placed.a, placed.b)

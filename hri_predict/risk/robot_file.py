@@ -106,12 +106,12 @@ class StoppingFile(Settings):
     def _monotone(self) -> Self:
         speed = np.array(self.speed_m_s)
         if speed[0] <= 0 or np.any(np.diff(speed) <= 0):
-            raise ValueError("stopping: speed_m_s must increase from above 0")
+            raise ValueError("speed_m_s must increase from above 0")
         if np.any(np.diff([row.payload_kg for row in self.rows]) <= 0):
-            raise ValueError("stopping: rows must be in order of increasing payload_kg")
+            raise ValueError("rows must be in order of increasing payload_kg")
         lighter = np.zeros((2, len(speed)))
         for row in self.rows:
-            where = f"stopping: row of {row.payload_kg:g} kg"
+            where = f"row of {row.payload_kg:g} kg"
             if not len(row.time_s) == len(row.distance_m) == len(speed):
                 raise ValueError(f"{where}: give one time_s and distance_m for every speed_m_s")
             table = np.array([row.time_s, row.distance_m])
@@ -187,7 +187,8 @@ def _chain_problem(robot: RobotFile) -> str:
         if joint.parent not in children:
             return (
                 f"joint '{joint.name}': broken chain: its parent link '{joint.parent}' does not "
-                f"exist{nearest(joint.parent, children)}"
+                f"exist; correct it, or add the joint that leads there"
+                f"{nearest(joint.parent, children)}"
             )
         if joint.child in seen:
             return (

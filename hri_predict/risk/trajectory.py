@@ -31,7 +31,6 @@ class Waypoint(Settings):
 class TrajectoryFile(Settings):
     """A trajectory: the first waypoint at 0 s, the last one repeats it and ends the cycle."""
 
-    robot: str = Field(min_length=1, description="the robot file it is made for")
     waypoints: Annotated[list[Waypoint], Field(min_length=2)]
 
 

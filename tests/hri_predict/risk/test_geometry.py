@@ -71,7 +71,7 @@ def by_candidates(a: Floats, b: Floats, c: Floats, d: Floats) -> float:
 @given(point, point, radius, point, point, radius)
 def test_equals_coal(a: Floats, b: Floats, ra: float, c: Floats, d: Floats, rb: float) -> None:
     ours = float(capsule_distance(capsule(a, b, ra), capsule(c, d, rb)))
-    assert ours == pytest.approx(by_coal(a, b, ra, c, d, rb), abs=1e-6)
+    assert ours == pytest.approx(by_coal(a, b, ra, c, d, rb), abs=TOLERANCE)
 
 
 @settings(max_examples=600, deadline=None)
