@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Self
+from typing import IO, Any, Self
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -37,9 +37,7 @@ from hri_predict.recording.mcap_format import (
 from hri_predict.risk.types import Zones
 from hri_predict.scene import Scene
 from hri_predict.snapshot import PeopleSnapshot
-
-if TYPE_CHECKING:
-    from hri_predict.node import Tick
+from hri_predict.tick import Listener, Tick
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +57,7 @@ class _Item:
     args: tuple[Any, ...]
 
 
-class Recorder:
+class Recorder(Listener):
     """Writes a recording, as a listener of the node.
 
     Every method may be called from any thread, and none but ``close`` waits for the disk.
@@ -117,7 +115,7 @@ class Recorder:
         """A controller's message was received on ``link``."""
         self._put("/received", received.received_ns, _received_to_dict, link, received)
 
-    def on_tick(self, tick: "Tick") -> None:
+    def on_tick(self, tick: Tick) -> None:
         """A tick is over; what it computed is recorded, in shadow mode too."""
         self._put("/status", tick.now_ns, message_to_dict, tick.status)
         for advice in tick.advices:
