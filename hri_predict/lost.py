@@ -18,6 +18,7 @@ Time alone never does.
 import numpy as np
 
 from hri_predict.people_settings import PeopleSettings
+from hri_predict.ring_buffer import NEVER
 from hri_predict.scene import Floats
 from hri_predict.settings import Region
 from hri_predict.snapshot import LostPerson
@@ -32,13 +33,16 @@ class LostPeople:
 
     Args:
         settings: growth, empty scenes, exits, bounds.
+        pause_ns: scenes farther apart than this are not "in a row".
     """
 
-    def __init__(self, settings: PeopleSettings) -> None:
+    def __init__(self, settings: PeopleSettings, pause_ns: int) -> None:
         self.tracks: list[Track] = []
         self._settings = settings
         self._growth_ns = round(settings.lost_growth_s * 1e9)
+        self._pause_ns = pause_ns
         self._empty_run = 0
+        self._capture_ns = NEVER
         self._forgotten = False  # more were lost than are kept: only an empty room mends that
 
     def add(self, track: Track) -> None:
@@ -67,7 +71,14 @@ class LostPeople:
         return self._forgotten or any(not self.is_growing(t, now_ns) for t in self.tracks)
 
     def see_room(self, empty: bool, capture_ns: int) -> bool:
-        """Take note of a good scene of the room; returns whether it proves the lost gone."""
+        """Take note of a scene, ``empty`` if the room was seen and nobody in it.
+
+        Returns:
+            whether it proved that the lost are gone.
+        """
+        if capture_ns - self._capture_ns > self._pause_ns:
+            self._empty_run = 0
+        self._capture_ns = capture_ns
         counts = empty and not any(self.is_growing(t, capture_ns) for t in self.tracks)
         self._empty_run = self._empty_run + 1 if counts else 0
         if self._empty_run < self._settings.empty_scenes:

@@ -69,7 +69,7 @@ class People:
         self._gate = SceneGate(round(period_s * 1e9), round(source_settings.min_latency_s * 1e9))
         self._lock = threading.Lock()
         self._tracks: dict[int, Track] = {}
-        self._lost = LostPeople(settings)
+        self._lost = LostPeople(settings, self.stale_ns)
         self._counters: Counter[str] = Counter()
         self._now_ns = NEVER
         self._receipt_ns: int | None = None
@@ -120,11 +120,11 @@ class People:
         self._begin(starts, capture_ns, now_ns)
         if scene.sees_room:
             self._expire(capture_ns)
-            if self._lost.see_room(not scene.people, capture_ns):
-                self._counters["seen_empty"] += 1
             if not (self._impossible or self._crowded or frozen):
                 self._newest_good_ns = capture_ns
                 self._captures += 1
+        if self._lost.see_room(scene.sees_room and not scene.people, capture_ns):
+            self._counters["seen_empty"] += 1
 
     def _refuse(self, why: str) -> None:
         self._counters[why] += 1
