@@ -9,7 +9,7 @@ Foxglove and every MCAP library open it. Times are nanoseconds of the node's clo
 | /received | each message of a controller | RobotState, Acknowledge, with the link's name |
 | /status, /advice | each tick | the messages' fields; one /advice per robot |
 | /forecast | each tick | predicted joints of every n-th step, rounded to 1 mm |
-| /zones | each tick | capsules of every n-th horizon, rounded to 1 mm |
+| /zones | every n-th tick | capsules of every n-th horizon, rounded to 1 mm |
 | /sent | each unit written to a link | link, CAN id where there is one, bytes in base64 |
 """
 

@@ -73,6 +73,7 @@ class Recorder(Listener):
         *,
         threaded: bool,
         horizon_stride: int = 5,
+        zones_every: int = 5,
         queue_items: int = QUEUE_ITEMS,
     ) -> None:
         """Create the file, over an older one.
@@ -82,6 +83,8 @@ class Recorder(Listener):
             info: what a replay must know.
             threaded: write in a thread (real time) or at once (virtual clock).
             horizon_stride: record every n-th step of forecast and zones.
+            zones_every: record the zones of every n-th tick; they are the bulkiest, and follow
+                from the forecast.
             queue_items: messages that may wait for the thread.
 
         Raises:
@@ -89,7 +92,8 @@ class Recorder(Listener):
         """
         self.dropped = self.written = 0
         self.error: str | None = None
-        self._stride = max(1, horizon_stride)
+        self._stride, self._zones_every = max(1, horizon_stride), max(1, zones_every)
+        self._ticks = 0
         self._path = path
         try:
             self._file: IO[bytes] = path.open("wb")
@@ -122,7 +126,9 @@ class Recorder(Listener):
             self._put("/advice", tick.now_ns, message_to_dict, advice)
         if tick.forecast is not None and tick.snapshot is not None and tick.snapshot.ids:
             self._forecast(tick.snapshot, tick.forecast)
-        if tick.assessment is not None and tick.assessment.zones.ids:
+        due = self._ticks % self._zones_every == 0
+        self._ticks += 1
+        if due and tick.assessment is not None and tick.assessment.zones.ids:
             self._zones(tick.now_ns, tick.assessment.zones)
 
     def _forecast(self, snapshot: PeopleSnapshot, forecast: Forecast) -> None:

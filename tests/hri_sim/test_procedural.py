@@ -24,14 +24,14 @@ BUSY = {
 }
 
 
-def _source(people: list[dict[str, Any]] | None = None, **more: Any) -> ProceduralSource:
+def _source(people: list[dict[str, Any]] | None = None, **more: Any) -> Any:
     data = {"kind": "procedural"} | ({"people": people} if people else {}) | more
     source = ProceduralSource(validated(ProceduralSettings, data, "source"))
     source.open(0)
     return source
 
 
-def _film(source: ProceduralSource, seconds: float, person: int = 1):
+def _film(source: Any, seconds: float, person: int = 1):
     """Captures (N,) in seconds and joints (N, 21, 3) of one person while there."""
     times, film = [], []
     while (due := source.next_ns()) is not None and due <= seconds * 1e9:

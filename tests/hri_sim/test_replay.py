@@ -22,14 +22,14 @@ DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 START = 5_000_000_000
 
 
-def _source(path: Path | str, base_dir: Path | None = None, **more: Any) -> RecordingSource:
+def _source(path: Path | str, base_dir: Path | None = None, **more: Any) -> Any:
     data = {"kind": "recording", "path": str(path)} | more
     source = RecordingSource(validated(RecordingSettings, data, "source"), base_dir)
     source.open(START)
     return source
 
 
-def _all(source: RecordingSource, until: int | None = None) -> list[tuple[int, Scene]]:
+def _all(source: Any, until: int | None = None) -> list[tuple[int, Scene]]:
     """Every scene with its arrival, asked for as a node would."""
     found = []
     while (due := source.next_ns()) is not None and (until is None or due <= until):
@@ -161,7 +161,7 @@ def test_a_path_starts_at_the_configuration_or_where_the_user_is(
 def _recorded(path: Path, source: Any, seconds: float, latency_ns: int = 3_000_000) -> list[Any]:
     """Record what a source gives, with a robot's state beside it; returns the scenes."""
     info = RecordingInfo(source.joint_map, source.rate_hz, source.declares_noise, "a: 1")
-    scenes = []
+    scenes: list[Any] = []
     with Recorder(path, info, threaded=False) as recorder:
         source.open(START)
         while (due := source.next_ns()) is not None and due <= START + seconds * 1e9:
