@@ -1,15 +1,11 @@
 import numpy as np
 import pytest
 
-from hri_predict.joint_map import load_joint_map
 from hri_predict.lost import in_region, match_places
-from hri_predict.people import People
-from hri_predict.people_settings import PeopleSettings
 from hri_predict.reasons import Reason
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import Pose, Region
+from hri_predict.scene import Person
+from hri_predict.settings import Region
 from hri_predict.skeleton import JOINTS
-from hri_predict.source import SourceSettings
 
 MS = 1_000_000
 RATE = 25.0
@@ -26,34 +22,12 @@ def body(person_id, x, y=0.0, observed=ALL):
     return Person(person_id, SHAPE + np.array([x, y, 0.0]), observed)
 
 
-class Room:
-    def __init__(self, **people):
-        self.people = People(
-            PeopleSettings(**people),
-            load_joint_map("canonical"),
-            SourceSettings(kind="test", room_from_source=Pose()),
-            RATE,
-            False,
-            T,
-            RATE,
-        )
-        self.now = 1_000_000 * MS
-        self.sequence = 0
-
-    def see(self, *persons, times=1, sees_room=True):
-        for _ in range(times):
-            self.now += PERIOD
-            self.sequence += 1
-            self.people.receive(Scene(self.now, self.sequence, sees_room, persons), self.now)
-        return self.people.snapshot(self.now)
-
-
 def lost_ids(snapshot):
     return [person.id for person in snapshot.lost]
 
 
-def test_a_dropout_shorter_than_the_gap_changes_nothing_but_the_age():
-    room = Room()
+def test_a_dropout_shorter_than_the_gap_changes_nothing_but_the_age(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     for missing in (1, 2):
         snapshot = room.see()
@@ -66,8 +40,8 @@ def test_a_dropout_shorter_than_the_gap_changes_nothing_but_the_age():
     assert snapshot.counters.get("vanished", 0) == 0
 
 
-def test_who_vanishes_becomes_a_lost_person_where_last_seen():
-    room = Room()
+def test_who_vanishes_becomes_a_lost_person_where_last_seen(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), body(2, 3.0), times=10)
     seen = room.now
     snapshot = room.see(body(2, 3.0), times=3)
@@ -78,8 +52,8 @@ def test_who_vanishes_becomes_a_lost_person_where_last_seen():
     assert snapshot.reasons == ()  # the growing zone is for the risk stage
 
 
-def test_ageing_out_never_clears_while_the_room_is_not_seen_empty():
-    room = Room()
+def test_ageing_out_never_clears_while_the_room_is_not_seen_empty(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), body(2, 3.0), times=10)
     snapshot = room.see(body(2, 3.0), times=GROWTH_SCENES)
     assert lost_ids(snapshot) == [1]
@@ -90,8 +64,8 @@ def test_ageing_out_never_clears_while_the_room_is_not_seen_empty():
         assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
 
 
-def test_a_blind_source_never_clears_either():
-    room = Room()
+def test_a_blind_source_never_clears_either(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     room.see(times=3)
     room.see(times=2 * GROWTH_SCENES, sees_room=False)
@@ -102,9 +76,9 @@ def test_a_blind_source_never_clears_either():
     assert room.see().reasons == ()
 
 
-def test_an_empty_room_clears_only_after_the_growth():
+def test_an_empty_room_clears_only_after_the_growth(make_room):
     """Somebody hidden behind a machine gives empty scenes from the moment he vanishes."""
-    room = Room()
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     for _ in range(GROWTH_SCENES):
         snapshot = room.see()
@@ -118,16 +92,16 @@ def test_an_empty_room_clears_only_after_the_growth():
     assert snapshot.counters["seen_empty"] == 1
 
 
-def test_empty_scenes_must_follow_each_other():
-    room = Room()
+def test_empty_scenes_must_follow_each_other(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=5)
     room.see(times=GROWTH_SCENES + 5)
     room.see(body(2, 9.0))
     assert room.see(body(2, 9.0)).reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
 
 
-def test_empty_scenes_with_a_long_silence_between_are_not_in_a_row():
-    room = Room()
+def test_empty_scenes_with_a_long_silence_between_are_not_in_a_row(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=5)
     room.see(times=GROWTH_SCENES + 5)
     room.now += 10_000 * MS
@@ -135,8 +109,8 @@ def test_empty_scenes_with_a_long_silence_between_are_not_in_a_row():
     assert room.see().reasons == ()
 
 
-def test_a_body_of_which_nothing_is_observed_is_not_seen_but_the_room_is_not_empty():
-    room = Room()
+def test_a_body_of_which_nothing_is_observed_is_not_seen_but_the_room_is_not_empty(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=5)
     snapshot = room.see(body(1, 0.0, observed=~ALL), times=GROWTH_SCENES)
     assert lost_ids(snapshot) == [1]
@@ -145,8 +119,8 @@ def test_a_body_of_which_nothing_is_observed_is_not_seen_but_the_room_is_not_emp
     assert room.see(body(1, 0.5)).reasons == ()
 
 
-def test_acknowledge_clears_only_those_whose_growth_is_over():
-    room = Room()
+def test_acknowledge_clears_only_those_whose_growth_is_over(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), body(2, 3.0), body(3, 6.0), times=5)
     room.see(body(2, 3.0), body(3, 6.0), times=GROWTH_SCENES)
     room.people.acknowledge()
@@ -161,8 +135,8 @@ def test_acknowledge_clears_only_those_whose_growth_is_over():
     assert snapshot.counters["acknowledged"] == 2
 
 
-def test_who_leaves_by_an_exit_is_gone():
-    room = Room(exits=[DOOR])
+def test_who_leaves_by_an_exit_is_gone(make_room):
+    room = make_room(latency=0, exits=[DOOR])
     for i in range(30):
         room.see(body(1, 0.15 * i), body(2, 0.0, 3.0))
     snapshot = room.see(body(2, 0.0, 3.0), times=2 * GROWTH_SCENES)
@@ -173,8 +147,8 @@ def test_who_leaves_by_an_exit_is_gone():
     assert lost_ids(room.see(times=3)) == [2]  # and no one else
 
 
-def test_the_same_id_is_found_again():
-    room = Room()
+def test_the_same_id_is_found_again(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     room.see(times=20)
     snapshot = room.see(body(1, 1.0))
@@ -188,8 +162,8 @@ def test_the_same_id_is_found_again():
     assert snapshot.reasons == ()
 
 
-def test_the_same_id_too_far_away_is_somebody_else():
-    room = Room()
+def test_the_same_id_too_far_away_is_somebody_else(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     room.see(times=4)
     snapshot = room.see(body(1, 8.0))
@@ -198,8 +172,8 @@ def test_the_same_id_too_far_away_is_somebody_else():
     assert snapshot.lost[0].positions == pytest.approx(SHAPE)
 
 
-def test_a_new_id_inside_the_grown_zone_inherits_place_and_history():
-    room = Room()
+def test_a_new_id_inside_the_grown_zone_inherits_place_and_history(make_room):
+    room = make_room(latency=0)
     for i in range(10):
         room.see(body(1, 0.02 * i))
     room.see(times=4)
@@ -214,8 +188,8 @@ def test_a_new_id_inside_the_grown_zone_inherits_place_and_history():
     assert snapshot.history[0, 9] == pytest.approx(SHAPE + np.array([0.5, 0.0, 0.0]))
 
 
-def test_a_new_id_during_a_dropout_inherits_at_once():
-    room = Room()
+def test_a_new_id_during_a_dropout_inherits_at_once(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     snapshot = room.see(body(2, 0.05))
     assert snapshot.ids == (2,)
@@ -223,8 +197,8 @@ def test_a_new_id_during_a_dropout_inherits_at_once():
     assert room.see(body(2, 0.05), times=5).lost == ()
 
 
-def test_a_source_that_renumbers_every_scene_keeps_one_history():
-    room = Room()
+def test_a_source_that_renumbers_every_scene_keeps_one_history(make_room):
+    room = make_room(latency=0)
     for i in range(40):
         snapshot = room.see(body(i, 0.02 * i), body(1000 + i, 4.0))
     assert snapshot.ids == (39, 1039)
@@ -232,8 +206,8 @@ def test_a_source_that_renumbers_every_scene_keeps_one_history():
     assert snapshot.lost == ()
 
 
-def test_a_new_id_outside_the_grown_zone_inherits_nothing():
-    room = Room()
+def test_a_new_id_outside_the_grown_zone_inherits_nothing(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     room.see(times=10)  # 0.44 s: the zone has grown by 0.7 m
     snapshot = room.see(body(7, 2.0))
@@ -242,8 +216,8 @@ def test_a_new_id_outside_the_grown_zone_inherits_nothing():
     assert snapshot.observed[0].all(axis=1).tolist() == [False] * 9 + [True]
 
 
-def test_after_the_growth_a_new_id_inherits_nothing():
-    room = Room()
+def test_after_the_growth_a_new_id_inherits_nothing(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     room.see(times=GROWTH_SCENES + 2)
     snapshot = room.see(body(7, 0.0))
@@ -251,8 +225,8 @@ def test_after_the_growth_a_new_id_inherits_nothing():
     assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
 
 
-def test_one_body_accounts_for_one_lost_person_only():
-    room = Room()
+def test_one_body_accounts_for_one_lost_person_only(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), body(2, 1.0), times=10)
     room.see(times=5)
     snapshot = room.see(body(7, 0.9))
@@ -260,8 +234,8 @@ def test_one_body_accounts_for_one_lost_person_only():
     assert lost_ids(snapshot) == [1]
 
 
-def test_more_lost_people_than_are_kept_need_an_empty_room():
-    room = Room(max_people=2, lost_growth_s=1.0)
+def test_more_lost_people_than_are_kept_need_an_empty_room(make_room):
+    room = make_room(latency=0, max_people=2, lost_growth_s=1.0)
     for i in range(4):
         room.see(body(i, 20.0 * i), times=3)
         room.see(times=4)
@@ -271,8 +245,8 @@ def test_more_lost_people_than_are_kept_need_an_empty_room():
     assert room.see(times=40).reasons == ()
 
 
-def test_a_source_that_falls_silent_does_not_make_people_vanish():
-    room = Room()
+def test_a_source_that_falls_silent_does_not_make_people_vanish(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     snapshot = room.people.snapshot(room.now + 60_000 * MS)
     assert snapshot.ids == (1,)
@@ -283,8 +257,8 @@ def test_a_source_that_falls_silent_does_not_make_people_vanish():
     assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
 
 
-def test_a_person_who_vanishes_where_it_had_jumped_to_is_lost_at_both_places():
-    room = Room()
+def test_a_person_who_vanishes_where_it_had_jumped_to_is_lost_at_both_places(make_room):
+    room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     room.see(body(1, 5.0), times=3)
     snapshot = room.see(times=3)
