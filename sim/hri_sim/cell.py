@@ -24,9 +24,10 @@ from hri_predict.errors import LinkError
 from hri_predict.link import LinkSettings
 from hri_predict.risk.robot import RobotModel, RobotSettings
 from hri_predict.scene import Floats
+from hri_predict.source import Source
 from hri_sim.controller import ControllerReport
 from hri_sim.controller_process import job_for
-from hri_sim.referee import Referee
+from hri_sim.referee import Referee, TruePeople
 from hri_sim.station import Post, Station, channels, codec_for, posts
 from hri_sim.wiring import Wiring
 
@@ -154,6 +155,10 @@ class MockCell:
         """A referee for these robots, to be fed with ``robot_truth``."""
         return Referee(robots)
 
+    def true_people(self, source: Source) -> TruePeople:
+        """Where everybody truly is, from a copy of the source that has no faults."""
+        return TruePeople(source)
+
     def stop(self) -> list[ControllerReport]:
         """End all controllers; returns their reports, link by link. Safe to call twice."""
         for name, process in self._processes.items():
@@ -209,6 +214,7 @@ class _Process:
 
     def __init__(self, name: str, job: Path) -> None:
         self._name = name
+        self._closed = False
         self._child = subprocess.Popen(
             [sys.executable, "-m", "hri_sim.controller_process", str(job)],
             stdin=subprocess.PIPE,
@@ -229,6 +235,8 @@ class _Process:
 
     def finish(self) -> dict[str, Any] | None:
         """Ask it to end; returns its report, or ``None`` if it has none to give."""
+        if self._closed:
+            return None
         with contextlib.suppress(ProcessLookupError):
             self._child.send_signal(signal.SIGTERM)
         report = self._line(_END_S)
@@ -245,6 +253,7 @@ class _Process:
         self._close()
 
     def _close(self) -> None:
+        self._closed = True
         self._child.wait()
         for stream in (self._child.stdin, self._child.stdout):
             if stream is not None:

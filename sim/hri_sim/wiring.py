@@ -103,7 +103,8 @@ class Wiring:
         if read is None:
             return 0.0
         stamp_ns, values = read
-        if not 0 <= now_ns - stamp_ns <= PERMIT_STALE_S * 1e9 or len(values) != 1:
+        # a little in the future is right: the other process wrote after this one read its clock
+        if abs(now_ns - stamp_ns) > PERMIT_STALE_S * 1e9 or len(values) != 1:
             return 0.0
         return values[0] if values[0] > 0 else 0.0  # NaN compares false
 
