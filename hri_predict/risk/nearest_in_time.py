@@ -20,6 +20,7 @@ class NearestInTime:
     link: NDArray[np.intp]
 
 
+@np.errstate(invalid="ignore")  # what is not finite is found and answered below
 def nearest_in_time(people: Capsules, robot: Capsules) -> NearestInTime:
     """Smallest distance between any of the people and the robot, step by step, exact.
 

@@ -102,7 +102,7 @@ def speed_limit(
     v_max = sqrt(v_h^2 + (a T_r)^2 + 2a(d - C)) - a T_r - v_h, where C holds Z_d and Z_r too; the
     same expression as in CNR-STIIMA-IRAS/ssm_safety, ``ssm15066.h``. 0 where no speed fits.
     """
-    v_h = WALK_SPEED_M_S if distance_m >= NEAR_M else REACH_SPEED_M_S
+    v_h = WALK_SPEED_M_S if distance_m >= NEAR_M - 1e-9 else REACH_SPEED_M_S
     a_t = deceleration_m_s2 * reaction_s
     square = v_h**2 + a_t**2 + 2.0 * deceleration_m_s2 * (distance_m - clearance_m)
     return max(0.0, float(np.sqrt(max(square, 0.0))) - a_t - v_h)

@@ -1,0 +1,167 @@
+"""Named zones and the field of view against sampled points."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hri_predict.protocol.messages import Level
+from hri_predict.reasons import Reason
+from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, approach_m
+from hri_predict.risk.types import Capsules, NamedZoneState, Zones
+from hri_predict.risk.zones import BodyZones
+from hri_predict.scene import Floats
+from hri_predict.settings import Region
+
+SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
+ELL = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]]
+points = st.tuples(st.floats(-2, 5), st.floats(-2, 5), st.floats(-1, 4)).map(np.array)
+
+
+def zone(**changes) -> NamedZone:
+    data = {"name": "door", "polygon": ELL, "z_min": 0.0, "z_max": 2.0, **changes}
+    return NamedZone(NamedZoneSettings.model_validate(data), 0.0)
+
+
+def one(a: Floats, b: Floats, radius: float) -> Capsules:
+    return Capsules(np.asarray(a, float)[None], np.asarray(b, float)[None], np.array([radius]))
+
+
+def in_ell(p: Floats) -> bool:
+    """Oracle: the L is two rectangles."""
+    x, y = p[..., 0], p[..., 1]
+    low = (x >= 0) & (x <= 3) & (y >= 0) & (y <= 1)
+    return low | ((x >= 0) & (x <= 1) & (y >= 0) & (y <= 3))
+
+
+@settings(max_examples=100, deadline=None)
+@given(points, points, st.floats(0, 0.5), st.integers(0, 2**32 - 1))
+def test_no_capsule_with_a_point_inside_is_missed(a, b, radius, seed):
+    rng = np.random.default_rng(seed)
+    offset = rng.normal(size=(400, 3))
+    offset *= radius * rng.random((400, 1)) / np.linalg.norm(offset, axis=1, keepdims=True)
+    body = a + rng.random((400, 1)) * (b - a) + offset
+    inside = in_ell(body) & (body[:, 2] >= 0) & (body[:, 2] <= 2)
+    if inside.any():
+        assert zone().occupied(one(a, b, radius)).all()
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "radius", "expected"),
+    [
+        ((0.5, 0.5, 1), (0.5, 0.5, 1), 0.0, True),
+        ((2, 2, 1), (2, 2, 1), 0.9, False),  # in the notch
+        ((2, 2, 1), (2, 2, 1), 1.1, True),
+        ((-1, 0.5, 1), (4, 0.5, 1), 0.0, True),  # right through
+        ((0.5, 0.5, 2.2), (0.5, 0.5, 3), 0.1, False),  # above
+        ((0.5, 0.5, 2.05), (0.5, 0.5, 3), 0.1, True),
+        ((4, 4, 1), (5, 5, 1), 0.1, False),
+        ((np.nan, 0, 0), (0, 0, 0), 0.1, True),
+        ((50, 50, 1), (50, 50, 1), np.inf, True),
+    ],
+)
+def test_occupied(a, b, radius, expected):
+    assert zone().occupied(one(a, b, radius)).item() is expected
+
+
+def bodies(x: list[float], grown: float = 0.0) -> BodyZones:
+    """One sphere of 0.1 m at (x, 0.5, 1) per step; the zones are grown."""
+    centre = np.array([[(v, 0.5, 1.0)] for v in x])[None]
+    radius = np.full(centre.shape[:-1], 0.1)
+    grow = np.full_like(radius, grown)
+    grow[:, 0] = 0.0
+    times = np.arange(len(x)) * 0.1
+    zones = Zones((1,), ("head",), times, Capsules(centre, centre, radius + grow))
+    return BodyZones(zones, Capsules(centre, centre, radius), np.array([False]), 0.0, 0)
+
+
+def test_entry_is_predicted_from_the_body_as_forecast():
+    walk = [4.5, 4.0, 3.5, 3.05, 2.5]
+    state = zone().state(bodies(walk, grown=1.0))
+    assert state == NamedZoneState("door", False, pytest.approx(0.2))  # in the interval to 0.3 s
+    assert zone(entry="zone").state(bodies(walk, grown=1.0)).entry_s == pytest.approx(0.0)
+    assert zone().state(bodies([4.5, 4.4, 4.3])).entry_s is None
+    assert zone().state(bodies([2.0, 5.0])) == NamedZoneState("door", True, 0.0)
+
+
+def test_nobody_occupies_nothing():
+    empty = Capsules(np.zeros((0, 2, 1, 3)), np.zeros((0, 2, 1, 3)), np.zeros((0, 2, 1)))
+    zones = Zones((), ("head",), np.arange(2) * 0.1, empty)
+    state = zone().state(BodyZones(zones, empty, np.zeros(0, bool), 0.0, 0))
+    assert state == NamedZoneState("door", False, None)
+
+
+@pytest.mark.parametrize(
+    ("level", "expected", "limit"),
+    [
+        ("none", Level.CLEAR, 1.0),
+        ("warn", Level.WARN, 1.0),
+        ("slow", Level.SLOW, 0.25),
+        ("stop", Level.STOP, 0.0),
+    ],
+)
+def test_what_an_occupied_zone_asks(level, expected, limit):
+    demand = zone(level=level).demand(NamedZoneState("door", True, 0.0), "arm", 1.0)
+    assert (demand.level, demand.limit_m_s) == (expected, limit)
+    assert demand.reason is (Reason.NONE if level == "none" else Reason.ZONE_OCCUPIED)
+
+
+def test_entry_asks_only_where_configured():
+    soon = NamedZoneState("door", False, 0.3)
+    assert zone(level="stop").demand(soon, "arm", 1.0).level is Level.CLEAR
+    early = zone(level="stop", entry_warning_s=0.4).demand(soon, "arm", 1.0)
+    assert (early.level, early.reason) == (Level.STOP, Reason.ZONE_ENTRY_PREDICTED)
+    later = NamedZoneState("door", False, 0.5)
+    assert zone(level="stop", entry_warning_s=0.4).demand(later, "arm", 1.0).level is Level.CLEAR
+
+
+def test_a_zone_asks_only_its_robots():
+    occupied = NamedZoneState("door", True, 0.0)
+    assert zone(robots=["other"]).demand(occupied, "arm", 1.0).level is Level.CLEAR
+    assert zone(robots=["arm"]).demand(occupied, "arm", 1.0).level is Level.WARN
+
+
+# -- field of view ---------------------------------------------------------------------------------
+
+
+def view(**changes) -> FieldOfView:
+    return FieldOfView.of(Region.model_validate({"polygon": ELL, **changes}))
+
+
+@settings(max_examples=100, deadline=None)
+@given(points, points, st.floats(0, 0.3), st.integers(0, 2**32 - 1))
+def test_what_is_not_seen_is_never_nearer_than_said(a, b, radius, seed):
+    rng = np.random.default_rng(seed)
+    distance = view().distance_outside(one(a, b, radius)).item()
+    if distance <= 0:
+        return
+    assert in_ell(np.array([a, b])).all()
+    # points outside, near the view's corners and edges where it matters
+    outside = rng.uniform(-1, 4, size=(4000, 2))
+    outside = outside[~in_ell(outside)]
+    s = np.linspace(0, 1, 30)[:, None]
+    axis = (a + s * (b - a))[:, :2]
+    gaps = np.linalg.norm(outside[:, None] - axis, axis=2).min() - radius
+    assert distance <= gaps + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("changes", "a", "b", "expected"),
+    [
+        ({}, (0.5, 0.5, 1), (0.5, 0.5, 1), 0.4),
+        ({}, (0.5, 0.5, 1), (0.5, 2.5, 1), 0.4),
+        ({}, (0.5, 2.5, 1), (2.5, 0.5, 1), -0.1),  # ends inside, but across the notch
+        ({}, (2, 2, 1), (2, 2, 1), -0.1),
+        ({"z_max": 3.0}, (0.5, 0.5, 2.9), (0.5, 0.5, 2.9), 0.4),  # nobody is up there
+        ({"z_max": 2.0}, (0.5, 0.5, 1.9), (0.5, 0.5, 1.5), 0.0),
+        ({"z_min": 1.0}, (0.5, 0.5, 1.2), (0.5, 0.5, 1.5), 0.1),
+    ],
+)
+def test_distance_to_what_is_not_seen(changes, a, b, expected):
+    assert view(**changes).distance_outside(one(a, b, 0.1)).item() == pytest.approx(expected)
+
+
+def test_approach_of_an_unseen_person():
+    assert approach_m(np.array([0.0, 0.1, 0.25, 0.3, 0.3125, 1.0])) == pytest.approx(
+        [0.0, 0.2, 0.5, 0.5, 0.5, 1.6]
+    )

@@ -1,0 +1,207 @@
+"""Levels: down at once, up slowly, latched stops."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hri_predict.protocol.messages import Level
+from hri_predict.reasons import Reason
+from hri_predict.risk.levels import Demand, LevelMachine, combined, demand_of, margins, severity
+from hri_predict.risk.separation import Finding
+from hri_predict.risk.settings import RiskSettings
+
+MAX = 1.0
+TICK_NS = 40_000_000
+SETTINGS = RiskSettings(release_captures=3, speed_rise_m_s2=0.5, min_speed_m_s=0.05)
+CLEAR = Demand.nothing(MAX)
+WARN = Demand(Level.WARN, Level.WARN, MAX, MAX, Reason.PERSON_APPROACHING)
+SLOW = Demand(Level.SLOW, Level.SLOW, 0.4, 0.3, Reason.PERSON_APPROACHING)
+STOP = Demand(Level.STOP, Level.STOP, 0.0, 0.0, Reason.PERSON_NEAR)
+IN_BAND = Demand(Level.SLOW, Level.STOP, 0.1, 0.0, Reason.PERSON_APPROACHING)
+UNKNOWN = Demand.unknown(Reason.INPUT_STALE)
+
+
+class Run:
+    """A machine, fed tick by tick with a new capture each, unless told otherwise."""
+
+    def __init__(self, settings: RiskSettings = SETTINGS) -> None:
+        ids = itertools.count(1)
+        self.machine = LevelMachine(settings, MAX, lambda: next(ids))
+        self.captures = 0
+        self.now_ns = 0
+
+    def __call__(self, demand: Demand, ticks: int = 1, new_capture: bool = True):
+        for _ in range(ticks):
+            self.captures += new_capture
+            self.now_ns += TICK_NS
+            advised = self.machine.update(demand, self.captures, self.now_ns)
+        return advised
+
+    def to_clear(self) -> "Run":
+        assert self(CLEAR, 100).level is Level.CLEAR
+        return self
+
+
+def test_it_begins_at_unknown_and_needs_captures():
+    run = Run()
+    for _ in range(2):
+        advised = run(CLEAR)
+        assert (advised.level, advised.reason) == (Level.UNKNOWN, Reason.RELEASE_PENDING)
+        assert advised.limit_m_s == 0.0
+    advised = run(CLEAR)
+    assert advised.level is Level.SLOW  # released; the limit is still rising
+    assert 0 < advised.limit_m_s < MAX
+    assert run(CLEAR, 60).level is Level.CLEAR
+
+
+@pytest.mark.parametrize("demand", [WARN, SLOW, STOP, UNKNOWN])
+def test_one_capture_is_enough_to_trigger(demand):
+    advised = Run().to_clear()(demand)
+    assert (advised.level, advised.reason) == (demand.level, demand.reason)
+    assert advised.limit_m_s == demand.limit_m_s
+
+
+def test_release_counts_distinct_captures_not_ticks():
+    run = Run().to_clear()
+    run(STOP)
+    assert run(CLEAR, 50, new_capture=False).level is Level.STOP
+    assert run(CLEAR, 2).level is Level.STOP
+    assert run(CLEAR, 20, new_capture=False).reason is Reason.RELEASE_PENDING
+    assert run(CLEAR).level is Level.SLOW
+
+
+def test_a_relapse_starts_the_count_anew():
+    run = Run().to_clear()
+    run(STOP)
+    run(CLEAR, 2)
+    run(STOP)
+    assert run(CLEAR, 2).level is Level.STOP
+
+
+def test_within_the_band_the_level_stays():
+    run = Run().to_clear()
+    run(STOP)
+    advised = run(IN_BAND, 50)
+    assert (advised.level, advised.limit_m_s) == (Level.STOP, 0.0)
+    assert advised.reason is Reason.PERSON_APPROACHING
+    run = Run()
+    assert run(IN_BAND, 50).level is Level.STOP  # known, so no longer unknown
+    assert Run().to_clear()(IN_BAND).level is Level.SLOW
+
+
+def test_the_limit_falls_at_once_and_rises_slowly():
+    run = Run().to_clear()
+    assert run(SLOW).limit_m_s == 0.4
+    run(STOP)
+    before = run(SLOW, 3).limit_m_s
+    after = run(SLOW).limit_m_s
+    assert after - before == pytest.approx(0.5 * 0.04)
+    assert run(SLOW, 100).limit_m_s == pytest.approx(0.3)  # rises no further than the band allows
+    lower = Demand(Level.SLOW, Level.SLOW, 0.2, 0.1, Reason.PERSON_APPROACHING)
+    assert run(lower).limit_m_s == 0.2
+
+
+def test_a_latched_stop_needs_an_acknowledgement_after_its_cause_has_cleared():
+    run = Run(SETTINGS.model_copy(update={"latch_stop": True})).to_clear()
+    stopped = run(STOP)
+    assert stopped.latch_id == 1
+    assert not run.machine.acknowledge(1)  # the cause is still there
+    assert run(STOP).latch_id == 1
+    run(IN_BAND)
+    assert not run.machine.acknowledge(1)
+    latched = run(CLEAR, 50)
+    assert (latched.level, latched.reason, latched.latch_id) == (Level.STOP, Reason.LATCHED, 1)
+    assert not run.machine.acknowledge(2)
+    assert not run.machine.acknowledge(0)
+    assert run.machine.acknowledge(1)
+    assert not run.machine.acknowledge(1)
+    # the acknowledgement itself starts nothing
+    pending = run(CLEAR, 5, new_capture=False)
+    assert (pending.level, pending.reason) == (Level.STOP, Reason.RELEASE_PENDING)
+    assert pending.limit_m_s == 0.0
+    assert run(CLEAR, 2).level is Level.STOP
+    assert run(CLEAR).level is Level.SLOW
+    assert run(STOP).latch_id == 2
+
+
+def test_a_latch_outlives_unknown():
+    run = Run(SETTINGS.model_copy(update={"latch_stop": True})).to_clear()
+    run(STOP)
+    blind = run(UNKNOWN)
+    assert (blind.level, blind.latch_id) == (Level.UNKNOWN, 1)
+    assert not run.machine.acknowledge(1)
+    assert run(CLEAR, 50).reason is Reason.LATCHED
+    run.machine.reset()
+    assert not run.machine.acknowledge(1)
+    assert run(CLEAR, 50).latch_id == 1
+
+
+def test_reset_forgets_what_speaks_for_a_release():
+    run = Run().to_clear()
+    run.machine.reset()
+    advised = run(CLEAR)
+    assert (advised.level, advised.limit_m_s) == (Level.UNKNOWN, 0.0)
+
+
+demands = st.sampled_from([CLEAR, WARN, SLOW, STOP, IN_BAND, UNKNOWN])
+
+
+@given(st.lists(st.tuples(demands, st.booleans()), max_size=60), st.booleans())
+def test_advice_is_never_milder_than_asked(sequence, latch):
+    run = Run(SETTINGS.model_copy(update={"latch_stop": latch}))
+    last, agreeing = run(CLEAR), 1
+    for demand, new_capture in sequence:
+        advised = run(demand, new_capture=new_capture)
+        assert severity(advised.level) >= severity(demand.level)
+        assert advised.limit_m_s <= demand.limit_m_s
+        assert advised.limit_m_s <= last.limit_m_s + 0.5 * 0.04 + 1e-9
+        if severity(advised.level) == severity(Level.STOP):
+            assert advised.limit_m_s == 0.0
+        assert (advised.level is Level.UNKNOWN) >= (demand.level is Level.UNKNOWN)
+        stopped = severity(demand.release) >= severity(Level.STOP)
+        agreeing = 0 if stopped else agreeing + new_capture
+        if severity(last.level) == 3 and severity(advised.level) < 3:
+            assert agreeing >= 3
+        last = advised
+
+
+def finding(slack_m: float, *limits: float) -> Finding:
+    return Finding(1.0, 1.0, slack_m, False, 0.0, limits)
+
+
+@pytest.mark.parametrize(
+    ("slack", "limits", "level", "release"),
+    [
+        (1.0, (1, 1, 1, 1), Level.CLEAR, Level.CLEAR),
+        (1.0, (1, 1, 1, 0.9), Level.CLEAR, Level.WARN),
+        (1.0, (1, 1, 0.9, 0.8), Level.WARN, Level.WARN),
+        (1.0, (1, 0.9, 0.8, 0.8), Level.WARN, Level.SLOW),
+        (1.0, (0.9, 0.8, 0.5, 0.4), Level.SLOW, Level.SLOW),
+        (0.05, (0.9, 0.8, 0.5, 0.4), Level.SLOW, Level.STOP),  # slack within the band
+        (-0.01, (0.9, 0.8, 0.5, 0.4), Level.STOP, Level.STOP),
+        (1.0, (0.06, 0.04, 0, 0), Level.SLOW, Level.STOP),  # below min_speed
+        (1.0, (0.04, 0, 0, 0), Level.STOP, Level.STOP),
+        (float("nan"), (1, 1, 1, 1), Level.STOP, Level.STOP),
+    ],
+)
+def test_levels_of_a_finding(slack, limits, level, release):
+    demand = demand_of(finding(slack, *limits), SETTINGS, MAX, Reason.PERSON_NEAR)
+    assert (demand.level, demand.release) == (level, release)
+    assert demand.reason is (Reason.NONE if level is Level.CLEAR else Reason.PERSON_NEAR)
+    assert demand.limit_m_s == (0.0 if level is Level.STOP else limits[0])
+
+
+def test_margins():
+    settings = RiskSettings(slow_margin_m=0.2, band_m=0.1, warn_margin_m=0.5)
+    assert margins(settings) == pytest.approx((0.2, 0.3, 0.7, 0.8))
+
+
+def test_demands_combine_to_the_severest():
+    both = combined([SLOW, WARN, CLEAR], MAX)
+    assert (both.level, both.limit_m_s, both.reason) == (Level.SLOW, 0.4, SLOW.reason)
+    assert combined([SLOW, STOP], MAX).reason is Reason.PERSON_NEAR
+    assert combined([UNKNOWN, STOP], MAX).level is Level.UNKNOWN
+    assert combined([STOP, UNKNOWN], MAX).limit_m_s == 0.0
+    assert combined([], MAX) == CLEAR
