@@ -65,7 +65,7 @@ class SerialReceiver:
         *ended, rest = data.split(b"\0")
         for piece in ended:
             self._keep(piece)
-            if self._buffer and not self._skipping:
+            if self._buffer:
                 messages += self._frame(self._buffer)
             self._buffer, self._skipping = b"", False
         self._keep(rest)

@@ -1,17 +1,16 @@
 """CAN frames: round trips, saturation, bit errors, lost and mixed parts, hostile input."""
 
-from itertools import combinations, pairwise
+from itertools import pairwise
 from math import inf, nan
 from typing import Any
 
-import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.errors import ConfigError
-from hri_predict.protocol import e2e
 from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver, CanSender
+from hri_predict.protocol.codec import decode_payload, encode_payloads
 from hri_predict.protocol.definition import BY_TYPE
 from hri_predict.protocol.messages import (
     Acknowledge,
@@ -27,7 +26,6 @@ from hri_predict.protocol.messages import (
     Zone,
     ZoneCapsule,
 )
-from hri_predict.protocol.wire import classic_bits, fd_bits, wire_bits
 from hri_predict.reasons import Reason
 
 
@@ -173,6 +171,28 @@ def test_extremes_saturate() -> None:
     )
 
 
+@pytest.mark.parametrize("step", range(-8, 9))
+def test_saturation_is_sharp_at_the_ends(step: int) -> None:
+    high, low = 65.534 + step / 1000, -32.767 + step / 1000
+    got = sent_through(
+        Advice(0, Level.CLEAR, Reason.NONE, 65535 + step, low, -low, high, high, 254 + step), False
+    )
+    want = [min(65535, 65535 + step), max(-32.767, low), min(32.767, -low)]
+    want += [min(65.534, high), min(65.534, high), min(254, 254 + step)]
+    assert flat(got)[3:9] == pytest.approx(want, abs=1e-9)
+
+
+def test_every_step_is_kept_exactly() -> None:
+    """What is rounded down or up is not moved by a step where the decimal is not exact."""
+    for raw in range(65535):
+        value, signed = raw / 1000, (raw - 32767) / 1000
+        advice = Advice(
+            *(0, Level.CLEAR, Reason.NONE, 0, signed, signed, value, value), age_s=value
+        )
+        (payload,) = encode_payloads(advice)
+        assert decode_payload(BY_TYPE[Advice], 0, payload) == advice
+
+
 def test_not_available_and_nan_come_back_as_none() -> None:
     none = Advice(3, Level.STOP, Reason.NO_INPUT)
     assert sent_through(none, fd=False) == none
@@ -181,9 +201,11 @@ def test_not_available_and_nan_come_back_as_none() -> None:
 
 
 @pytest.mark.parametrize("fd", [False, True])
-def test_a_joint_that_is_no_number_never_arrives(fd: bool) -> None:
+@pytest.mark.parametrize("bad", range(4))
+def test_a_joint_that_is_no_number_never_arrives(fd: bool, bad: int) -> None:
     sender, receiver = CanSender(fd), CanReceiver(fd)
-    state = RobotState(0, RobotMode.AUTOMATIC, 1, (0.0, nan), (0.0, 0.0))
+    row = [nan if i == bad else 0.0 for i in range(4)]
+    state = RobotState(0, RobotMode.AUTOMATIC, 1, tuple(row[:2]), tuple(row[2:]))
     assert [m for frame in sender.encode(state) for m in receiver.feed(frame)] == []
     assert receiver.counters.malformed == 1
 
@@ -198,43 +220,6 @@ def test_a_zone_that_is_no_number_never_arrives() -> None:
 ADVICE = Advice(1, Level.SLOW, Reason.PERSON_NEAR, 5, 1.25, 0.4, 0.32, 0.75, 12, 6, 200, 0.041)
 
 
-def flipped(data: bytes, bits: tuple[int, ...]) -> bytes:
-    whole = int.from_bytes(data, "little")
-    for bit in bits:
-        whole ^= 1 << bit
-    return whole.to_bytes(len(data), "little")
-
-
-@pytest.mark.parametrize("fd", [False, True])
-def test_every_single_bit_error_of_an_advice_is_refused(fd: bool) -> None:
-    frames = CanSender(fd).encode(ADVICE)
-    for i, frame in enumerate(frames):
-        for bit in range(8 * len(frame.data)):
-            receiver = CanReceiver(fd)
-            broken = CanFrame(frame.arbitration_id, flipped(frame.data, (bit,)), fd)
-            got = [m for f in (*frames[:i], broken, *frames[i + 1 :]) for m in receiver.feed(f)]
-            assert got == []
-            assert receiver.counters.crc_errors == 1
-
-
-def test_double_and_triple_bit_errors_of_a_classic_frame_are_refused() -> None:
-    """CRC-8 0x2F detects all of up to three wrong bits in the 8 bytes and the data id.
-
-    Errors in the counter's nibble also change the data id, which is another pattern; those that
-    pass the CRC come under a wrong counter, and the message is not completed.
-    """
-    frames = CanSender().encode(ADVICE)
-    rng = np.random.default_rng(5)
-    doubles = list(combinations(range(64), 2))
-    triples = [tuple(rng.choice(64, 3, replace=False).tolist()) for _ in range(3000)]
-    for bits in (*doubles, *triples):
-        receiver = CanReceiver()
-        broken = CanFrame(frames[0].arbitration_id, flipped(frames[0].data, bits))
-        assert [m for f in (broken, *frames[1:]) for m in receiver.feed(f)] == []
-        if not any(8 <= bit < 12 for bit in bits):
-            assert receiver.counters.crc_errors == 1, bits
-
-
 @given(st.integers(0, 2), st.integers(0, 20))
 def test_a_lost_part_withholds_its_message_alone(part: int, at: int) -> None:
     sender, receiver = CanSender(), CanReceiver()
@@ -247,6 +232,14 @@ def test_a_lost_part_withholds_its_message_alone(part: int, at: int) -> None:
     assert got == [i for i in range(24) if i != at]
     assert receiver.counters.incomplete == 1
     assert receiver.counters.counter_errors == (0 if at == 0 else 1)
+
+
+def test_a_repeated_part_is_counted() -> None:
+    receiver = CanReceiver()
+    first, *others = CanSender().encode(ADVICE)
+    got = [m for f in (first, first, *others, others[0]) for m in receiver.feed(f)]
+    assert len(got) == 1
+    assert receiver.counters.counter_errors == 2
 
 
 @given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 2)), max_size=60))
@@ -327,51 +320,10 @@ def test_what_cannot_be_sent_is_said() -> None:
         CanSender().encode(Zone(1, 0, 0.0, ()))
     with pytest.raises(ValueError, match="at most 7"):
         CanSender().encode(RobotState(0, RobotMode.MANUAL, 0, (0.0,) * 8, (0.0,) * 8))
+    with pytest.raises(ValueError, match="at most 255"):
+        CanSender(True).encode(Pose(1, 0, 0.0, ((0, 0.0, 0.0, 0.0),) * 256))
     with pytest.raises(ValueError, match="robot 8"):
         CanSender().encode(Advice(8, Level.STOP, Reason.NONE))
-
-
-@settings(max_examples=300)
-@given(
-    st.booleans(),
-    st.lists(
-        st.builds(
-            CanFrame,
-            st.integers(DEFAULT_BASE_ID - 2, DEFAULT_BASE_ID + 0x50) | st.integers(0, 0x1FFFFFFF),
-            st.binary(max_size=64),
-            st.booleans(),
-            st.booleans(),
-        ),
-        max_size=30,
-    ),
-)
-def test_a_receiver_survives_anything(fd: bool, frames: list[CanFrame]) -> None:
-    receiver = CanReceiver(fd)
-    received = 0
-    for frame in frames:
-        for message in receiver.feed(frame):
-            assert isinstance(message, Message)
-            received += 1
-    assert receiver.counters.received == received
-
-
-@given(st.sampled_from([Advice, RobotState, Status, Zone, Pose]), st.binary(max_size=61))
-def test_any_payload_under_a_right_crc_decodes_or_is_malformed(kind: type, payload: bytes) -> None:
-    definition = BY_TYPE[kind]
-    data = e2e.protect_profile5(0, payload, e2e.data_id_16(definition.number))
-    receiver = CanReceiver(True)
-    got = receiver.feed(CanFrame(DEFAULT_BASE_ID + definition.number, data, True))
-    assert len(got) + receiver.counters.malformed == 1
-    for message in got:
-        assert nan not in flat(message)
-
-
-def test_a_level_that_nobody_knows_is_unknown_not_clear() -> None:
-    payload = bytes((77, 250)) + bytes(16)
-    data = e2e.protect_profile5(0, payload, e2e.data_id_16(0))
-    (got,) = CanReceiver(True).feed(CanFrame(DEFAULT_BASE_ID, data, True))
-    assert isinstance(got, Advice)
-    assert (got.level, got.reason) == (Level.UNKNOWN, Reason.NODE_FAULT)
 
 
 def test_reset_forgets_the_sequence_and_parts_under_way() -> None:
@@ -382,17 +334,3 @@ def test_reset_forgets_the_sequence_and_parts_under_way() -> None:
     receiver.reset()
     assert [m for f in groups[40] for m in receiver.feed(f)]
     assert receiver.counters.incomplete == 0
-
-
-def test_wire_bits() -> None:
-    assert classic_bits(8) == 135
-    assert classic_bits(8, extended=True) == 160
-    assert wire_bits(Advice, "can") == (3 * 135, 0)
-    assert wire_bits(RobotState, "can") == (5 * 135, 0)
-    with pytest.raises(ValueError, match="does not carry"):
-        wire_bits(Zone, "can")
-    assert wire_bits(Zone, "can_fd", items=17) == tuple(
-        5 * a + b for a, b in zip(fd_bits(64), fd_bits(48), strict=True)
-    )
-    for kind in (Advice, Status, RobotState, Schema, Acknowledge):
-        assert wire_bits(kind, "can_fd").data >= 8 * 9

@@ -126,3 +126,11 @@ def test_a_short_burst_of_old_messages_is_not_followed() -> None:
     for old in range(20, 20 + e2e.RESYNC - 1):
         assert check.check(old) is Verdict.WRONG_SEQUENCE
     assert check.check(51) is Verdict.OK
+
+
+def test_counters_that_jump_about_are_never_followed() -> None:
+    check = CounterCheck(256)
+    check.check(100)
+    for counter in (10, 40, 41, 70, 12, 13, 60, 20):
+        assert check.check(counter) is Verdict.WRONG_SEQUENCE
+    assert check.check(101) is Verdict.OK

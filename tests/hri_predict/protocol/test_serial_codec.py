@@ -4,6 +4,7 @@ from math import nan
 
 import pytest
 from cobs import cobs
+from fastcrc import crc32
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -157,6 +158,35 @@ def test_a_frame_without_end_is_skipped_to_its_end() -> None:
     assert len(receiver._buffer) <= MAX_ENCODED
     assert receiver.counters.malformed == 1
     assert ids(receiver.feed(b"\0" + sender.encode(advice(3)))) == [3]
+
+
+def test_a_frame_without_end_in_pieces_counts_once_and_leaves_no_rest() -> None:
+    sender, receiver = SerialSender(), SerialReceiver()
+    for _ in range(20):
+        assert receiver.feed(b"\x55" * 50) == []
+    good = sender.encode(advice(1))
+    assert receiver.feed(good) == []  # the end of what has no end
+    assert receiver.counters.malformed == 1
+    assert receiver.counters.crc_errors == 0
+    assert ids(receiver.feed(sender.encode(advice(2)))) == [2]
+
+
+def test_a_wrong_length_under_a_right_crc_is_refused() -> None:
+    head = bytes((0, 200, 0, 0)) + e2e.data_id_32(0x42).to_bytes(4, "big")
+    payload = bytes(6)
+    frame = head + crc32.autosar(head + payload).to_bytes(4, "big") + payload
+    receiver = SerialReceiver()
+    assert receiver.feed(cobs.encode(frame) + b"\0") == []
+    assert receiver.counters.crc_errors == 1
+
+
+def test_the_schema_of_a_restarted_node_is_heard_at_once() -> None:
+    receiver = SerialReceiver()
+    for run in range(3):
+        sender = SerialSender()
+        for _ in range(1 + 20 * run):
+            assert receiver.feed(sender.encode(Schema(1, run))) == [Schema(1, run)]
+    assert receiver.counters.counter_errors == 0
 
 
 def test_a_zone_that_is_no_number_never_arrives() -> None:
