@@ -149,7 +149,8 @@ class CanTransport:
         self._garbage += 1
         if self._garbage > GARBAGE_LIMIT:
             raise self._lost(error) from error
-        if isinstance(error, UnicodeDecodeError):  # python-can's slcan would keep the bad line
+        if any(isinstance(e, UnicodeDecodeError) for e in _causes(error)):
+            # python-can's slcan keeps a line that is no text, and would stumble over it for ever
             with contextlib.suppress(Exception):
                 getattr(bus, "flush", lambda: None)()
         return []
