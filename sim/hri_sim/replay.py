@@ -6,6 +6,7 @@ received: several people, their ids, blind scenes, late ones and lost ones.
 
 import bisect
 import itertools
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,6 +22,8 @@ from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.scene import Bools, Floats, Scene
 from hri_predict.settings import Pose
 from hri_predict.source import SourceSettings
+
+log = logging.getLogger(__name__)
 
 
 class RecordingSettings(SourceSettings):
@@ -72,6 +75,8 @@ class RecordingSource:
             unit_m=settings.unit_m,
             axes=settings.axes,
         )
+        if recording.note:
+            log.warning("recording %s: %s", recording.path, recording.note)
         recording = placed(_part(recording, settings), settings.room_from_source, settings.place)
         self.recording = _decimated(recording, settings)
         self.joint_map = recording.joint_map

@@ -229,6 +229,17 @@ def test_blind_scenes_many_people_and_a_source_clock_of_its_own(tmp_path: Path) 
         _source(path, rate_hz=10.0)
 
 
+def test_a_cut_recording_plays_up_to_the_cut_and_says_so(tmp_path: Path, caplog) -> None:
+    settings = {"kind": "procedural", "rate_hz": 60.0, "noise_m": 0.01}
+    original = ProceduralSource(validated(ProceduralSettings, settings, "source"))
+    scenes = _recorded(tmp_path / "a.mcap", original, 10.0)
+    data = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "a.mcap").write_bytes(data[: len(data) // 2])
+    played = _all(_source(tmp_path / "a.mcap"))
+    assert 0.2 * len(scenes) < len(played) < 0.8 * len(scenes)
+    assert "cut or damaged after" in caplog.text
+
+
 def test_room_from_source_is_not_applied_twice_to_a_recording_of_the_room(tmp_path: Path) -> None:
     settings = {"kind": "procedural", "rate_hz": 10.0}
     original = ProceduralSource(validated(ProceduralSettings, settings, "source"))
