@@ -1,6 +1,7 @@
 """The simulated cell on the virtual clock, and what it refuses."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,9 +43,9 @@ class Played:
         self.clock = VirtualClock(START)
         self.cell = MockCell(links, [ARM], None, self.clock)
         self.ends = self.cell.transports()
-        self.codecs = {"drive": SerialCodec(115200), "monitor": CanCodec(links[1])}
-        self.echo = {"drive": None, "monitor": None}
-        self.states = {"drive": [], "monitor": []}
+        self.codecs: dict[str, Any] = {"drive": SerialCodec(115200), "monitor": CanCodec(links[1])}
+        self.echo: dict[str, int | None] = {"drive": None, "monitor": None}
+        self.states: dict[str, list[RobotState]] = {"drive": [], "monitor": []}
         self.truth = []
         for end in self.ends.values():
             end.open()

@@ -11,6 +11,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hri_drivers.can_link import CanCodec, CanLink, CanLinkSettings
@@ -41,9 +42,11 @@ class PlayedNode:
     """Advises over a real transport every 20 ms while it is asked to, echo and all."""
 
     def __init__(self, link):
-        self.codec = CanCodec(link) if isinstance(link, CanLinkSettings) else SerialCodec(115200)
+        self.codec: Any = (
+            CanCodec(link) if isinstance(link, CanLinkSettings) else SerialCodec(115200)
+        )
         cls = CanLink if isinstance(link, CanLinkSettings) else SerialLink
-        self.transport = cls.make_transport(link)
+        self.transport: Any = cls.make_transport(link)
         self.transport.open()
         self.echo = None
         self.states = []
