@@ -1,0 +1,109 @@
+"""Faults on a link, each alone: the controller acts, and recovers by itself when the fault ends.
+
+The real link, its codecs and the mock controller, on the virtual clock; advice says *clear* all the
+while, so every stop is the controller's own doing.
+"""
+
+from typing import Any
+
+import pytest
+from hri_drivers.can_link import CanLink, CanLinkSettings
+from hri_drivers.serial_link import SerialLink, SerialLinkSettings
+from hri_sim.cell import MockCell
+from hri_sim.faults import FaultyTransport
+
+from hri_predict.clock import VirtualClock
+from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
+from hri_predict.protocol.messages import Advice, Level, Schema
+from hri_predict.reasons import Reason
+from hri_predict.risk.robot import RobotSettings
+from hri_predict.settings import Pose
+
+MS = 1_000_000
+ARM = RobotSettings(name="arm", model="ur5e", room_from_robot=Pose(), max_speed_m_s=1.0)
+DRIVE = {"role": "drive", "trajectory": "pick_and_place"}
+START_S, DURATION_S = 3.0, 1.0
+
+# fault -> (causes that may stop the robot, limit in ms from the fault's start)
+SILENT_MS = 150 + 40 + 8  # the time-out, from the last advice before the fault, and a cycle
+TABLE: dict[str, tuple[Any, Any]] = {
+    "none": ([], None),
+    "freeze": ({"silent"}, SILENT_MS),
+    "drop:1.0": ({"silent"}, SILENT_MS),
+    "bit_errors": ({"errors", "silent"}, SILENT_MS),
+    "truncate": ({"errors", "silent"}, SILENT_MS),
+    # sound advice, on time, that rests on what was 500 ms ago: nothing comes at first
+    "delay": ({"silent", "stale"}, SILENT_MS),
+    "reorder": ({"errors"}, 2 * 40 + 8),
+    "duplicate": ({"errors"}, 40 + 8),
+    "unplug": ({"silent"}, SILENT_MS),
+}
+PARAMETERS = {
+    "bit_errors": {"rate": 0.01},
+    "truncate": {"probability": 1.0},
+    "delay": {"delay_s": 0.5},
+}
+
+
+def run(kind, fault, seconds=6.5):
+    settings: Any
+    clock = VirtualClock(1000 * MS)
+    if kind == "serial":
+        settings = SerialLinkSettings(name="link", simulate=DRIVE)
+    else:
+        settings = CanLinkSettings(name="link", interface="slcan", simulate=DRIVE)
+    cell = MockCell([settings], [ARM], None, clock)
+    name, _, probability = fault.partition(":")
+    faults = (
+        []
+        if fault == "none"
+        else [
+            {
+                "kind": name,
+                "start_s": START_S,
+                "duration_s": DURATION_S,
+                "direction": "out",
+                **PARAMETERS.get(name, {}),
+                **({"probability": float(probability)} if probability else {}),
+            }
+        ]
+    )
+    transport = FaultyTransport(cell.transports()["link"], faults, clock, seed=1)
+    link = (SerialLink if kind == "serial" else CanLink)(settings, clock, transport)
+    start = tick = clock.now_ns()
+    while clock.now_ns() < start + seconds * 1e9:
+        due = cell.next_ns()
+        assert due is not None
+        clock.advance_to(min(due, tick))
+        now = clock.now_ns()
+        if due <= now:
+            cell.step(now)
+        if tick <= now:
+            if (tick - start) // (40 * MS) % 25 == 0:
+                link.post(Schema(SCHEMA_VERSION, SCHEMA_HASH))
+            link.post(
+                Advice(0, Level.CLEAR, Reason.NONE, speed_limit_m_s=1.0, capture_ns=now - 30 * MS)
+            )
+            link.service(now)
+            link.take()
+            tick += 40 * MS
+    (report,) = cell.stop()
+    return report
+
+
+@pytest.mark.parametrize("kind", ["serial", "can"])
+@pytest.mark.parametrize("fault", TABLE)
+def test_fault(kind, fault):
+    causes, limit_ms = TABLE[fault]
+    report = run(kind, fault)
+    stops = [(t, cause) for t, cause, limit in report.events if limit == 0]
+    if not causes:
+        assert stops == []
+        return
+    assert stops, "the fault did not stop the robot"
+    assert {cause for _, cause in stops} <= causes
+    assert START_S <= stops[0][0] <= START_S + limit_ms * 1e-3
+    # nothing is stopped for long after the fault (a delay outlasts it by itself), and it runs again
+    assert all(t <= START_S + DURATION_S + 1.0 for t, _ in stops)
+    assert report.events[-1][2] > 0
+    assert report.events[-1][0] <= START_S + DURATION_S + 2.0
