@@ -18,6 +18,8 @@ from hri_predict.settings import Region
 
 FLOOR_M = 0.05
 """Below this nobody is; a view that begins here begins at the floor."""
+TOUCH_M = 1e-9
+"""Nearer than this is touching: a crossing of lines is not found to the last bit."""
 TOP_M = 2.5
 """Above this nobody reaches (2.2 m is a tall man's grip); a view that ends here sees all."""
 
@@ -92,7 +94,7 @@ class NamedZone:
             return result
         few = Capsules(capsules.a[near], capsules.b[near], capsules.radius[near] + self._margin)
         inside = self._outline.contains(few.a[:, :2]) | self._outline.contains(few.b[:, :2])
-        touches: Bools = inside | ~(self._outline.edge_distance(few) > few.radius)
+        touches: Bools = inside | ~(self._outline.edge_distance(few) > few.radius + TOUCH_M)
         result[near] = touches
         return result
 
@@ -156,7 +158,7 @@ class FieldOfView:
         outline = self._outline
         inside = outline.contains(capsules.a[..., :2]) & outline.contains(capsules.b[..., :2])
         edge = outline.edge_distance(capsules)
-        crosses = edge <= 0.0
+        crosses = edge <= TOUCH_M
         distance = np.where(inside & ~crosses, edge, 0.0)
         if self.region.z_max < TOP_M:
             top = np.maximum(capsules.a[..., 2], capsules.b[..., 2])

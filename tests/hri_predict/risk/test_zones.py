@@ -26,7 +26,7 @@ HAND, WRIST = JOINTS.index("r_hand"), JOINTS.index("r_wrist")
 
 def body(x: float = 0.0) -> Floats:
     """A standing body, arms down; every bone within the skeleton's reach."""
-    place = {"waist": (0, 1.0), "torso": (0, 1.2), "neck": (0, 1.45), "head": (0, 1.6)}
+    place = {"waist": (0.0, 1.0), "torso": (0.0, 1.2), "neck": (0.0, 1.45), "head": (0.0, 1.6)}
     place["head_top"] = (0, 1.75)
     for side, y in (("l_", 0.15), ("r_", -0.15)):
         for joint, z in (("shoulder", 1.4), ("elbow", 1.1), ("wrist", 0.85), ("hand", 0.68)):

@@ -1,0 +1,369 @@
+"""The engine on a UR5e: what it advises, why, and what it never calls clear."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hri_predict.errors import ConfigError
+from hri_predict.link import LinkSettings
+from hri_predict.predictors.base import Forecast
+from hri_predict.protocol.messages import Advice, Level, RobotMode, RobotState
+from hri_predict.reasons import Reason
+from hri_predict.risk.areas import NamedZoneSettings
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.engine import RiskEngine
+from hri_predict.risk.levels import severity
+from hri_predict.risk.robot import RobotSettings, load_robot
+from hri_predict.risk.robot_tracker import RobotTracker
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.types import Assessment
+from hri_predict.scene import Floats
+from hri_predict.settings import Pose, Region
+from hri_predict.skeleton import CANONICAL, JOINTS
+from hri_predict.snapshot import LostPerson, PeopleSnapshot
+
+RATE_HZ, STEPS = 25.0, 25
+AGE_NS = 50_000_000
+TICK_NS = 40_000_000
+READY = (0.0, -1.2, 1.5, -1.8, -1.57, 0.0)
+SETTINGS = RiskSettings(release_captures=2)
+LINK = LinkSettings(name="bus", kind="can")
+ROBOT = RobotSettings(name="arm", model="ur5e", room_from_robot=Pose(), max_speed_m_s=1.0)
+MODEL = load_robot(ROBOT, None)
+MODES = pytest.mark.parametrize("mode", ["iso", "predictive"])
+
+
+def body(x: float, y: float = 0.0) -> Floats:
+    """A standing body, arms down."""
+    place = {"waist": (0.0, 1.0), "torso": (0.0, 1.2), "neck": (0.0, 1.45), "head": (0.0, 1.6)}
+    place["head_top"] = (0, 1.75)
+    for side, out in (("l_", 0.15), ("r_", -0.15)):
+        for joint, z in (("shoulder", 1.4), ("elbow", 1.1), ("wrist", 0.85), ("hand", 0.68)):
+            place[side + joint] = (out, z)
+        for joint, z in (("hip", 0.95), ("knee", 0.5), ("ankle", 0.1), ("foot", 0.03)):
+            place[side + joint] = (out / 2, z)
+    return np.array([(x, y + place[joint][0], place[joint][1]) for joint in JOINTS], dtype=float)
+
+
+class Cell:
+    """An engine with one robot, stepped tick by tick; people stand at the given x."""
+
+    def __init__(
+        self,
+        risk: RiskSettings = SETTINGS,
+        zones: tuple[NamedZoneSettings, ...] = (),
+        view: Region | None = None,
+        robot: RobotSettings = ROBOT,
+        horizon_steps: int = STEPS,
+    ) -> None:
+        self.tracker = RobotTracker(robot, MODEL)
+        budget = DelayBudget.from_settings(25.0, [LINK], 0.12)
+        self.steps = horizon_steps
+        self.engine = RiskEngine(
+            risk, [self.tracker], CANONICAL, [], zones, view, budget, RATE_HZ, horizon_steps
+        )
+        self.now_ns = 1_000_000_000
+        self.captures = 0
+        self.turn = 0.3  # rad/s of the base
+        self.assessment: Assessment
+
+    def snapshot(self, *x: float) -> PeopleSnapshot:
+        people = len(x)
+        last = np.array([body(v) for v in x]).reshape(people, len(JOINTS), 3)
+        return PeopleSnapshot(
+            now_ns=self.now_ns,
+            ids=tuple(range(10, 10 + people)),
+            history=last[:, None],
+            observed=np.ones((people, 1, len(JOINTS)), bool),
+            capture_ns=np.full(people, self.now_ns - AGE_NS, np.int64),
+            last_positions=last,
+            joint_age_s=np.zeros((people, len(JOINTS))),
+            lost=(),
+            reasons=(),
+            newest_capture_ns=self.now_ns - AGE_NS,
+            captures=self.captures,
+            counters={},
+        )
+
+    def still(self, snapshot: PeopleSnapshot) -> Forecast:
+        return Forecast(np.repeat(snapshot.last_positions[:, None], self.steps, axis=1), None)
+
+    def step(
+        self, *x: float, mode: RobotMode = RobotMode.AUTOMATIC, report: bool = True, **changes
+    ):
+        self.now_ns += TICK_NS
+        self.captures += 1
+        if report:
+            velocities = (self.turn, 0.0, 0.0, 0.0, 0.0, 0.0)
+            state = RobotState(0, mode, self.captures % 256, READY, velocities)
+            self.tracker.update(state, self.now_ns)
+        snapshot = self.snapshot(*x)
+        forecast = changes.pop("forecast", self.still(snapshot))
+        reasons = changes.pop("why", ())
+        self.assessment = self.engine.assess(replace(snapshot, **changes), forecast, reasons)
+        return self.assessment.advices[0]
+
+    def settle(self, *x: float, ticks: int = 70, **changes: Any) -> Advice:
+        for _ in range(ticks):
+            advice = self.step(*x, **changes)
+        return advice
+
+
+@MODES
+def test_a_person_who_comes_and_goes(mode):
+    cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
+    assert cell.settle().level is Level.CLEAR
+    levels = [cell.step(x).level for x in np.arange(6.0, 0.6, -0.04)]
+    order = [Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP]
+    assert sorted(set(levels), key=order.index) == order
+    assert levels == sorted(levels, key=order.index)
+    near = cell.step(0.6)
+    assert (near.level, near.reason, near.speed_limit_m_s) == (Level.STOP, Reason.PERSON_NEAR, 0.0)
+    assert near.time_to_breach_s is not None
+    assert "person 10" in near.detail
+    assert "clears when" in near.detail
+    assert near.body_part is not None
+    assert near.robot_link is not None
+    assert CANONICAL.segments[near.body_part].name in near.detail
+    assert MODEL.capsule_names[near.robot_link] in near.detail
+    assert cell.settle(6.0).level is Level.CLEAR
+
+
+@MODES
+def test_a_robot_that_stands_near_a_person_is_told_to_stay(mode):
+    data = ROBOT.model_dump() | {"motion": {"kind": "standing", "positions": list(READY)}}
+    robot = RobotSettings.model_validate(data)
+    cell = Cell(SETTINGS.model_copy(update={"mode": mode}), robot=robot)
+    advice = cell.settle(0.7)
+    assert (advice.level, advice.speed_limit_m_s) == (Level.STOP, 0.0)
+    assert cell.settle(6.0).level is Level.CLEAR
+
+
+@MODES
+def test_the_separation_is_the_distance(mode):
+    cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
+    advice = cell.settle(3.0)
+    capsules = MODEL.capsules(np.array(READY))
+    # nothing of the robot is farther along x than this, nothing of the body nearer than that
+    front = (np.maximum(capsules.a, capsules.b)[:, 0] + capsules.radius).max()
+    assert advice.separation_m == pytest.approx(3.0 - front, abs=0.3)
+    assert advice.predicted_separation_m is not None
+    assert advice.separation_m is not None
+    assert advice.predicted_separation_m < advice.separation_m
+    assert cell.settle().separation_m is None
+
+
+SCENE = [
+    Reason.NO_INPUT,
+    Reason.INPUT_STALE,
+    Reason.INPUT_FROZEN,
+    Reason.SOURCE_BLIND,
+    Reason.ROOM_NOT_SEEN_EMPTY,
+]
+
+
+@MODES
+@pytest.mark.parametrize("reason", SCENE)
+def test_what_cannot_be_trusted_is_unknown_at_once(mode, reason):
+    cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
+    cell.settle()
+    advice = cell.step(reasons=(reason,))
+    assert (advice.level, advice.reason, advice.speed_limit_m_s) == (Level.UNKNOWN, reason, 0.0)
+    assert reason.clears_when in advice.detail
+    assert cell.step().level is Level.UNKNOWN  # one good capture is not enough
+    assert cell.settle().level is Level.CLEAR
+
+
+def test_the_engine_looks_at_the_age_itself():
+    cell = Cell()
+    cell.settle()
+    old = cell.now_ns - 1_000_000_000
+    advice = cell.step(newest_capture_ns=old)
+    assert (advice.level, advice.reason) == (Level.UNKNOWN, Reason.INPUT_STALE)
+    assert cell.step(newest_capture_ns=None).reason is Reason.NO_INPUT
+    assert cell.step(newest_capture_ns=cell.now_ns + 10**9).reason is Reason.CLOCK_JUMP
+
+
+def test_the_robots_own_reasons():
+    cell = Cell()
+    cell.settle()
+    advice = cell.step(mode=RobotMode.MANUAL)
+    assert (advice.level, advice.reason) == (Level.UNKNOWN, Reason.ROBOT_NOT_AUTOMATIC)
+    cell.settle()
+    advice = cell.settle(ticks=4, report=False)
+    assert (advice.level, advice.reason) == (Level.UNKNOWN, Reason.ROBOT_STATE_STALE)
+    assert cell.settle().level is Level.CLEAR
+    cell.turn = 100.0
+    assert cell.step().reason is Reason.ROBOT_STATE_INVALID
+
+
+@MODES
+def test_without_a_forecast_the_physical_limits_serve(mode):
+    cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
+    why = (Reason.PREDICTOR_LATE,)
+    assert cell.settle(6.0, forecast=None, why=why).level is Level.CLEAR
+    assert cell.step(6.0, forecast=None, why=why).reason is Reason.PREDICTOR_LATE
+    assert cell.step(0.7, forecast=None, why=why).level is Level.STOP
+
+
+def test_a_forecast_that_is_no_forecast_is_not_used():
+    cell = Cell(SETTINGS.model_copy(update={"mode": "predictive"}))
+    cell.settle(6.0)
+    wrong = cell.still(cell.snapshot(6.0))
+    wrong.positions[0, 3, 2, 1] = np.nan
+    for forecast in (wrong, Forecast(wrong.positions[:, :4] * 0, None)):
+        assert cell.step(6.0, forecast=forecast).reason is Reason.PREDICTOR_FAILED
+        assert np.isfinite(cell.assessment.zones.capsules.a).all()
+
+
+@MODES
+def test_a_lost_person_counts(mode):
+    cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
+    cell.settle(3.5)
+    lost = LostPerson(7, body(3.5), cell.now_ns)
+    limits = []
+    for _ in range(40):
+        advice = cell.step(lost=(lost,))
+        limits.append(advice.speed_limit_m_s)
+    assert (advice.level, advice.reason) == (Level.STOP, Reason.PERSON_LOST)
+    assert limits == sorted(limits, reverse=True)
+    assert limits[-1] == 0.0
+
+
+def test_a_latched_stop():
+    cell = Cell(SETTINGS.model_copy(update={"latch_stop": True}))
+    cell.settle(6.0)
+    latch = cell.step(0.7).latch_id
+    assert latch == 1
+    assert not cell.engine.acknowledge(latch)
+    advice = cell.settle(6.0)
+    assert (advice.level, advice.reason, advice.latch_id) == (Level.STOP, Reason.LATCHED, 1)
+    assert cell.engine.acknowledge(latch)
+    assert not cell.engine.acknowledge(latch)
+    assert cell.step(6.0).level is Level.STOP
+    assert cell.settle(6.0).level is Level.CLEAR
+    assert cell.step(0.7).latch_id == 2
+
+
+def test_a_named_zone():
+    door = NamedZoneSettings(
+        name="door", polygon=[[5, -1], [6, -1], [6, 1], [5, 1]], level="slow", speed_limit_m_s=0.2
+    )
+    cell = Cell(zones=(door,))
+    assert cell.settle(8.0).level is Level.CLEAR
+    advice = cell.step(5.5)
+    assert (advice.level, advice.reason) == (Level.SLOW, Reason.ZONE_OCCUPIED)
+    assert advice.speed_limit_m_s == 0.2
+    assert "door" in advice.detail
+    assert cell.assessment.named_zones[0].occupied
+    cell.step(8.0, reasons=(Reason.SOURCE_BLIND,))
+    assert cell.assessment.named_zones[0].occupied  # who knows
+    with pytest.raises(ConfigError, match="did you mean 'arm'"):
+        Cell(zones=(door.model_copy(update={"robots": ["amr"]}),))
+
+
+@MODES
+def test_what_the_sensor_does_not_see_is_occupied(mode):
+    def square(half: float) -> Region:
+        return Region(polygon=[[-half, -half], [half, -half], [half, half], [-half, half]])
+
+    risk = SETTINGS.model_copy(update={"mode": mode})
+    assert Cell(risk, view=square(5.0)).settle().level is Level.CLEAR
+    slow = Cell(risk, view=square(1.9)).settle()
+    assert (slow.level, slow.reason) == (Level.SLOW, Reason.OUT_OF_VIEW)
+    stop = Cell(risk, view=square(1.0)).settle()
+    assert (stop.level, stop.reason) == (Level.STOP, Reason.OUT_OF_VIEW)
+
+
+def test_a_delay_past_the_horizon():
+    with pytest.raises(ConfigError, match=r"predictor\.horizon_s"):
+        Cell(horizon_steps=10)
+    limits = SETTINGS.limits.model_copy(update={"extend_beyond_horizon": True})
+    risk = SETTINGS.model_copy(update={"mode": "predictive", "limits": limits})
+    extended = Cell(risk, horizon_steps=10)
+    assert extended.settle(6.0).level is Level.CLEAR
+    cell = Cell(SETTINGS.model_copy(update={"mode": "predictive"}))
+    cell.settle(6.0)
+    late = np.array([cell.now_ns + TICK_NS - 700_000_000])
+    advice = cell.step(6.0, capture_ns=late)
+    assert (advice.level, advice.reason) == (Level.UNKNOWN, Reason.HORIZON_TOO_SHORT)
+
+
+def test_the_advice_rests_on_the_oldest_capture():
+    cell = Cell()
+    captures = np.array([cell.now_ns - 30_000_000, cell.now_ns - 10_000_000])
+    assert cell.step(4.0, 5.0, capture_ns=captures).capture_ns == captures.min()
+
+
+def test_an_exception_leaves_nothing_that_speaks_for_a_release(monkeypatch):
+    cell = Cell()
+    cell.settle(6.0)
+    with pytest.raises(AttributeError):
+        cell.engine.assess(None, None)  # type: ignore[arg-type]
+    assert cell.step(6.0).level is Level.UNKNOWN
+
+
+@MODES
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    x=st.floats(0.3, 4.0),
+    nearer=st.floats(0, 1.0),
+    turn=st.floats(-1.0, 1.0),
+    drift=st.floats(-1.0, 1.0),
+)
+def test_nearer_never_raises_the_limit_or_lowers_the_level(mode, x, nearer, turn, drift):
+    """Along the line from the robot's base, on the side where the arm is."""
+
+    def advice(at: float) -> Advice:
+        cell = Cell(RiskSettings(mode=mode, release_captures=1, speed_rise_m_s2=100.0))
+        cell.turn = turn
+        for _ in range(3):
+            here = cell.snapshot(at)
+            ahead = np.arange(1, STEPS + 1)[None, :, None, None] / RATE_HZ
+            moving = here.last_positions[:, None] + ahead * np.array([drift, 0.0, 0.0])
+            result = cell.step(at, forecast=Forecast(moving, None))
+        return result
+
+    far, near = advice(x + 1.3 + nearer), advice(x + 1.3)
+    assert near.speed_limit_m_s is not None
+    assert far.speed_limit_m_s is not None
+    assert near.speed_limit_m_s <= far.speed_limit_m_s
+    assert severity(near.level) >= severity(far.level)
+
+
+@MODES
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    where=st.sampled_from(["last_positions", "joint_age_s", "forecast", "both"]),
+    value=st.sampled_from([np.nan, np.inf, -np.inf]),
+    whole=st.booleans(),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_numbers_that_are_none_never_give_clear_near_a_person(mode, where, value, whole, seed):
+    rng = np.random.default_rng(seed)
+    cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
+    cell.settle(0.9, ticks=5)
+    snapshot = cell.snapshot(0.9)
+    last, age = snapshot.last_positions.copy(), snapshot.joint_age_s.copy()
+    forecast = cell.still(snapshot)
+    hit = np.ones(len(JOINTS), bool) if whole else rng.random(len(JOINTS)) < 0.5
+    if where in ("last_positions", "both"):
+        last[0, hit] = value
+    if where in ("joint_age_s", "both"):
+        age[0, hit] = value
+    if where in ("forecast", "both"):
+        forecast.positions[0, :, hit] = value
+    for _ in range(8):
+        advice = cell.step(0.9, last_positions=last, joint_age_s=age, forecast=forecast)
+        assert severity(advice.level) == severity(Level.STOP)
+        assert advice.speed_limit_m_s == 0.0
+        for number in (advice.separation_m, advice.predicted_separation_m, advice.time_to_breach_s):
+            assert number is None or np.isfinite(number)
+        capsules = cell.assessment.zones.capsules
+        assert np.isfinite(capsules.a).all()
+        assert np.isfinite(capsules.b).all()
+        assert np.isfinite(capsules.radius).all()
