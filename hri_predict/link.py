@@ -1,5 +1,6 @@
 """The contract of a link to a robot controller, and what every kind of link shares."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -72,6 +73,7 @@ class Link(Protocol):
         name: as configured.
         counters: see ``LinkCounters``.
         connected: whether the device is open now.
+        on_sent: called with (name, bytes, time) after each unit written, where set.
         last_error: one line about the newest trouble, ``None`` if there was none.
     """
 
@@ -79,6 +81,7 @@ class Link(Protocol):
     counters: LinkCounters
     connected: bool
     last_error: str | None
+    on_sent: Callable[[str, bytes, int], None] | None
 
     def start(self) -> None:
         """Open the device and begin; a device that is absent at start is a ``LinkError``."""

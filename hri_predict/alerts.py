@@ -1,0 +1,200 @@
+"""Alerts on each change of a robot's level: a terminal line, a JSON line, a command of the user's.
+
+The loop hands a change over and goes on; writing and running happen in a thread of their own.
+"""
+
+import json
+import queue
+import subprocess
+import sys
+import threading
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TextIO
+
+from pydantic import Field
+
+from hri_predict.clock import Clock
+from hri_predict.protocol.messages import Advice
+from hri_predict.settings import Settings
+
+
+class AlertSettings(Settings):
+    """``alerts:`` in the configuration."""
+
+    terminal: bool = Field(True, description="a line on standard error per change")
+    file: str | None = Field(None, description="JSON lines are appended to this file")
+    command: list[str] | None = Field(
+        None, description="program and arguments; gets the alert as JSON on standard input"
+    )
+    debounce_s: float = Field(
+        1.0, ge=0, le=60, description="least time between two runs of the command"
+    )
+    timeout_s: float = Field(5.0, gt=0, le=600, description="a command that runs longer is ended")
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """One change of a robot's level."""
+
+    time_s: float
+    robot: str
+    level: str
+    was: str
+    reason: str
+    detail: str
+    clears_when: str
+    separation_m: float | None
+    speed_limit_m_s: float | None
+
+    def line(self) -> str:
+        """One line for a person."""
+        why = self.detail or f"{self.robot}: {self.reason}; clears when {self.clears_when}"
+        return f"[{self.time_s:8.2f} s] {self.was} -> {self.level}: {why}"
+
+
+class Alerts:
+    """Watches levels and tells of their changes.
+
+    ``dropped`` counts alerts lost because the thread could not keep up, ``failures`` commands that
+    could not run, failed or were ended.
+    """
+
+    def __init__(
+        self,
+        settings: AlertSettings,
+        robots: list[str],
+        clock: Clock,
+        base_dir: Path,
+        terminal: TextIO | None = None,
+    ) -> None:
+        self._settings = settings
+        self._robots = robots
+        self._clock = clock
+        self._start_ns = clock.now_ns()
+        self._terminal = terminal if terminal is not None else sys.stderr
+        self._levels: dict[int, str] = {}
+        self._queue: queue.Queue[Alert | None] = queue.Queue(maxsize=256)
+        self._file = base_dir / settings.file if settings.file else None
+        self._last_run_ns: int | None = None
+        self._thread: threading.Thread | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self.count = self.dropped = self.failures = 0
+
+    def start(self) -> None:
+        """Start the thread that writes and runs."""
+        self._thread = threading.Thread(target=self._work, name="alerts", daemon=True)
+        self._thread.start()
+
+    def observe(self, advices: tuple[Advice, ...]) -> None:
+        """Take the advices of one tick; queue an alert for each changed level. Never blocks."""
+        for advice in advices:
+            level = advice.level.name.lower()
+            was = self._levels.get(advice.robot, "none")
+            if level == was:
+                continue
+            self._levels[advice.robot] = level
+            self._put(
+                Alert(
+                    time_s=round((self._clock.now_ns() - self._start_ns) * 1e-9, 3),
+                    robot=self._robots[advice.robot],
+                    level=level,
+                    was=was,
+                    reason=advice.reason.text,
+                    detail=advice.detail,
+                    clears_when=advice.reason.clears_when,
+                    separation_m=advice.separation_m,
+                    speed_limit_m_s=advice.speed_limit_m_s,
+                )
+            )
+
+    def _put(self, alert: Alert) -> None:
+        self.count += 1
+        try:
+            self._queue.put_nowait(alert)
+        except queue.Full:
+            self.dropped += 1
+
+    def stop(self) -> None:
+        """Write what is queued; a command that still runs gets its time limit, no more."""
+        if self._thread is None:
+            while not self._queue.empty():
+                self._tell(self._queue.get_nowait())
+            return
+        try:
+            self._queue.put(None, timeout=1.0)
+        except queue.Full:
+            self.dropped += 1
+        self._thread.join(timeout=self._settings.timeout_s + 1.0)
+        self._thread = None
+
+    def _work(self) -> None:
+        pending: Alert | None = None  # newest change that waits for the debounce time
+        while True:
+            wait = None if pending is None else self._debounce_left_s()
+            try:
+                alert = self._queue.get(timeout=wait)
+            except queue.Empty:
+                assert pending is not None
+                self._run(pending)
+                pending = None
+                continue
+            if alert is None:
+                break
+            self._tell(alert)
+            if self._settings.command:
+                pending = alert
+                if self._debounce_left_s() <= 0:
+                    self._run(pending)
+                    pending = None
+        if pending is not None:
+            self._run(pending)
+        self._wait_for_command()
+
+    def _debounce_left_s(self) -> float:
+        if self._last_run_ns is None:
+            return 0.0
+        passed = (self._clock.now_ns() - self._last_run_ns) * 1e-9
+        return max(self._settings.debounce_s - passed, 0.0)
+
+    def _tell(self, alert: Alert | None) -> None:
+        if alert is None:
+            return
+        if self._settings.terminal:
+            print(alert.line(), file=self._terminal, flush=True)
+        if self._file is not None:
+            try:
+                with self._file.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(asdict(alert)) + "\n")
+            except OSError as error:
+                self.failures += 1
+                print(f"alert file {self._file}: {error.strerror}", file=sys.stderr)
+
+    def _run(self, alert: Alert) -> None:
+        """Run the user's command; one at a time, each within its time limit."""
+        self._wait_for_command()
+        self._last_run_ns = self._clock.now_ns()
+        assert self._settings.command
+        try:
+            self._process = subprocess.Popen(
+                self._settings.command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL
+            )
+            assert self._process.stdin
+            self._process.stdin.write(json.dumps(asdict(alert)).encode())
+            self._process.stdin.close()
+        except OSError as error:
+            self.failures += 1
+            print(f"alert command {self._settings.command[0]}: {error}", file=sys.stderr)
+
+    def _wait_for_command(self) -> None:
+        if self._process is None:
+            return
+        try:
+            if self._process.wait(timeout=self._settings.timeout_s) != 0:
+                self.failures += 1
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+            self.failures += 1
+            print("alert command took too long and was ended", file=sys.stderr)
+        self._process = None

@@ -1,0 +1,38 @@
+"""The command line: ``hri-predict demo | run | check | replay | listen | predictors | bench``."""
+
+import logging
+import sys
+
+import typer
+
+from hri_predict.cli import bench, check, listen, run
+from hri_predict.errors import HriPredictError
+
+app = typer.Typer(
+    help="Predicts where people near a robot will be, and advises the robot's controller in time.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command()(run.demo)
+app.command()(run.run)
+app.command()(check.check)
+app.command()(run.replay)
+app.command()(listen.listen)
+app.command()(check.predictors)
+app.add_typer(bench.app, name="bench")
+
+
+def main() -> None:
+    """Entry point: a user's mistake is one line on standard error and exit status 2."""
+    logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s", stream=sys.stderr)
+    try:
+        app()
+    except HriPredictError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of our output went away
+        sys.exit(0)

@@ -1,0 +1,219 @@
+"""``bench``: what the node costs. Times are for comparing within one run, not across machines."""
+
+import json
+import resource
+import timeit
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from hri_predict import assemble, registry
+from hri_predict import config as configuration
+from hri_predict.clock import VirtualClock
+from hri_predict.errors import ConfigError
+from hri_predict.protocol import messages as m
+from hri_predict.protocol.can_codec import CanReceiver, CanSender
+from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
+from hri_predict.reasons import Reason
+from hri_predict.ring_buffer import RingBuffer
+from hri_predict.risk.geometry import pairwise_min
+from hri_predict.risk.types import Capsules
+from hri_predict.runtime import run_virtual
+from hri_predict.session import VIRTUAL_START_NS, Options, View, run
+from hri_predict.skeleton import JOINTS
+from hri_predict.tick import Tick
+
+app = typer.Typer(
+    help="What the node costs: times of its parts, memory over an hour, reactions to faults.",
+    invoke_without_command=True,
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON alone.")]
+
+
+@app.callback()
+def bench(context: typer.Context, as_json: Json = False) -> None:
+    """Time the parts that every tick uses.
+
+    Example: hri-predict bench
+    """
+    if context.invoked_subcommand is not None:
+        return
+    rows = [*_ring_buffer(), *_codecs(), _distances(), *_tick_overhead()]
+    if as_json:
+        print(json.dumps(rows))
+        return
+    table = Table(title="Cost of the node's parts, microseconds", title_justify="left")
+    table.add_column("part")
+    for name in ("p50", "p99", "aim"):
+        table.add_column(name, justify="right")
+    for row in rows:
+        aim = "" if row["aim_us"] is None else f"< {row['aim_us']:g}"
+        table.add_row(row["part"], f"{row['p50_us']:.1f}", f"{row['p99_us']:.1f}", aim)
+    Console().print(table)
+
+
+def _row(part: str, seconds: Any, aim_us: float | None) -> dict[str, Any]:
+    micro = np.asarray(seconds) * 1e6
+    return {
+        "part": part,
+        "p50_us": float(np.percentile(micro, 50)),
+        "p99_us": float(np.percentile(micro, 99)),
+        "aim_us": aim_us,
+    }
+
+
+def _timed(call: Callable[[], object], number: int = 20, repeat: int = 200) -> list[float]:
+    return [t / number for t in timeit.repeat(call, number=number, repeat=repeat)]
+
+
+def _ring_buffer() -> list[dict[str, Any]]:
+
+    buffer = RingBuffer(len(JOINTS), capacity=256, max_gap_ns=100_000_000)
+    positions = np.zeros((len(JOINTS), 3))
+    observed = np.ones(len(JOINTS), bool)
+    stamp = [0]
+
+    def push() -> None:
+        stamp[0] += 33_000_000
+        buffer.push(stamp[0], positions, observed, stamp[0])
+
+    pushes = _timed(push)
+    windows = _timed(lambda: buffer.window(stamp[0], 25, 25.0))
+    return [
+        _row("ring buffer: push, 21 joints", pushes, 5),
+        _row("ring buffer: window of 25 steps", windows, 100),
+    ]
+
+
+def _codecs() -> list[dict[str, Any]]:
+
+    rows = []
+    for message in _messages():
+        name = type(message).__name__
+        for kind in ("classic CAN", "CAN FD", "serial"):
+            if kind == "classic CAN" and name in ("Zone", "Pose"):
+                continue
+            sender: Any
+            receiver: Any
+            if kind == "serial":
+                sender, receiver = SerialSender(), SerialReceiver()
+                coded = [sender.encode(message) for _ in range(4000)]
+                feed = receiver.feed
+            else:
+                fd = kind == "CAN FD"
+                sender, receiver = CanSender(fd=fd), CanReceiver(fd=fd)
+                coded = [sender.encode(message) for _ in range(4000)]
+
+                def feed(frames: Any, receiver: Any = receiver) -> None:
+                    for frame in frames:
+                        receiver.feed(frame)
+
+            units = iter(coded)
+            encode = _timed(lambda s=sender, m=message: s.encode(m))  # type: ignore[misc]
+            decode = _timed(lambda f=feed, u=units: f(next(u)))  # type: ignore[misc]
+            rows.append(_row(f"encode {name}, {kind}", encode, None))
+            rows.append(_row(f"decode {name}, {kind}", decode, None))
+    return rows
+
+
+def _messages() -> list[Any]:
+
+    capsules = tuple(
+        m.ZoneCapsule(i, (0.1 * i, 0.5, 1.0), (0.1 * i, 0.6, 1.3), 0.2) for i in range(17)
+    )
+    return [
+        m.Status(m.NodeState.RUNNING, Reason.NONE, 1, 0, 1, age_s=0.03),
+        m.Advice(0, m.Level.SLOW, Reason.PERSON_NEAR, 0, 1.2, 0.8, 0.5, 0.4, 3, 5, 17, 0.03),
+        m.Schema(1, 0x12345678),
+        m.RobotState(0, m.RobotMode.AUTOMATIC, 7, (0.1,) * 6, (0.2,) * 6),
+        m.Acknowledge(3, 9),
+        m.Zone(1, 12, 0.48, capsules, age_s=0.03),
+        m.Pose(1, 12, 0.48, tuple((i, 0.1 * i, 0.5, 1.0) for i in range(21)), age_s=0.03),
+    ]
+
+
+def _distances() -> dict[str, Any]:
+
+    rng = np.random.default_rng(1)
+    people = Capsules(rng.normal(size=(1, 25, 20, 3)), rng.normal(size=(1, 25, 20, 3)),
+                      rng.uniform(0.05, 0.2, (1, 25, 20)))  # fmt: skip
+    robot = Capsules(rng.normal(size=(25, 8, 3)), rng.normal(size=(25, 8, 3)),
+                     rng.uniform(0.05, 0.1, (25, 8)))  # fmt: skip
+    seconds = _timed(lambda: pairwise_min(people, robot), number=5)
+    return _row("distances: 20 segments x 25 horizons x 8 capsules", seconds, 1000)
+
+
+def _tick_overhead() -> list[dict[str, Any]]:
+    """Ticks of the demo on the virtual clock, less the time spent in the predictor."""
+
+    config = configuration.load(Path("demo.yaml")).with_predictor("zero_velocity")
+    clock = VirtualClock(VIRTUAL_START_NS)
+    cell = registry.load("cells", "mock")(
+        [link for link in config.links if link.simulate], config.node.robots, config.base_dir,
+        clock, 1.0,
+    )  # fmt: skip
+    assembly = assemble.build(config, clock, transports=cell.transports(), deadline=False)
+    inference: list[float] = []
+    predict = assembly.prediction.predictor.predict
+
+    def timed(*arguments: Any) -> Any:
+        began = timeit.default_timer()
+        forecast = predict(*arguments)
+        inference.append(timeit.default_timer() - began)
+        return forecast
+
+    assembly.prediction.predictor.predict = timed  # type: ignore[assignment,method-assign]
+    pace = run_virtual(assembly, cell, duration_s=20.0)
+    cell.stop()
+    ticks = np.asarray(pace.tick_ms)[5:] * 1e-3
+    mean_inference = float(np.mean(inference)) if inference else 0.0
+    return [_row("tick of the demo, without inference", ticks - mean_inference, 2000)]
+
+
+class _MemoryView(View):
+    """Samples the resident memory once a node minute."""
+
+    def __init__(self) -> None:
+        self.samples: list[float] = []
+        self._due_ns = 0
+
+    def on_tick(self, tick: Tick) -> None:
+        """Sample when a minute has passed."""
+        if tick.now_ns >= self._due_ns:
+            self._due_ns = tick.now_ns + 60_000_000_000
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            self.samples.append(pages * resource.getpagesize() / 2**20)
+
+
+@app.command()
+def memory(
+    hours: Annotated[float, typer.Option(help="Node hours to run, as fast as possible.")] = 1.0,
+    as_json: Json = False,
+) -> None:
+    """Resident memory over a long run of the demo's cell on the virtual clock.
+
+    Example: hri-predict bench memory --hours 1
+    """
+    if not 0.1 <= hours <= 1000:
+        raise ConfigError(f"--hours {hours}: give 0.1 to 1000")
+    view = _MemoryView()
+    config = configuration.load(Path("demo.yaml")).quiet()
+    run(config, Options(factor=None, duration_s=hours * 3600.0, view=view))
+    early, late = view.samples[len(view.samples) // 10], view.samples[-1]
+    result = {
+        "hours": hours,
+        "rss_mib_early": round(early, 2),
+        "rss_mib_end": round(late, 2),
+        "growth_percent": round(100.0 * (late / early - 1.0), 2),
+    }
+    if as_json:
+        print(json.dumps(result))
+        return
+    for name, value in result.items():
+        print(f"{name.replace('_', ' ')}: {value}")

@@ -1,0 +1,138 @@
+"""``check`` and ``predictors``: what a configuration means, before anything moves."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from hri_predict import assemble, registry
+from hri_predict import config as configuration
+from hri_predict.clock import MonotonicClock
+from hri_predict.config import Config
+
+
+def check(
+    config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
+) -> None:
+    """Validate a configuration; print the delay budget and each link's load.
+
+    Example: hri-predict check cell.yaml
+    """
+    found = examine(configuration.load(config))
+    if as_json:
+        print(json.dumps(found))
+        return
+    console = Console()
+    console.print(_delay_table(found))
+    if found["links"]:
+        console.print(_load_table(found["links"]))
+    for note in found["notes"]:
+        console.print(f"note: {note}")
+    console.print(f"{found['path']}: fine")
+
+
+def examine(config: Config) -> dict[str, Any]:
+    """Build everything without opening a device, and say what it comes to.
+
+    Raises:
+        HriPredictError: something is wrong; one line with the remedy.
+    """
+    clock = MonotonicClock()
+    source = assemble.build_source(config)
+    transports = {link.name: object() for link in config.links}  # nothing is opened
+    plain = config.without_faults()
+    assembly = assemble.build(plain, clock, source=source, transports=transports)
+    loads = [
+        registry.load("links", link.kind).load(
+            link, config.node.rate_hz, [0] * len(assembly.robots)
+        )
+        for link in config.links
+    ]
+    budget = assemble.build_budget(config, source)
+    stops = {
+        model.name: model.stopping(settings.max_speed_m_s)
+        for model, settings in zip(assembly.robots, config.node.robots, strict=True)
+    }
+    reaction = sum(budget.terms().values())
+    return {
+        "path": str(config.path),
+        "delay_budget_s": budget.terms(),
+        "reaction_s": reaction,
+        "stopping": {name: {"time_s": t, "distance_m": d} for name, (t, d) in stops.items()},
+        "until_stopped_s": {name: reaction + t for name, (t, _) in stops.items()},
+        "horizon_s": assembly.prediction.predictor.horizon_steps
+        / assembly.prediction.predictor.rate_hz,
+        "links": [asdict(load) for load in loads],
+        "notes": _notes(config),
+    }
+
+
+def _notes(config: Config) -> list[str]:
+    notes = []
+    if not config.links:
+        notes.append("no links: nobody hears the advice; add 'links:'")
+    if any(link.simulate for link in config.links):
+        notes.append("simulated links: mock controllers, no hardware")
+    if config.source.field_of_view is None:
+        notes.append("no source.field_of_view: the whole room counts as seen")
+    if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):
+        notes.append("a robot with motion 'standing' is taken to stand still for ever")
+    return notes
+
+
+def _delay_table(found: dict[str, Any]) -> Table:
+    table = Table(title="Delay budget (worst case)", title_justify="left", show_header=False)
+    for name, seconds in found["delay_budget_s"].items():
+        table.add_row(name.replace("_", " "), f"{seconds * 1e3:.0f} ms")
+    table.add_row("reaction, T_r", f"{found['reaction_s'] * 1e3:.0f} ms", end_section=True)
+    for robot, stop in found["stopping"].items():
+        table.add_row(
+            f"{robot}: stopping at full speed, T_s",
+            f"{stop['time_s'] * 1e3:.0f} ms over {stop['distance_m'] * 1e3:.0f} mm",
+        )
+        total = found["until_stopped_s"][robot]
+        table.add_row(f"{robot}: until it stands, T_r + T_s", f"{total * 1e3:.0f} ms")
+    table.add_row("forecast's horizon", f"{found['horizon_s'] * 1e3:.0f} ms")
+    return table
+
+
+def _load_table(links: list[dict[str, Any]]) -> Table:
+    table = Table(title="Link load", title_justify="left")
+    table.add_column("link")
+    table.add_column("load", justify="right")
+    table.add_column("left for zones and poses", justify="right")
+    table.add_column("made of")
+    for link in links:
+        details = ", ".join(f"{k} {100 * v:.1f} %" for k, v in link["details"].items())
+        table.add_row(
+            link["name"], f"{100 * link['load']:.1f} %", f"{100 * link['spare']:.1f} %", details
+        )
+    return table
+
+
+def predictors(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
+) -> None:
+    """List the predictors there are.
+
+    Example: hri-predict predictors
+    """
+    rows = []
+    for name in registry.names("predictors"):
+        cls = registry.load("predictors", name)
+        summary = (cls.__doc__ or "").strip().splitlines()
+        rows.append({"name": name, "about": summary[0] if summary else ""})
+    if as_json:
+        print(json.dumps(rows))
+        return
+    table = Table()
+    table.add_column("predictor")
+    table.add_column("what it does")
+    for row in rows:
+        table.add_row(row["name"], row["about"])
+    Console().print(table)

@@ -1,0 +1,131 @@
+"""``listen``: what a controller would hear on a link."""
+
+import dataclasses
+import json
+import time
+from enum import IntEnum
+from typing import Annotated, Any
+
+import typer
+
+from hri_predict import registry
+from hri_predict.errors import ConfigError
+from hri_predict.protocol.can_codec import CanReceiver
+from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
+from hri_predict.protocol.messages import Advice, Level, Message, Schema, Status
+from hri_predict.protocol.serial_codec import SerialReceiver
+from hri_predict.settings import validated
+
+READ_TIMEOUT_S = 0.2
+SILENCE_S = 0.5
+
+
+def listen(
+    link: Annotated[
+        str, typer.Argument(help="serial:PORT or can:INTERFACE:CHANNEL, as in the configuration.")
+    ],
+    baudrate: Annotated[int, typer.Option(help="Serial: bits per second.")] = 115200,
+    bitrate: Annotated[int, typer.Option(help="CAN: bits per second.")] = 500000,
+    fd: Annotated[bool, typer.Option("--fd", help="CAN: CAN FD.")] = False,
+    alerts: Annotated[
+        bool, typer.Option("--alerts", help="Only changes of level and of the node's state.")
+    ] = False,
+    seconds: Annotated[float | None, typer.Option(help="Stop after this many seconds.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="JSON lines on standard output.")] = False,
+) -> None:
+    """Print what a controller would hear; nothing is sent.
+
+    Example: hri-predict listen can:socketcan:can0 --alerts
+    """
+    cls, settings = _settings(link, baudrate, bitrate, fd)
+    transport = cls.make_transport(settings)
+    transport.open()
+    receiver: Any = CanReceiver(fd) if settings.kind == "can" else SerialReceiver()
+    printer = _Printer(alerts, as_json)
+    began = last = time.monotonic()
+    silent = False
+    try:
+        while seconds is None or time.monotonic() - began < seconds:
+            for unit in transport.read(READ_TIMEOUT_S):
+                for message in receiver.feed(unit):
+                    printer.show(message, time.monotonic() - began)
+                    last, silent = time.monotonic(), False
+            if not silent and time.monotonic() - last > SILENCE_S:
+                printer.note("silent", time.monotonic() - began)
+                silent = True
+    finally:
+        transport.close()
+        printer.counters(receiver.counters)
+
+
+def _settings(link: str, baudrate: int, bitrate: int, fd: bool) -> tuple[Any, Any]:
+    kind, _, rest = link.partition(":")
+    if kind == "serial" and rest:
+        data: dict[str, Any] = {"port": rest, "baudrate": baudrate}
+    elif kind == "can" and ":" in rest:
+        interface, _, channel = rest.partition(":")
+        data = {"interface": interface, "channel": channel, "bitrate": bitrate, "fd": fd}
+    else:
+        raise ConfigError(f"listen {link}: give serial:PORT or can:INTERFACE:CHANNEL")
+    cls = registry.load("links", kind)
+    return cls, validated(cls.settings_model, {"name": "listen", "kind": kind, **data}, link)
+
+
+class _Printer:
+    def __init__(self, alerts: bool, as_json: bool) -> None:
+        self._alerts, self._json = alerts, as_json
+        self._last: dict[Any, Any] = {}
+
+    def show(self, message: Message, seconds: float) -> None:
+        if self._alerts and not self._is_news(message):
+            return
+        fields = {f.name: getattr(message, f.name) for f in dataclasses.fields(message)}
+        for hidden in ("capture_ns", "detail"):
+            fields.pop(hidden, None)
+        shown = {k: v.name.lower() if isinstance(v, IntEnum) else v for k, v in fields.items()}
+        if isinstance(message, Advice):
+            shown["clears_when"] = message.reason.clears_when
+        if isinstance(message, Schema):
+            ours = (message.version, message.hash) == (SCHEMA_VERSION, SCHEMA_HASH)
+            shown["matches"] = ours
+        self._out(type(message).__name__.lower(), shown, seconds)
+
+    def note(self, what: str, seconds: float) -> None:
+        self._out(what, {"level": Level.UNKNOWN.name.lower()}, seconds)
+
+    def counters(self, counters: Any) -> None:
+        self._out("counters", dataclasses.asdict(counters), None)
+
+    def _is_news(self, message: Message) -> bool:
+        key: tuple[str, int]
+        value: tuple[IntEnum, IntEnum]
+        if isinstance(message, Advice):
+            key, value = ("advice", message.robot), (message.level, message.reason)
+        elif isinstance(message, Status):
+            key, value = ("status", 0), (message.node_state, message.reason)
+        else:
+            return False
+        news = self._last.get(key) != value
+        self._last[key] = value
+        return news
+
+    def _out(self, what: str, fields: dict[str, Any], seconds: float | None) -> None:
+        if self._json:
+            stamp = {} if seconds is None else {"time_s": round(seconds, 4)}
+            print(json.dumps({"message": what, **stamp, **fields}), flush=True)
+            return
+        at = "          " if seconds is None else f"{seconds:8.3f} s"
+        text = "  ".join(f"{k}={_short(v)}" for k, v in fields.items() if v is not None)
+        print(f"{at}  {what:8} {text}", flush=True)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    if isinstance(value, tuple):
+        return (
+            f"[{len(value)}]"
+            if value and not isinstance(value[0], float)
+            else str([round(v, 3) for v in value])
+        )
+    return str(value)

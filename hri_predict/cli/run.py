@@ -1,0 +1,154 @@
+"""``demo``, ``run`` and ``replay``: the node at work."""
+
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from hri_predict import config as configuration
+from hri_predict.cli.terminal_view import TerminalView
+from hri_predict.config import Config
+from hri_predict.errors import ConfigError
+from hri_predict.session import Options
+from hri_predict.session import run as run_session
+from hri_predict.summary import Summary
+
+Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")]
+Record = Annotated[Path | None, typer.Option(help="Record into this MCAP file.")]
+Duration = Annotated[float | None, typer.Option(help="Stop after this many seconds.")]
+Speed = Annotated[str, typer.Option(help="1 = true time, 2 = twice as fast, max = no waiting.")]
+Predictor = Annotated[str | None, typer.Option(help="Use this predictor instead.")]
+Shadow = Annotated[
+    bool, typer.Option("--shadow", help="Compute and show everything; tell the links *unknown*.")
+]
+Faults = Annotated[
+    list[str] | None,
+    typer.Option("--fault", help="Inject a fault: kind@start+duration[:key=value]. Repeatable."),
+]
+
+DEMO_S = 24.0  # the person comes, reaches out, and is gone again
+
+
+def demo(
+    speed: Speed = "1", record: Record = None, fault: Faults = None, as_json: Json = False
+) -> None:
+    """Everything at once, no hardware: a person approaches a moving robot, two controllers obey.
+
+    Example: hri-predict demo
+    """
+    config = _with_faults(configuration.load(Path("demo.yaml")), fault)
+    options = Options(_factor(speed), duration_s=DEMO_S, record=record)
+    _go(config, options, as_json)
+
+
+def run(
+    config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
+    record: Record = None,
+    duration: Duration = None,
+    shadow: Shadow = False,
+    as_json: Json = False,
+) -> None:
+    """The daemon: runs until SIGINT or SIGTERM, then tells the controllers and ends.
+
+    Example: hri-predict run cell.yaml --shadow
+    """
+    _positive(duration, "--duration")
+    options = Options(duration_s=duration, record=record, shadow=shadow)
+    _go(configuration.load(config), options, as_json)
+
+
+def replay(
+    recording: Annotated[Path, typer.Argument(help="npz (data pack), BVH, or the node's MCAP.")],
+    config: Annotated[Path, typer.Option(help="The node's YAML configuration.")] = Path(
+        "configs/demo.yaml"
+    ),
+    speed: Speed = "1",
+    place: Annotated[
+        str | None, typer.Option(help="x,y,yaw: where the recording starts (m, m, degrees).")
+    ] = None,
+    predictor: Predictor = None,
+    record: Record = None,
+    shadow: Shadow = False,
+    fault: Faults = None,
+    as_json: Json = False,
+) -> None:
+    """A recording through the node and its links.
+
+    Example: hri-predict replay walk.bvh --config configs/demo.yaml --place 2,0,180 --speed max
+    """
+    loaded = configuration.load(config)
+    source: dict[str, Any] = {
+        "kind": "recording",
+        "path": str(recording.absolute()),
+        "room_from_source": loaded.source.room_from_source.model_dump(),
+        "min_latency_s": loaded.source.min_latency_s,
+        "stale_s": loaded.source.stale_s,
+        "field_of_view": _dumped(loaded.source.field_of_view),
+    }
+    if loaded.source.kind == "recording":
+        source = loaded.source.model_dump() | {"path": str(recording.absolute())}
+    if place is not None:
+        source["place"] = _place(place)
+    loaded = _with_faults(loaded.with_source(source), fault)
+    if predictor is not None:
+        loaded = loaded.with_predictor(predictor)
+    options = Options(_factor(speed), until_exhausted=True, record=record, shadow=shadow)
+    _go(loaded, options, as_json)
+
+
+def _go(config: Config, options: Options, as_json: bool) -> None:
+    if not as_json and options.factor is not None and sys.stderr.isatty():
+        with TerminalView() as view:
+            summary = run_session(config.quiet(), replace(options, view=view))
+    else:
+        summary = run_session(config, options)
+    _show(summary, as_json)
+    if summary.contacts:
+        raise typer.Exit(1)
+
+
+def _show(summary: Summary, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(summary.as_dict()))
+    else:
+        summary.print(Console())
+
+
+def _factor(speed: str) -> float | None:
+    if speed == "max":
+        return None
+    try:
+        factor = float(speed)
+    except ValueError:
+        factor = math.nan
+    if not (0.01 <= factor <= 100.0):
+        raise ConfigError(f"--speed {speed}: give 'max' or a factor from 0.01 to 100")
+    return factor
+
+
+def _positive(value: float | None, name: str) -> None:
+    if value is not None and not value > 0:
+        raise ConfigError(f"{name} {value}: must be positive")
+
+
+def _place(text: str) -> list[float]:
+    try:
+        x, y, yaw = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ConfigError(f"--place {text}: give three numbers: x,y,yaw (m, m, degrees)") from None
+    if not all(math.isfinite(v) for v in (x, y, yaw)):
+        raise ConfigError(f"--place {text}: the numbers must be finite")
+    return [x, y, math.radians(yaw)]
+
+
+def _with_faults(config: Config, faults: list[str] | None) -> Config:
+    return config.with_faults(faults) if faults else config
+
+
+def _dumped(model: Any) -> Any:
+    return None if model is None else model.model_dump()

@@ -1,0 +1,108 @@
+"""Writes status, advice, zones and poses as messages into every link's newest-wins slots."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from hri_predict.link import Link
+from hri_predict.predictors.base import Forecast
+from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
+from hri_predict.protocol.messages import Advice, Level, Message, Pose, Schema, Zone, ZoneCapsule
+from hri_predict.protocol.messages import Status as StatusMessage
+from hri_predict.reasons import Reason
+from hri_predict.risk.types import Zones
+from hri_predict.snapshot import PeopleSnapshot
+
+SCHEMA_PERIOD_NS = 1_000_000_000
+
+
+class Publisher:
+    """Posts each tick's messages to every link.
+
+    In shadow mode the links are told *unknown*, whatever the advice is.
+    """
+
+    def __init__(
+        self, links: Sequence[Link], advised: Sequence[frozenset[int]], rate_hz: float, shadow: bool
+    ) -> None:
+        self._links = links
+        self._advised = advised  # per link: indices of the robots advised on it
+        self._shadow = shadow
+        self._forecast_rate_hz = rate_hz
+        self._schema_due_ns: int | None = None
+
+    def publish(
+        self,
+        now_ns: int,
+        status: StatusMessage,
+        advices: Sequence[Advice],
+        zones: Zones | None,
+        forecast: Forecast | None,
+        snapshot: PeopleSnapshot | None,
+    ) -> list[Message]:
+        """Post to every link; return all that was posted, once each."""
+        messages: list[Message] = [self._as_told(a) for a in advices]
+        messages.append(status)
+        if self._schema_due_ns is None or now_ns >= self._schema_due_ns:
+            self._schema_due_ns = now_ns + SCHEMA_PERIOD_NS
+            messages.append(Schema(SCHEMA_VERSION, SCHEMA_HASH))
+        if zones is not None and not self._shadow:
+            messages += self._zones(zones, snapshot)
+        if forecast is not None and snapshot is not None and not self._shadow:
+            messages += self._poses(forecast, snapshot)
+        for link, robots in zip(self._links, self._advised, strict=True):
+            for message in messages:
+                if not isinstance(message, Advice) or message.robot in robots:
+                    link.post(message)
+        return messages
+
+    def _as_told(self, advice: Advice) -> Advice:
+        if not self._shadow:
+            return advice
+        return replace(
+            advice, level=Level.UNKNOWN, reason=Reason.SHADOW_MODE, speed_limit_m_s=0.0, latch_id=0
+        )
+
+    def _zones(self, zones: Zones, snapshot: PeopleSnapshot | None) -> list[Zone]:
+        """The zone of each person at each horizon that a link may have room for."""
+        capture_ns = snapshot.newest_capture_ns if snapshot is not None else None
+        a, b, radius = zones.capsules.a, zones.capsules.b, zones.capsules.radius
+        return [
+            Zone(
+                person=person,
+                step=step,
+                horizon_s=float(zones.times_s[step]),
+                capsules=tuple(
+                    ZoneCapsule(s, _xyz(a[p, step, s]), _xyz(b[p, step, s]), float(r))
+                    for s, r in enumerate(radius[p, step])
+                ),
+                capture_ns=capture_ns,
+            )
+            for step in _decimated(len(zones.times_s))
+            for p, person in enumerate(zones.ids)
+        ]
+
+    def _poses(self, forecast: Forecast, snapshot: PeopleSnapshot) -> list[Pose]:
+        return [
+            Pose(
+                person=person,
+                step=step,
+                horizon_s=(step + 1) / self._forecast_rate_hz,
+                joints=tuple(
+                    (j, float(x), float(y), float(z))
+                    for j, (x, y, z) in enumerate(forecast.positions[p, step])
+                ),
+                capture_ns=int(snapshot.capture_ns[p]),
+            )
+            for step in _decimated(forecast.positions.shape[1])
+            for p, person in enumerate(snapshot.ids)
+        ]
+
+
+def _decimated(steps: int) -> list[int]:
+    """First, middle and last step: what a controller can use, at a cost that links can carry."""
+    return sorted({0, steps // 2, steps - 1}) if steps else []
+
+
+def _xyz(point: "list[float]") -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in point)
+    return x, y, z

@@ -1,0 +1,229 @@
+"""Runs an assembled node: in real time, or stepped on the virtual clock.
+
+Both run the same ``Node`` through the same codecs. In real time the loop holds absolute deadlines:
+a late tick is counted, its successors are not pushed back. On the virtual clock everything, mock
+controllers too, steps in one thread in a fixed order, so that two runs give the same bytes.
+"""
+
+import contextlib
+import gc
+import logging
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+from hri_predict.assemble import Assembly
+from hri_predict.clock import VirtualClock
+from hri_predict.protocol.messages import NodeState
+from hri_predict.reasons import Reason
+
+log = logging.getLogger(__name__)
+
+SOURCE_RETRY_NS = 100_000_000
+SWITCH_INTERVAL_S = 0.0005  # how long a busy Python thread may hold up the loop
+
+
+class Stepped(Protocol):
+    """Something that lives on the virtual clock beside the node (the simulated cell)."""
+
+    def next_ns(self) -> int | None:
+        """When it wants to be stepped next."""
+
+    def step(self, now_ns: int) -> None:
+        """Do what is due."""
+
+
+class Pace:
+    """What became of the loop's deadlines. ``tick_ms`` is wall-clock milliseconds per tick."""
+
+    def __init__(self) -> None:
+        self.ticks = self.late_ticks = self.missed_ticks = 0
+        self.tick_ms: list[float] = []
+        self.source_failures = 0
+
+    def note(self, seconds: float) -> None:
+        """Note one tick's duration; the list is bounded, the newest replace the oldest."""
+        if len(self.tick_ms) < 200_000:
+            self.tick_ms.append(seconds * 1e3)
+        else:
+            self.tick_ms[self.ticks % 200_000] = seconds * 1e3
+        self.ticks += 1
+
+
+def run_real_time(
+    assembly: Assembly,
+    stop: threading.Event,
+    duration_s: float | None = None,
+    until_exhausted: bool = False,
+    each_tick: Callable[[int], None] | None = None,
+) -> Pace:
+    """Run until ``stop`` is set, ``duration_s`` has passed, or the source has no more.
+
+    Raises:
+        LinkError: a link's device is absent at start.
+    """
+    clock, node, pace = assembly.clock, assembly.node, Pace()
+    started = []
+    try:
+        for link in assembly.links:
+            link.start()
+            started.append(link)
+        assembly.prediction.start()
+        node.announce(clock.now_ns(), NodeState.STARTING, Reason.STARTING)
+        start_ns = clock.now_ns()
+        assembly.source.open(start_ns)
+        exhausted = threading.Event()
+        feeder = threading.Thread(
+            target=_feed, args=(assembly, pace, stop, exhausted), name="source", daemon=True
+        )
+        feeder.start()
+        with _quiet_collector():
+            _loop(assembly, pace, stop, start_ns, duration_s, until_exhausted, exhausted, each_tick)
+    finally:
+        stop.set()
+        with contextlib.suppress(Exception):
+            node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
+        for link in started:
+            link.stop()
+        assembly.prediction.stop()
+        assembly.source.close()
+    return pace
+
+
+def _loop(
+    assembly: Assembly,
+    pace: Pace,
+    stop: threading.Event,
+    start_ns: int,
+    duration_s: float | None,
+    until_exhausted: bool,
+    exhausted: threading.Event,
+    each_tick: Callable[[int], None] | None,
+) -> None:
+    clock, period_ns = assembly.clock, round(1e9 / assembly.config.node.rate_hz)
+    end_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
+    deadline_ns = start_ns
+    while not stop.is_set():
+        clock.wait_until(deadline_ns, stop)
+        now_ns = clock.now_ns()
+        if now_ns < deadline_ns:
+            continue  # woken to stop
+        if end_ns is not None and now_ns >= end_ns:
+            return
+        if until_exhausted and exhausted.is_set():
+            return
+        began = time.perf_counter()
+        assembly.node.tick(now_ns)
+        pace.note(time.perf_counter() - began)
+        if each_tick is not None:
+            each_tick(now_ns)
+        deadline_ns += period_ns
+        behind = (clock.now_ns() - deadline_ns) // period_ns
+        if clock.now_ns() > deadline_ns:
+            pace.late_ticks += 1
+        if behind > 0:  # whole cycles were missed: skip them, keep the phase
+            pace.missed_ticks += behind
+            deadline_ns += behind * period_ns
+
+
+def _feed(
+    assembly: Assembly, pace: Pace, stop: threading.Event, exhausted: threading.Event
+) -> None:
+    """The source's thread: delivers scenes as they arrive; a failing source is asked again."""
+    source, clock = assembly.source, assembly.clock
+    while not stop.is_set():
+        try:
+            due_ns = source.next_ns()
+            if due_ns is None:
+                exhausted.set()
+                return
+            clock.wait_until(due_ns, stop)
+            while not stop.is_set() and (scene := source.poll(clock.now_ns())) is not None:
+                assembly.node.receive(scene, clock.now_ns())
+        except Exception:
+            if pace.source_failures == 0:
+                log.exception("the source failed; asking it again")
+            pace.source_failures += 1
+            clock.wait_until(clock.now_ns() + SOURCE_RETRY_NS, stop)
+
+
+def run_virtual(
+    assembly: Assembly,
+    beside: Stepped | None = None,
+    duration_s: float | None = None,
+    each_tick: Callable[[int], None] | None = None,
+) -> Pace:
+    """Step everything on the virtual clock until the source has no more or the time is over."""
+    clock, node, pace = assembly.clock, assembly.node, Pace()
+    assert isinstance(clock, VirtualClock)
+    period_ns = round(1e9 / assembly.config.node.rate_hz)
+    start_ns = clock.now_ns()
+    assembly.source.open(start_ns)
+    end_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
+    tick_ns = start_ns
+    node.announce(start_ns, NodeState.STARTING, Reason.STARTING)
+    while True:
+        source_ns = assembly.source.next_ns()
+        if source_ns is None and duration_s is None:
+            break
+        beside_ns = beside.next_ns() if beside is not None else None
+        now_ns = min(t for t in (source_ns, beside_ns, tick_ns) if t is not None)
+        now_ns = max(now_ns, clock.now_ns())
+        if end_ns is not None and now_ns >= end_ns:
+            break
+        clock.advance_to(now_ns)
+        if source_ns is not None and source_ns <= now_ns:
+            while (scene := assembly.source.poll(now_ns)) is not None:
+                node.receive(scene, now_ns)
+            if assembly.source.next_ns() == source_ns:  # nothing came: ask again at the next tick
+                clock.advance_to(tick_ns if beside_ns is None else min(tick_ns, beside_ns))
+        if beside is not None and beside_ns is not None and beside_ns <= now_ns:
+            beside.step(now_ns)
+        if tick_ns <= now_ns:
+            for link in assembly.links:
+                link.service(now_ns)
+            began = time.perf_counter()
+            node.tick(now_ns)
+            pace.note(time.perf_counter() - began)
+            for link in assembly.links:
+                link.service(now_ns)
+            if each_tick is not None:
+                each_tick(now_ns)
+            tick_ns += period_ns
+    node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
+    for link in assembly.links:
+        link.stop()
+    assembly.source.close()
+    return pace
+
+
+@contextlib.contextmanager
+def _quiet_collector() -> Iterator[None]:
+    """Keep the garbage collector off what start-up built, and busy threads off the loop."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        sys.setswitchinterval(interval)
+
+
+@contextlib.contextmanager
+def stop_on_signals(stop: threading.Event) -> Iterator[None]:
+    """SIGINT and SIGTERM set ``stop``: the node ends cleanly and the controllers are told."""
+
+    def handler(_number: int, _frame: object) -> None:
+        stop.set()
+
+    before = {s: signal.signal(s, handler) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)

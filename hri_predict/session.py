@@ -1,0 +1,219 @@
+"""One run from start to end: node, links, and where simulated, the cell at their other ends."""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hri_predict import assemble, registry
+from hri_predict.alerts import Alerts
+from hri_predict.clock import Clock, MonotonicClock, VirtualClock
+from hri_predict.config import Config
+from hri_predict.errors import ConfigError
+from hri_predict.recording import Recorder, RecordingInfo
+from hri_predict.runtime import Pace, run_real_time, run_virtual, stop_on_signals
+from hri_predict.source import Source
+from hri_predict.summary import LevelCounter, Summary, summarise
+from hri_predict.tick import Listener, Tick
+
+VIRTUAL_START_NS = 1_000_000_000
+
+
+class View(Listener):
+    """A listener that shows each tick, and wants to know what was built."""
+
+    def bind(self, assembly: assemble.Assembly) -> None:
+        """Called once, before the first tick."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to run a configuration.
+
+    Attributes:
+        factor: node seconds per wall second; ``None`` as fast as possible, on the virtual clock.
+        duration_s: stop after so many node seconds.
+        until_exhausted: stop when the source has no more.
+        record: file to record into.
+        shadow: tell the links *unknown* whatever the advice is.
+        view: shows each tick (called in the loop's thread: must be quick).
+    """
+
+    factor: float | None = 1.0
+    duration_s: float | None = None
+    until_exhausted: bool = False
+    record: Path | None = None
+    shadow: bool = False
+    view: View | None = None
+
+
+class _AlertListener(Listener):
+    def __init__(self, alerts: Alerts) -> None:
+        self._alerts = alerts
+
+    def on_tick(self, tick: Tick) -> None:
+        self._alerts.observe(tick.advices)
+
+
+def run(config: Config, options: Options, stop: threading.Event | None = None) -> Summary:
+    """Run ``config`` and return what came of it.
+
+    Raises:
+        HriPredictError: it cannot start; one line with the remedy.
+    """
+    virtual = options.factor is None
+    clock: Clock = (
+        VirtualClock(VIRTUAL_START_NS) if virtual else MonotonicClock(options.factor or 1.0)
+    )
+    cell = _cell(config, clock, options)
+    session = _Session(config, options, clock, cell)
+    try:
+        if virtual:
+            return session.run_virtual()
+        stop = stop or threading.Event()
+        if threading.current_thread() is threading.main_thread():
+            with stop_on_signals(stop):
+                return session.run_real_time(stop)
+        return session.run_real_time(stop)
+    finally:
+        session.close()
+
+
+def _cell(config: Config, clock: Clock, options: Options) -> Any | None:
+    """The simulated cell, where a link asks for one."""
+    simulated = [link for link in config.links if link.simulate is not None]
+    real = [link.name for link in config.links if link.simulate is None]
+    if options.factor is None and real:
+        raise ConfigError(
+            f"link {real[0]} is real hardware, which has only one speed: run at --speed 1, or give "
+            f"the link a 'simulate:' block"
+        )
+    if not simulated:
+        return None
+    cls = registry.load("cells", "mock")
+    return cls(simulated, config.node.robots, config.base_dir, clock, options.factor or 1.0)
+
+
+class _Session:
+    def __init__(self, config: Config, options: Options, clock: Clock, cell: Any | None) -> None:
+        self.config, self.options, self.clock, self.cell = config, options, clock, cell
+        self.levels = LevelCounter()
+        names = [robot.name for robot in config.node.robots]
+        self.alerts = Alerts(config.node.alerts, names, clock, config.base_dir)
+        self.reports: Sequence[Any] | None = None
+        self.recorder: Recorder | None = None
+        self.referee: _Referee | None = None
+
+    def listeners(self, source: Source, virtual: bool) -> list[Listener]:
+        listeners: list[Listener] = [self.levels, _AlertListener(self.alerts)]
+        path = self.options.record or (
+            self.config.base_dir / self.config.node.record if self.config.node.record else None
+        )
+        if path is not None:
+            info = RecordingInfo(
+                joint_map=source.joint_map,
+                rate_hz=source.rate_hz,
+                declares_noise=source.declares_noise,
+                config=self.config.text,
+                predictor=self.config.predictor.name,
+                forecast_rate_hz=self.config.predictor.rate_hz,
+            )
+            self.recorder = Recorder(path, info, threaded=not virtual)
+            listeners.append(self.recorder)
+        if self.options.view is not None:
+            listeners.append(self.options.view)
+        return listeners
+
+    def build(self, **ends: Any) -> assemble.Assembly:
+        virtual = self.options.factor is None
+        source = assemble.build_source(self.config)
+        assembly = assemble.build(
+            self.config,
+            self.clock,
+            source=source,
+            deadline=not virtual,
+            shadow=self.options.shadow,
+            listeners=self.listeners(source, virtual),
+            **ends,
+        )
+        if self.recorder is not None:
+            for link in assembly.links:
+                link.on_sent = self.recorder.sent
+        if self.options.view is not None:
+            self.options.view.bind(assembly)
+        if self.cell is not None:
+            self.referee = _Referee(self.config, assembly, self.cell)
+        return assembly
+
+    def run_real_time(self, stop: threading.Event) -> Summary:
+        ports = self.cell.start() if self.cell is not None else {}
+        assembly = self.build(ports=ports)
+        self.alerts.start()
+        pace = run_real_time(
+            assembly,
+            stop,
+            duration_s=self.options.duration_s,
+            until_exhausted=self.options.until_exhausted,
+            each_tick=self.referee.observe if self.referee is not None else None,
+        )
+        return self.summary(assembly, pace)
+
+    def run_virtual(self) -> Summary:
+        transports = self.cell.transports() if self.cell is not None else {}
+        assembly = self.build(transports=transports)
+        pace = run_virtual(
+            assembly,
+            self.cell,
+            duration_s=self.options.duration_s,
+            each_tick=self.referee.observe if self.referee is not None else None,
+        )
+        return self.summary(assembly, pace)
+
+    def summary(self, assembly: assemble.Assembly, pace: Pace) -> Summary:
+        counters = dict(self.levels.people_counters)
+        counters["alerts_dropped"] = self.alerts.dropped
+        self.close()
+        if self.recorder is not None:
+            counters["recorder_dropped"] = self.recorder.dropped
+        result = summarise(assembly.node, pace, assembly.links, self.levels, counters)
+        if self.referee is not None:
+            self.referee.add_to(result)
+        result.controllers = [asdict(report) for report in self.reports or ()]
+        return result
+
+    def close(self) -> None:
+        """End what was started; safe to call twice."""
+        if self.cell is not None and self.reports is None:
+            self.reports = self.cell.stop()
+        self.alerts.stop()
+        if self.recorder is not None:
+            self.recorder.close()
+
+
+class _Referee:
+    """Compares true people (a clean copy of the source) with the true robot (from the cell).
+
+    The node never sees any of it.
+    """
+
+    def __init__(self, config: Config, assembly: assemble.Assembly, cell: Any) -> None:
+        self._cell = cell
+        source = assemble.build_source(config, with_faults=False)
+        self._people = cell.true_people(source)
+        self._referee = cell.referee(assembly.robots)
+        self._opened = False
+
+    def observe(self, now_ns: int) -> None:
+        """Judge the time since the last tick."""
+        if not self._opened:  # at the first tick: the node's own copy was opened at its time
+            self._people.open(now_ns)
+            self._opened = True
+        self._referee.observe(now_ns, self._people.at(now_ns), self._cell.robot_truth(now_ns))
+
+    def add_to(self, summary: Summary) -> None:
+        """Put the verdict into the summary."""
+        summary.contacts = self._referee.contacts
+        summary.contacts_standing = self._referee.contacts_standing
+        if self._referee.min_separation_m is not None:
+            summary.min_separation_m = round(self._referee.min_separation_m, 4)

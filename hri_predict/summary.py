@@ -1,0 +1,189 @@
+"""What came of a run: counted while it runs, shown as a table or as JSON.
+
+The keys of ``Summary.as_dict`` are a contract with users' scripts.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from hri_predict.link import Link
+from hri_predict.node import Node
+from hri_predict.protocol.messages import Level
+from hri_predict.runtime import Pace
+from hri_predict.tick import Listener, Tick
+
+
+class LevelCounter(Listener):
+    """Counts changes into *slow* and *stop*, per robot, and the smallest separation advised."""
+
+    def __init__(self) -> None:
+        self._levels: dict[int, Level] = {}
+        self.slowdowns = self.stops = 0
+        self.min_separation_m: float | None = None
+        self.time_at: dict[str, int] = {}  # level name -> ticks
+        self.people_counters: Mapping[str, int] = {}
+
+    def on_tick(self, tick: Tick) -> None:
+        """Count one tick's advices."""
+        if tick.snapshot is not None:
+            self.people_counters = tick.snapshot.counters
+        for advice in tick.advices:
+            was = self._levels.get(advice.robot)
+            if advice.level is not was:
+                self.slowdowns += advice.level is Level.SLOW and was is not Level.STOP
+                self.stops += advice.level is Level.STOP
+                self._levels[advice.robot] = advice.level
+            name = advice.level.name.lower()
+            self.time_at[name] = self.time_at.get(name, 0) + 1
+            near = advice.separation_m
+            if near is not None and (self.min_separation_m is None or near < self.min_separation_m):
+                self.min_separation_m = near
+
+
+@dataclass
+class Summary:
+    """What came of a run. ``as_dict`` gives the JSON."""
+
+    frames_in: int
+    ticks: int
+    late_ticks: int
+    tick_ms: dict[str, float]
+    links: list[dict[str, Any]]
+    min_separation_m: float | None
+    slowdowns: int
+    stops: int
+    contacts: int | None
+    contacts_standing: int | None
+    ticks_at: dict[str, int] = field(default_factory=dict)
+    dropped: dict[str, int] = field(default_factory=dict)
+    controllers: list[dict[str, Any]] = field(default_factory=list)
+    node_state: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for ``--json``."""
+        return asdict(self)
+
+    def print(self, console: Console) -> None:
+        """Show it as tables."""
+        console.print(self._run_table())
+        if self.links:
+            console.print(self._link_table())
+        if self.controllers:
+            console.print(self._controller_table())
+
+    def _run_table(self) -> Table:
+        table = Table(title="Summary", title_justify="left", show_header=False)
+        near = "-" if self.min_separation_m is None else f"{self.min_separation_m:.2f} m"
+        tick = self.tick_ms
+        rows = [
+            ("frames in", str(self.frames_in)),
+            ("ticks (late)", f"{self.ticks} ({self.late_ticks})"),
+            (
+                "tick p50 / p99 / max",
+                f"{tick['p50']:.2f} / {tick['p99']:.2f} / {tick['max']:.2f} ms",
+            ),
+            ("smallest separation", near),
+            ("slowdowns, stops", f"{self.slowdowns}, {self.stops}"),
+            ("time at each level", _shares(self.ticks_at)),
+            ("contacts, moving robot", "-" if self.contacts is None else str(self.contacts)),
+            (
+                "contacts, standing robot",
+                "-" if self.contacts_standing is None else str(self.contacts_standing),
+            ),
+            ("dropped or refused", _counts(self.dropped)),
+        ]
+        for row in rows:
+            table.add_row(*row)
+        return table
+
+    def _link_table(self) -> Table:
+        table = Table(title="Links", title_justify="left")
+        names = ["name", "messages", "bytes", "received", "crc_errors", "superseded", "reconnects"]
+        for name in names:
+            table.add_column(name.replace("_", " "), justify="left" if name == "name" else "right")
+        for link in self.links:
+            table.add_row(*(str(link[name]) for name in names))
+        return table
+
+    def _controller_table(self) -> Table:
+        table = Table(title="Controllers, as they tell it", title_justify="left")
+        table.add_column("")
+        for controller in self.controllers:
+            table.add_column(str(controller["name"]), justify="right")
+        for name in self.controllers[0]:
+            values = [controller[name] for controller in self.controllers]
+            if name != "name" and any(values):  # what is zero everywhere says nothing
+                table.add_row(name.replace("_", " "), *(_short(value) for value in values))
+        return table
+
+
+def summarise(
+    node: Node,
+    pace: Pace,
+    links: Sequence[Link],
+    levels: LevelCounter,
+    counters: dict[str, int],
+) -> Summary:
+    """Put together what was counted in one run; contacts are added by whoever saw the truth."""
+    ticks = np.asarray(pace.tick_ms or [0.0])
+    dropped = {name: count for name, count in counters.items() if count}
+    extra = {
+        "missed_ticks": pace.missed_ticks,
+        "source_failures": pace.source_failures,
+        "assess_failures": node.assess_failures,
+        "listener_failures": node.listener_failures,
+    }
+    dropped |= {name: count for name, count in extra.items() if count}
+    return Summary(
+        frames_in=node.frames_in,
+        ticks=pace.ticks,
+        late_ticks=pace.late_ticks,
+        tick_ms={
+            "p50": round(float(np.percentile(ticks, 50)), 3),
+            "p99": round(float(np.percentile(ticks, 99)), 3),
+            "max": round(float(ticks.max()), 3),
+        },
+        links=[_link_row(link) for link in links],
+        min_separation_m=_rounded(levels.min_separation_m),
+        slowdowns=levels.slowdowns,
+        stops=levels.stops,
+        contacts=None,
+        contacts_standing=None,
+        ticks_at=levels.time_at,
+        dropped=dropped,
+        node_state=node.state.name.lower(),
+    )
+
+
+def _link_row(link: Link) -> dict[str, Any]:
+    counters = asdict(link.counters)
+    return {
+        "name": link.name,
+        "messages": counters.pop("messages_sent"),
+        "bytes": counters.pop("bytes_sent"),
+        "crc_errors": counters.pop("crc_errors"),
+        "received": counters.pop("messages_received"),
+        **counters,
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 4)
+
+
+def _shares(ticks_at: dict[str, int]) -> str:
+    total = sum(ticks_at.values()) or 1
+    return ", ".join(f"{name} {100 * n / total:.0f} %" for name, n in ticks_at.items()) or "-"
+
+
+def _counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {n}" for name, n in counts.items()) or "nothing"
+
+
+def _short(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

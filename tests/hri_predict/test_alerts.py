@@ -1,0 +1,90 @@
+import io
+import json
+import sys
+import time
+
+import pytest
+
+from hri_predict.alerts import Alerts, AlertSettings
+from hri_predict.clock import MonotonicClock, VirtualClock
+from hri_predict.protocol.messages import Advice, Level
+from hri_predict.reasons import Reason
+
+
+def advice(level, robot=0, reason=Reason.PERSON_NEAR):
+    return Advice(robot=robot, level=level, reason=reason, separation_m=0.7, speed_limit_m_s=0.2)
+
+
+def test_only_changes_are_told(tmp_path):
+    out, clock = io.StringIO(), VirtualClock(0)
+    alerts = Alerts(AlertSettings(file="a.jsonl"), ["arm", "gantry"], clock, tmp_path, out)
+    for level in (Level.CLEAR, Level.CLEAR, Level.SLOW, Level.SLOW, Level.STOP):
+        alerts.observe((advice(level), advice(Level.CLEAR, robot=1)))
+        clock.advance_to(clock.now_ns() + 40_000_000)
+    alerts.stop()
+    lines = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    assert [(a["robot"], a["was"], a["level"]) for a in lines] == [
+        ("arm", "none", "clear"),
+        ("gantry", "none", "clear"),
+        ("arm", "clear", "slow"),
+        ("arm", "slow", "stop"),
+    ]
+    assert lines[2]["time_s"] == 0.08
+    assert lines[2]["clears_when"] == Reason.PERSON_NEAR.clears_when
+    assert "slow -> stop: arm: a person is too near; clears when" in out.getvalue()
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.01)
+
+
+def test_command_gets_the_alert_and_is_debounced(tmp_path):
+    target = tmp_path / "got"
+    code = f"import sys; open({str(target)!r}, 'a').write(sys.stdin.read() + '\\n')"
+    settings = AlertSettings(
+        terminal=False, command=[sys.executable, "-c", code], debounce_s=0.5, timeout_s=20
+    )
+    alerts = Alerts(settings, ["arm"], MonotonicClock(), tmp_path)
+    alerts.start()
+    for level in (Level.CLEAR, Level.SLOW, Level.CLEAR, Level.STOP):
+        alerts.observe((advice(level),))
+    alerts.stop()
+    got = [json.loads(line)["level"] for line in target.read_text().splitlines()]
+    assert got[0] == "clear"
+    assert got[-1] == "stop"  # the newest is never lost by the debounce
+    assert len(got) == 2
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["/no/such/program"], [sys.executable, "-c", "raise SystemExit(3)"]],
+)
+def test_failing_command_is_counted(tmp_path, command, capsys):
+    settings = AlertSettings(terminal=False, command=command, timeout_s=20)
+    alerts = Alerts(settings, ["arm"], MonotonicClock(), tmp_path)
+    alerts.start()
+    alerts.observe((advice(Level.STOP),))
+    alerts.stop()
+    assert alerts.failures == 1
+
+
+def test_hanging_command_is_ended(tmp_path, capsys):
+    hang = [sys.executable, "-c", "import time; time.sleep(60)"]
+    settings = AlertSettings(terminal=False, command=hang, timeout_s=0.2)
+    alerts = Alerts(settings, ["arm"], MonotonicClock(), tmp_path)
+    alerts.start()
+    alerts.observe((advice(Level.STOP),))
+    alerts.stop()
+    assert alerts.failures == 1
+    assert "was ended" in capsys.readouterr().err
+
+
+def test_a_flood_never_blocks_and_is_counted(tmp_path):
+    alerts = Alerts(AlertSettings(terminal=False), ["arm"], VirtualClock(0), tmp_path)
+    for i in range(1000):
+        alerts.observe((advice(Level.CLEAR if i % 2 else Level.STOP),))
+    assert alerts.count == 1000
+    assert alerts.dropped == 1000 - 256
