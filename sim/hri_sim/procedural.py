@@ -22,16 +22,17 @@ _SWAY_M = 0.006  # amplitude of quiet standing: a centimetre or so of travel
 _SWAY_HZ = (0.13, 0.31, 0.53)
 _LEAST_JOINTS = 4  # of which something must be in view for a body to be seen at all
 
-# Somebody comes in, goes up to the robot at the origin, reaches to it, steps back, and goes out.
+# Somebody comes in, goes up to the robot at the origin, reaches to where it works, steps back, and
+# goes out where they came in.
 DEMO: list[dict[str, Any]] = [
     {
         "start": [3.6, 2.4],
         "enter_s": 1.0,
         "script": [
-            {"do": "walk", "via": [[2.2, 0.6]], "to": [0.9, 0.1]},
+            {"do": "walk", "via": [[2.4, 1.2]], "to": [1.05, 0.65]},
             {"do": "wait", "seconds": 1.0},
-            {"do": "reach", "hand": "right", "to": [0.4, 0.1, 0.9], "hold_s": 1.5},
-            {"do": "walk", "to": [2.0, 0.1], "speed_m_s": 0.6, "backwards": True},
+            {"do": "reach", "hand": "right", "to": [0.65, 0.4, 0.95], "hold_s": 1.5},
+            {"do": "walk", "to": [1.9, 1.2], "speed_m_s": 0.6, "backwards": True},
             {"do": "wait", "seconds": 1.0},
             {"do": "walk", "to": [3.6, 2.4]},
             {"do": "leave", "seconds": 2.0},
