@@ -153,10 +153,8 @@ class SupervisedLink(Generic[U]):
             try:
                 self._drain(lambda: now_ns, with_bulk=False)
             except LinkError as error:
-                self.counters.write_errors += 1
                 self._note(error)
-            self.connected = False
-        self._transport.close()
+        self._end()
 
     # -- the threads ------------------------------------------------------------------------------
 
@@ -170,8 +168,7 @@ class SupervisedLink(Generic[U]):
                 self._lost(error, self._clock.now_ns())
         self._flush()
         self._stop_reader()
-        self.connected = False
-        self._transport.close()
+        self._end()
 
     def _turn(self) -> None:
         """Wait for something to do, and do it."""
@@ -225,8 +222,17 @@ class SupervisedLink(Generic[U]):
                 self._wake.clear()
                 self._wake.wait(BUSY_RETRY_S)
         except Exception as error:  # it ends here either way; say so
-            self.counters.write_errors += 1
             self._note(error)
+
+    def _end(self) -> None:
+        """Close, and count what nobody will hear."""
+        self.connected = False
+        self._transport.close()
+        while (message := self._slots.pop()) is not None:
+            if isinstance(message, BULK):
+                self.counters.decimated += 1
+            else:
+                self.counters.write_errors += 1
 
     # -- the device -------------------------------------------------------------------------------
 

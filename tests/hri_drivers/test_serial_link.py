@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import serial
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
 from hri_drivers.serial_transport import SerialTransport
 from hri_drivers.transport import TransportBusy
@@ -133,18 +134,53 @@ def test_a_controller_that_does_not_read_makes_the_port_busy_not_stuck():
 
     with pytest.raises(TransportBusy):
         fill()
-    # When it reads again, only what was cut is lost: the next message is whole.
-    heard: list[Any] = []
-    receiver = SerialReceiver()
-    while chunks := controller.wire.read(0.05):
-        heard += receiver.feed(b"".join(chunks))
-    assert heard
-    transport.write(SerialSender().encode(Acknowledge(1, 1)))
-    while chunks := controller.wire.read(0.2):
-        heard += receiver.feed(b"".join(chunks))
-    assert heard[-1] == Acknowledge(1, 1)
+    while controller.wire.read(0.05):
+        pass
+    transport.write(b"again")
+    assert b"".join(controller.wire.read(5.0)).endswith(b"again")
     transport.close()
     controller.wire.close()
+
+
+class Stuck:
+    """A pyserial port that takes ten bytes, then no more until it is freed."""
+
+    def __init__(self) -> None:
+        self.taken = b""
+        self.out_waiting = 0
+        self.stuck = True
+
+    def write(self, data: bytes) -> None:
+        self.taken += data[:10] if self.stuck else data
+        if self.stuck:
+            raise serial.SerialTimeoutException("Write timeout")
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_message_that_was_cut_short_costs_no_other():
+    transport, port = SerialTransport("x", 115_200), Stuck()
+    transport._serial = port
+    sender = SerialSender()
+    with pytest.raises(TransportBusy, match="longer than 50 ms"):
+        transport.write(sender.encode(advice(1)))
+    port.stuck = False
+    transport.write(sender.encode(advice(2)))
+    transport.write(sender.encode(advice(3)))
+    heard: list[Any] = list(SerialReceiver().feed(port.taken))
+    assert [m.latch_id for m in heard] == [2, 3]
+
+
+def test_an_output_buffer_that_has_become_a_queue_takes_no_more():
+    transport, port = SerialTransport("x", 115_200), Stuck()
+    transport._serial, port.stuck, port.out_waiting = port, False, 600
+    with pytest.raises(TransportBusy, match="does not empty"):
+        transport.write(b"late")
+    assert port.taken == b""
+    port.out_waiting = 500  # 43 ms at 115200
+    transport.write(b"fine")
+    assert port.taken == b"fine"
 
 
 CHILD = """

@@ -1,4 +1,5 @@
 import os
+import select
 import threading
 from typing import Any
 
@@ -30,11 +31,12 @@ def ask(line, data):
     adapter, port = line
     os.write(port, data)
     frames = adapter.read(5.0)
-    os.set_blocking(port, False)
-    try:
-        return os.read(port, 4096), frames
-    except BlockingIOError:
-        return b"", frames
+    while more := adapter.read(0.02):
+        frames += more
+    answer = b""
+    while select.select([port], [], [], 0.05 if answer else 5.0)[0]:
+        answer += os.read(port, 4096)
+    return answer, frames
 
 
 frames = st.builds(
