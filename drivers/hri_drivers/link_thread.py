@@ -243,6 +243,7 @@ class SupervisedLink(Generic[U]):
         self._busy_since_ns = None
         if self._opened_before:
             self._codec.reset()
+            self._echo.clear()  # a restarted controller must not take an old counter for its own
             self.counters.reconnects += 1
             log.info("link '%s': connected again", self.name)
         self._opened_before = True

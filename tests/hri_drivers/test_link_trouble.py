@@ -8,12 +8,20 @@ from typing import Any
 
 import pytest
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
-from hri_drivers.transport import TransportBusy
+from hri_drivers.transport import PipeEnd, TransportBusy, pipe
 
 from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.errors import LinkError
-from hri_predict.protocol.messages import Advice, Level, NodeState, Status, Zone
-from hri_predict.protocol.serial_codec import SerialReceiver
+from hri_predict.protocol.messages import (
+    Advice,
+    Level,
+    NodeState,
+    RobotMode,
+    RobotState,
+    Status,
+    Zone,
+)
+from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
 from hri_predict.reasons import Reason
 
 STATUS = Status(NodeState.RUNNING, Reason.NONE, 1, 0, 7)
@@ -25,6 +33,10 @@ def advice(latch_id: int) -> Advice:
 
 def zone() -> Zone:
     return Zone(0, 0, 0.0, ())
+
+
+def byte_pipe() -> tuple[PipeEnd[bytes], PipeEnd[bytes]]:
+    return pipe()
 
 
 def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
@@ -159,6 +171,24 @@ def test_an_unplugged_device_is_reopened_and_gets_the_newest():
     assert [m.latch_id for m in heard(transport)] == [1, 3]
     assert link.counters.reconnects == link.counters.disconnects == 1
     link.stop()
+
+
+def test_after_a_reconnection_nothing_old_is_echoed():
+    clock, (near, far) = VirtualClock(), byte_pipe()
+    link = SerialLink(SerialLinkSettings(name="cell", port="x", baudrate=921_600), clock, near)
+    far.open()
+    link.service(0)
+    far.write(SerialSender().encode(RobotState(0, RobotMode.AUTOMATIC, 9, (0.0,), (0.0,))))
+    link.post(advice(1))
+    link.service(0)
+    near.close()  # unplugged
+    link.service(1)
+    assert not link.connected
+    link.post(advice(2))
+    link.service(100_000_000)
+    receiver = SerialReceiver()
+    heard: list[Any] = [m for unit in far.read(0.0) for m in receiver.feed(unit)]
+    assert [(m.latch_id, m.echo) for m in heard] == [(1, 9), (2, None)]
 
 
 def test_a_bug_in_a_driver_does_not_end_the_thread():
