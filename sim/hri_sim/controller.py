@@ -178,7 +178,9 @@ class ControllerCore(Generic[U]):
             raise ValueError("the settings must be resolved first")
         self._settings = settings
         self._reaction_ns = int((settings.reaction_s or 0.0) * 1e9)
-        self._silence_ns = int((settings.silence_timeout_s or 0.0) * 1e9)
+        # it looks once a cycle, and must have stopped when the time is over
+        silence_s = (settings.silence_timeout_s or 0.0) - settings.period_s
+        self._silence_ns = int(max(silence_s, 0.0) * 1e9)
         self._state_ns = int(1e9 / (settings.state_rate_hz or 50.0))
         self._robot = robot
         self._codec = codec
