@@ -146,7 +146,7 @@ class CanLink(SupervisedLink[CanFrame]):
             clock,
             wire,
             CanCodec(settings, wire),
-            Budget(max(0.0, load.spare), max(0.0, (1.0 - load.load) / rate_hz)),
+            Budget(max(0.0, load.spare)),
             settings.wait_for_device,
         )
 

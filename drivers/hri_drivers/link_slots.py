@@ -97,6 +97,16 @@ class Slots:
                     return slots.pop(next(iter(slots)))
             return None
 
+    def pop_bulk(self) -> Message | None:
+        """Take the Zone or Pose that has waited longest."""
+        with self._lock:
+            slots = self._classes[_BULK_CLASS]
+            return slots.pop(next(iter(slots))) if slots else None
+
+    def has_bulk(self) -> bool:
+        """Whether a Zone or Pose waits."""
+        return bool(self._classes[_BULK_CLASS])
+
     def __len__(self) -> int:
         with self._lock:
             return sum(len(slots) for slots in self._classes)
@@ -108,12 +118,12 @@ class Budget:
 
     Attributes:
         rate: seconds of wire per second that may be used on average.
-        depth_s: seconds of wire that may be used in one burst: what is free in one cycle, so that
-            a burst that begins with a cycle is over before the next one's Advice.
+        depth_s: seconds of wire that may be used in one burst; a message that takes longer is not
+            for this wire.
     """
 
     rate: float
-    depth_s: float
+    depth_s: float = 0.1
     _tokens_s: float = 0.0
     _last_ns: int | None = None
 

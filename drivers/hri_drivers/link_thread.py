@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from hri_drivers.link_codec import Codec
+from hri_drivers.link_inbox import Inbox
 from hri_drivers.link_slots import BULK, Budget, Slots
 from hri_drivers.transport import Transport, TransportBusy
 from hri_predict.clock import Clock
@@ -33,7 +34,7 @@ BUSY_LIMIT_NS = 1_000_000_000  # busy for longer (bus-off, nobody reads): re-ope
 SETTLED_NS = 1_000_000_000  # a connection that lived so long starts the back-off afresh
 FLUSH_NS = 200_000_000  # how long a stop may take to write the last messages
 BULK_STALE_NS = 500_000_000  # a zone from an older capture is of no use any more
-INBOX = 256
+BULK_AHEAD_NS = 2_000_000  # how far ahead of the wire bulk is written
 READS_PER_SERVICE = 1024
 
 
@@ -64,10 +65,12 @@ class SupervisedLink(Generic[U]):
         self._transport = transport
         self._codec = codec
         self._budget = budget
+        self._under_way: deque[U] = deque()  # frames of a Zone or Pose that has begun to go
+        self._bulk_waits = False  # for the wire to become free
+        self._wire_free_ns = 0  # when all that was written will have left, by calculation
         self._wait_for_device = wait_for_device
         self._slots = Slots()
-        self._inbox: deque[Received] = deque()
-        self._inbox_lock = threading.Lock()
+        self._inbox = Inbox()
         self._echo: dict[int, int] = {}
         self._opened_ns = 0
         self._opened_before = False
@@ -80,8 +83,6 @@ class SupervisedLink(Generic[U]):
         self._reader_error: Exception | None = None
         self._reader: threading.Thread | None = None
         self._writer: threading.Thread | None = None
-
-    # -- the contract -----------------------------------------------------------------------------
 
     def start(self) -> None:
         """Open the device and start the threads.
@@ -115,10 +116,7 @@ class SupervisedLink(Generic[U]):
 
     def take(self) -> list[Received]:
         """Return what was received since the last call, oldest first."""
-        with self._inbox_lock:
-            received = list(self._inbox)
-            self._inbox.clear()
-        return received
+        return self._inbox.take()
 
     def service(self, now_ns: int) -> None:
         """Read what has come, write what is posted, re-open if it is time; in this thread."""
@@ -156,8 +154,6 @@ class SupervisedLink(Generic[U]):
                 self._note(error)
         self._end()
 
-    # -- the threads ------------------------------------------------------------------------------
-
     def _write_loop(self) -> None:
         if self.connected:
             self._start_reader()
@@ -179,12 +175,20 @@ class SupervisedLink(Generic[U]):
                 self._start_reader()
                 self._wake.set()
             return
-        self._wake.wait(BUSY_RETRY_S if self._busy_since_ns is not None else None)
+        self._wake.wait(self._patience_s())
         self._wake.clear()
         if self._reader_error is not None:
             raise self._reader_error
         if not self._stopping.is_set():
-            self._drain(self._clock.now_ns)
+            self._drain(self._clock.now_ns, paced=True)
+
+    def _patience_s(self) -> float | None:
+        """How long to sleep if nothing is posted."""
+        if self._busy_since_ns is not None:
+            return BUSY_RETRY_S
+        if self._bulk_waits:
+            return max(0.0005, (self._wire_free_ns - self._clock.now_ns()) * 1e-9)
+        return None
 
     def _read_loop(self, hang_up: threading.Event) -> None:
         try:
@@ -228,13 +232,12 @@ class SupervisedLink(Generic[U]):
         """Close, and count what nobody will hear."""
         self.connected = False
         self._transport.close()
+        self._give_up_bulk()
         while (message := self._slots.pop()) is not None:
             if isinstance(message, BULK):
                 self.counters.decimated += 1
             else:
                 self.counters.write_errors += 1
-
-    # -- the device -------------------------------------------------------------------------------
 
     def _open(self, now_ns: int) -> None:
         self._transport.open()
@@ -259,6 +262,7 @@ class SupervisedLink(Generic[U]):
         self._note(error)
         self._stop_reader()
         self._transport.close()
+        self._give_up_bulk()
         self._busy_since_ns = None
         self._retry_ns = now_ns + int(self._retry_s * 1e9)
         self._retry_s = min(2 * self._retry_s, LAST_RETRY_S)
@@ -267,29 +271,31 @@ class SupervisedLink(Generic[U]):
         text = str(error).splitlines()
         self.last_error = text[0] if text else type(error).__name__
 
-    # -- out --------------------------------------------------------------------------------------
-
-    def _drain(self, now: Callable[[], int], with_bulk: bool = True) -> None:
+    def _drain(self, now: Callable[[], int], with_bulk: bool = True, paced: bool = False) -> None:
         """Write what is posted, the most urgent first; bulk only within its budget.
+
+        ``paced``, bulk goes frame by frame as the wire becomes free, so that whatever is urgent
+        waits for two milliseconds and one frame at most, not for a whole Zone.
 
         Raises:
             LinkError: the device is lost, or has been busy for too long.
         """
-        while (message := self._slots.pop(with_bulk)) is not None:
+        while True:
             now_ns = now()
-            if isinstance(message, BULK):
-                if self._bulk_is_useless(message, now_ns):
-                    self.counters.decimated += 1
-                    continue
-                if not self._bulk_may_go(message, now_ns):
-                    self._return(message)  # it keeps its place in the line
-                    with_bulk = False
-                    continue
+            message = self._slots.pop(with_bulk=False)
             try:
-                self._write(message, now_ns)
+                if message is not None:
+                    for unit in self._encoded(message, now_ns):
+                        self._send(unit, now_ns)
+                    self.counters.messages_sent += 1
+                elif not with_bulk or not self._send_bulk(now_ns, paced):
+                    break
             except TransportBusy as error:
                 self._busy(message, error, now_ns)
                 return
+            except ValueError as error:  # no field holds such a value: this message alone is lost
+                self.counters.write_errors += 1
+                self._note(error)
             except Exception:
                 self.counters.write_errors += 1
                 self._return(message)
@@ -297,36 +303,52 @@ class SupervisedLink(Generic[U]):
             self._busy_since_ns = None
         self._busy_since_ns = None
 
-    def _write(self, message: Message, now_ns: int) -> None:
+    def _encoded(self, message: Message, now_ns: int) -> list[U]:
         echo = self._echo.get(message.robot) if isinstance(message, Advice) else None
-        try:
-            units = self._codec.encode(at_encoding(message, now_ns, echo))
-        except (
-            ValueError
-        ) as error:  # a value that no field can hold: this message is lost, no other
-            self.counters.write_errors += 1
-            self._note(error)
-            return
-        for unit in units:
-            if isinstance(message, BULK):
-                self._budget.spend(self._codec.unit_s(unit))
-            self._transport.write(unit)
-            self.counters.bytes_sent += self._codec.size(unit)
-            if self.on_sent is not None:
-                self.on_sent(self.name, self._codec.raw(unit), now_ns)
-        self.counters.messages_sent += 1
+        return self._codec.encode(at_encoding(message, now_ns, echo))
 
-    def _bulk_may_go(self, message: Message, now_ns: int) -> bool:
-        """Whether there is wire time for it now."""
-        return self._budget.fits(self._codec.worst_s(message), now_ns)
+    def _send(self, unit: U, now_ns: int) -> None:
+        self._transport.write(unit)
+        self._wire_free_ns = max(now_ns, self._wire_free_ns) + int(self._codec.unit_s(unit) * 1e9)
+        self.counters.bytes_sent += self._codec.size(unit)
+        if self.on_sent is not None:
+            self.on_sent(self.name, self._codec.raw(unit), now_ns)
 
-    def _bulk_is_useless(self, message: Message, now_ns: int) -> bool:
-        """Whether it is too old, or too long ever to be over before the next cycle's Advice."""
-        capture_ns = getattr(message, "capture_ns", None)
-        stale = capture_ns is not None and now_ns - capture_ns > BULK_STALE_NS
-        return stale or self._codec.worst_s(message) > self._budget.depth_s
+    def _send_bulk(self, now_ns: int, paced: bool) -> bool:
+        """Write one frame of a Zone or Pose; ``False`` if none may go now."""
+        self._bulk_waits = False
+        if paced and self._wire_free_ns - now_ns > BULK_AHEAD_NS:
+            self._bulk_waits = bool(self._under_way) or self._slots.has_bulk()
+            return False
+        if not self._under_way:
+            message = self._next_bulk(now_ns)
+            if message is None:
+                return False
+            self._under_way.extend(self._encoded(message, now_ns))
+        unit = self._under_way[0]
+        self._budget.spend(self._codec.unit_s(unit))
+        self._send(unit, now_ns)
+        self._under_way.popleft()
+        if not self._under_way:
+            self.counters.messages_sent += 1
+        return True
 
-    def _busy(self, message: Message, error: TransportBusy, now_ns: int) -> None:
+    def _next_bulk(self, now_ns: int) -> Message | None:
+        """The Zone or Pose that has waited longest, if there is wire time for it."""
+        while (message := self._slots.pop_bulk()) is not None:
+            capture_ns = getattr(message, "capture_ns", None)
+            worst_s = self._codec.worst_s(message)
+            stale = capture_ns is not None and now_ns - capture_ns > BULK_STALE_NS
+            if stale or worst_s > self._budget.depth_s:
+                self.counters.decimated += 1
+            elif self._budget.fits(worst_s, now_ns):
+                return message
+            else:
+                self._return(message)  # it keeps its place in the line
+                return None
+        return None
+
+    def _busy(self, message: Message | None, error: TransportBusy, now_ns: int) -> None:
         """Keep the message for a retry, unless a newer one is there; give up after a second."""
         self.counters.write_errors += 1
         self._note(error)
@@ -336,17 +358,22 @@ class SupervisedLink(Generic[U]):
         elif now_ns - self._busy_since_ns > BUSY_LIMIT_NS:
             raise LinkError(str(error)) from error
 
-    def _return(self, message: Message) -> None:
-        if not self._slots.put_back(message):
+    def _return(self, message: Message | None) -> None:
+        """Back into its slot; what was under way of a Zone or Pose (``None``) is given up."""
+        if message is None:
+            self._give_up_bulk()
+        elif not self._slots.put_back(message):
             self._count_displaced(message)
+
+    def _give_up_bulk(self) -> None:
+        self.counters.decimated += bool(self._under_way)
+        self._under_way.clear()
 
     def _count_displaced(self, message: Message) -> None:
         if isinstance(message, BULK):
             self.counters.decimated += 1
         else:
             self.counters.superseded += 1
-
-    # -- in ---------------------------------------------------------------------------------------
 
     def _receive(self, units: list[U], now_ns: int) -> None:
         for unit in units:
@@ -358,18 +385,6 @@ class SupervisedLink(Generic[U]):
                 self.counters.messages_received += 1
                 if isinstance(message, RobotState):
                     self._echo[message.robot] = message.counter
-                self._keep(Received(message, now_ns))
+                self._inbox.put(Received(message, now_ns))
         self._codec.count(self.counters)
-
-    def _keep(self, received: Received) -> None:
-        """Into the inbox; when it is full, the oldest RobotState goes, never an Acknowledge."""
-        with self._inbox_lock:
-            self._inbox.append(received)
-            if len(self._inbox) <= INBOX:
-                return
-            self.counters.overrun += 1
-            for index, old in enumerate(self._inbox):
-                if isinstance(old.message, RobotState):
-                    del self._inbox[index]
-                    return
-            self._inbox.popleft()
+        self.counters.overrun = self._inbox.overrun

@@ -56,8 +56,8 @@ class SerialCodec:
         return True
 
     def encode(self, message: Message) -> list[bytes]:
-        """One unit: all packets of the message."""
-        return [self._sender.encode(message)]
+        """Packets of the message, each with its delimiter."""
+        return [packet + b"\0" for packet in self._sender.encode(message).split(b"\0")[:-1]]
 
     def decode(self, unit: bytes) -> list[Message]:
         """Messages that these bytes complete."""
@@ -132,7 +132,7 @@ class SerialLink(SupervisedLink[bytes]):
             clock,
             transport if transport is not None else self.make_transport(settings),
             SerialCodec(settings.baudrate),
-            Budget(max(0.0, load.spare), max(0.0, (1.0 - load.load) / rate_hz)),
+            Budget(max(0.0, load.spare)),
             settings.wait_for_device,
         )
 

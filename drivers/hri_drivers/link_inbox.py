@@ -1,0 +1,44 @@
+"""What a link has received and the node has not yet taken."""
+
+import threading
+from collections import deque
+
+from hri_predict.link import Received
+from hri_predict.protocol.messages import RobotState
+
+CAPACITY = 256
+
+
+class Inbox:
+    """A bounded queue between the reading thread and the node's loop.
+
+    Attributes:
+        overrun: what was given up because nobody took it in time: the oldest RobotState, and an
+            Acknowledge only if there is nothing else.
+    """
+
+    def __init__(self, capacity: int = CAPACITY) -> None:
+        self.overrun = 0
+        self._capacity = capacity
+        self._lock = threading.Lock()
+        self._queue: deque[Received] = deque()
+
+    def put(self, received: Received) -> None:
+        """Add one."""
+        with self._lock:
+            self._queue.append(received)
+            if len(self._queue) <= self._capacity:
+                return
+            self.overrun += 1
+            for index, old in enumerate(self._queue):
+                if isinstance(old.message, RobotState):
+                    del self._queue[index]
+                    return
+            self._queue.popleft()
+
+    def take(self) -> list[Received]:
+        """Take all, oldest first."""
+        with self._lock:
+            taken = list(self._queue)
+            self._queue.clear()
+        return taken
