@@ -147,7 +147,7 @@ def build(
     )
     prediction = PredictionRunner(predictor, LATE_FRACTION / node.rate_hz if deadline else None)
     advised = [frozenset(_advised(config, settings)) for settings in config.links]
-    publisher = Publisher(links, advised, predictor.rate_hz, shadow)
+    publisher = Publisher(links, advised, predictor, shadow)
     index = registry.names("predictors").index(config.predictor.name)
     return Assembly(
         config=config,

@@ -124,6 +124,11 @@ def find(path: Path) -> Path:
     )
 
 
+def shipped(name: str) -> Path:
+    """Path of a configuration that is part of the project."""
+    return data_path(name)
+
+
 def load(path: Path) -> Config:
     """Read and validate a configuration.
 

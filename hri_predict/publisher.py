@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hri_predict.link import Link
-from hri_predict.predictors.base import Forecast
+from hri_predict.predictors.base import Forecast, Predictor
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, Message, Pose, Schema, Zone, ZoneCapsule
 from hri_predict.protocol.messages import Status as StatusMessage
@@ -22,12 +22,17 @@ class Publisher:
     """
 
     def __init__(
-        self, links: Sequence[Link], advised: Sequence[frozenset[int]], rate_hz: float, shadow: bool
+        self,
+        links: Sequence[Link],
+        advised: Sequence[frozenset[int]],
+        predictor: Predictor,
+        shadow: bool,
     ) -> None:
         self._links = links
         self._advised = advised  # per link: indices of the robots advised on it
         self._shadow = shadow
-        self._forecast_rate_hz = rate_hz
+        self._forecast_rate_hz = predictor.rate_hz
+        self._segments = {name: i for i, name in enumerate(predictor.skeleton.segment_names)}
         self._schema_due_ns: int | None = None
 
     def publish(
@@ -65,44 +70,35 @@ class Publisher:
     def _zones(self, zones: Zones, snapshot: PeopleSnapshot | None) -> list[Zone]:
         """The zone of each person at each horizon that a link may have room for."""
         capture_ns = snapshot.newest_capture_ns if snapshot is not None else None
-        a, b, radius = zones.capsules.a, zones.capsules.b, zones.capsules.radius
-        return [
-            Zone(
-                person=person,
-                step=step,
-                horizon_s=float(zones.times_s[step]),
-                capsules=tuple(
-                    ZoneCapsule(s, _xyz(a[p, step, s]), _xyz(b[p, step, s]), float(r))
-                    for s, r in enumerate(radius[p, step])
-                ),
-                capture_ns=capture_ns,
+        segments = [self._segments[name] for name in zones.segments]  # absent ones are left out
+        messages = []
+        for step in _decimated(len(zones.times_s)):
+            a, b, radius = (  # plain lists: an array's element at a time would be slow
+                part[:, step].tolist()
+                for part in (zones.capsules.a, zones.capsules.b, zones.capsules.radius)
             )
-            for step in _decimated(len(zones.times_s))
-            for p, person in enumerate(zones.ids)
-        ]
+            for p, person in enumerate(zones.ids):
+                capsules = tuple(
+                    ZoneCapsule(segment, tuple(start), tuple(end), r)
+                    for segment, start, end, r in zip(segments, a[p], b[p], radius[p], strict=True)
+                )
+                messages.append(
+                    Zone(person, step, float(zones.times_s[step]), capsules, None, capture_ns)
+                )
+        return messages
 
     def _poses(self, forecast: Forecast, snapshot: PeopleSnapshot) -> list[Pose]:
-        return [
-            Pose(
-                person=person,
-                step=step,
-                horizon_s=(step + 1) / self._forecast_rate_hz,
-                joints=tuple(
-                    (j, float(x), float(y), float(z))
-                    for j, (x, y, z) in enumerate(forecast.positions[p, step])
-                ),
-                capture_ns=int(snapshot.capture_ns[p]),
-            )
-            for step in _decimated(forecast.positions.shape[1])
-            for p, person in enumerate(snapshot.ids)
-        ]
+        messages = []
+        for step in _decimated(forecast.positions.shape[1]):
+            positions = forecast.positions[:, step].tolist()
+            horizon_s = (step + 1) / self._forecast_rate_hz
+            for p, person in enumerate(snapshot.ids):
+                joints = tuple((j, x, y, z) for j, (x, y, z) in enumerate(positions[p]))
+                capture_ns = int(snapshot.capture_ns[p])
+                messages.append(Pose(person, step, horizon_s, joints, None, capture_ns))
+        return messages
 
 
 def _decimated(steps: int) -> list[int]:
     """First, middle and last step: what a controller can use, at a cost that links can carry."""
     return sorted({0, steps // 2, steps - 1}) if steps else []
-
-
-def _xyz(point: "list[float]") -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in point)
-    return x, y, z

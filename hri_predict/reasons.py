@@ -49,7 +49,7 @@ class Reason(IntEnum):
 
 
 _TEXT = {
-    Reason.NONE: ("nothing near", "-"),
+    Reason.NONE: ("nothing near", "nothing needs to clear"),
     Reason.PERSON_NEAR: ("a person is too near", "the person moves away beyond the band"),
     Reason.PERSON_APPROACHING: (
         "a person may come too near before the robot has stopped",
@@ -68,7 +68,10 @@ _TEXT = {
         "a person vanished and may still be here",
         "the person is seen again, or the lost zone's time runs out (then: seen empty)",
     ),
-    Reason.LATCHED: ("a stop is latched", "Acknowledge with the latch id, after the cause cleared"),
+    Reason.LATCHED: (
+        "a stop is latched",
+        "it is acknowledged by its latch id, after its cause has cleared",
+    ),
     Reason.RELEASE_PENDING: (
         "the cause has cleared, waiting for more captures",
         "further distinct captures agree",
@@ -110,10 +113,10 @@ _TEXT = {
         "the predictor was late; physical limits are used instead",
         "the predictor is in time again",
     ),
-    Reason.NODE_FAULT: ("the node itself failed", "restart the node; see its log"),
-    Reason.SHADOW_MODE: ("shadow mode: nothing is advised", "run without --shadow"),
-    Reason.STARTING: ("the node is starting", "wait"),
-    Reason.STOPPING: ("the node is stopping", "start the node"),
+    Reason.NODE_FAULT: ("the node itself failed", "the node is restarted (its log says why)"),
+    Reason.SHADOW_MODE: ("shadow mode: nothing is advised", "the node runs without --shadow"),
+    Reason.STARTING: ("the node is starting", "the node has started"),
+    Reason.STOPPING: ("the node is stopping", "the node is started again"),
     Reason.HORIZON_TOO_SHORT: (
         "the delay now exceeds the forecast's horizon",
         "the delay falls, or predictor.horizon_s is raised",

@@ -17,6 +17,7 @@ from typing import Protocol
 
 from hri_predict.assemble import Assembly
 from hri_predict.clock import VirtualClock
+from hri_predict.link import Link
 from hri_predict.protocol.messages import NodeState
 from hri_predict.reasons import Reason
 
@@ -66,11 +67,16 @@ def run_real_time(
         LinkError: a link's device is absent at start.
     """
     clock, node, pace = assembly.clock, assembly.node, Pace()
-    started = []
+    started: list[Link] = []
     try:
         for link in assembly.links:
             link.start()
             started.append(link)
+    except Exception:  # a device is absent: nothing was said yet, and silence means stop
+        for link in started:
+            link.stop()
+        raise
+    try:
         assembly.prediction.start()
         node.announce(clock.now_ns(), NodeState.STARTING, Reason.STARTING)
         start_ns = clock.now_ns()

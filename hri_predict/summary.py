@@ -60,7 +60,7 @@ class Summary:
     contacts: int | None
     contacts_standing: int | None
     ticks_at: dict[str, int] = field(default_factory=dict)
-    dropped: dict[str, int] = field(default_factory=dict)
+    counted: dict[str, int] = field(default_factory=dict)
     controllers: list[dict[str, Any]] = field(default_factory=list)
     node_state: str = ""
 
@@ -95,7 +95,7 @@ class Summary:
                 "contacts, standing robot",
                 "-" if self.contacts_standing is None else str(self.contacts_standing),
             ),
-            ("dropped or refused", _counts(self.dropped)),
+            ("counted", _counts(self.counted)),
         ]
         for row in rows:
             table.add_row(*row)
@@ -117,7 +117,7 @@ class Summary:
             table.add_column(str(controller["name"]), justify="right")
         for name in self.controllers[0]:
             values = [controller[name] for controller in self.controllers]
-            if name != "name" and any(values):  # what is zero everywhere says nothing
+            if name != "name" and any(values) and not isinstance(values[0], list | dict):
                 table.add_row(name.replace("_", " "), *(_short(value) for value in values))
         return table
 
@@ -131,14 +131,14 @@ def summarise(
 ) -> Summary:
     """Put together what was counted in one run; contacts are added by whoever saw the truth."""
     ticks = np.asarray(pace.tick_ms or [0.0])
-    dropped = {name: count for name, count in counters.items() if count}
+    counted = {name: count for name, count in counters.items() if count}
     extra = {
         "missed_ticks": pace.missed_ticks,
         "source_failures": pace.source_failures,
         "assess_failures": node.assess_failures,
         "listener_failures": node.listener_failures,
     }
-    dropped |= {name: count for name, count in extra.items() if count}
+    counted |= {name: count for name, count in extra.items() if count}
     return Summary(
         frames_in=node.frames_in,
         ticks=pace.ticks,
@@ -155,7 +155,7 @@ def summarise(
         contacts=None,
         contacts_standing=None,
         ticks_at=levels.time_at,
-        dropped=dropped,
+        counted=counted,
         node_state=node.state.name.lower(),
     )
 

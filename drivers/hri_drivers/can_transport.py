@@ -12,7 +12,7 @@ from hri_drivers.transport import TransportBusy
 from hri_predict.errors import LinkError, nearest
 from hri_predict.protocol.can_codec import CanFrame
 
-SEND_TIMEOUT_S = 0.01
+SEND_TIMEOUT_S = 0.05
 GARBAGE_LIMIT = 1000  # unreadable frames in a row until the interface is opened afresh
 _BUSY_ERRNO = (errno.ENOBUFS, errno.EAGAIN)
 

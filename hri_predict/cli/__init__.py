@@ -2,6 +2,7 @@
 
 import logging
 import sys
+from typing import NoReturn
 
 import typer
 
@@ -28,11 +29,22 @@ def main() -> None:
     """Entry point: a user's mistake is one line on standard error and exit status 2."""
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s", stream=sys.stderr)
     try:
-        app()
+        status = app(standalone_mode=False)
     except HriPredictError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+        _fail(str(error))
     except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:  # the reader of our output went away
+        sys.stdout = None  # nothing more can be flushed to it
         sys.exit(0)
+    except Exception as error:
+        explain = getattr(error, "format_message", None)  # the parser's own errors have it
+        if explain is None:
+            raise
+        _fail(f"{explain().rstrip('.')}; see hri-predict {' '.join(sys.argv[1:2])} --help")
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _fail(message: str) -> NoReturn:
+    print(f"error: {message}", file=sys.stderr)
+    sys.exit(2)

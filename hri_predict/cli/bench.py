@@ -2,6 +2,7 @@
 
 import json
 import resource
+import sys
 import timeit
 from collections.abc import Callable
 from pathlib import Path
@@ -152,7 +153,7 @@ def _distances() -> dict[str, Any]:
 def _tick_overhead() -> list[dict[str, Any]]:
     """Ticks of the demo on the virtual clock, less the time spent in the predictor."""
 
-    config = configuration.load(Path("demo.yaml")).with_predictor("zero_velocity")
+    config = configuration.load(configuration.shipped("demo.yaml")).with_predictor("zero_velocity")
     clock = VirtualClock(VIRTUAL_START_NS)
     cell = registry.load("cells", "mock")(
         [link for link in config.links if link.simulate], config.node.robots, config.base_dir,
@@ -192,6 +193,47 @@ class _MemoryView(View):
 
 
 @app.command()
+def faults(
+    only: Annotated[str | None, typer.Option(help="Only faults whose name contains this.")] = None,
+    as_json: Json = False,
+) -> None:
+    """The fault table: each fault alone, while a person is near; exit status 1 if one fails.
+
+    Example: hri-predict bench faults --only monitor
+    """
+    rows = []
+    for row in registry.load("faults", "table")(only):
+        rows.append(row)
+        print(f"{'ok  ' if row['fine'] else 'FAIL'} {row['fault']}", file=sys.stderr)
+    if not rows:
+        raise ConfigError(f"--only {only}: no fault's name contains this")
+    if as_json:
+        print(json.dumps(rows))
+    else:
+        Console(width=None if sys.stdout.isatty() else 150).print(_fault_table(rows))
+    if not all(row["fine"] for row in rows):
+        raise typer.Exit(1)
+
+
+def _fault_table(rows: list[dict[str, Any]]) -> Table:
+    table = Table(title="Each fault alone, a person near", title_justify="left")
+    for name in ("fault", "expected", "who acts"):
+        table.add_column(name)
+    for name in ("limit ms", "measured ms", "recovered ms"):
+        table.add_column(name, justify="right")
+    table.add_column("reason")
+    table.add_column("")
+    for row in rows:
+        times = (row["limit_ms"], row["measured_ms"], row["recovered_ms"])
+        shown = ["-" if t is None else f"{t:.0f}" for t in times]
+        verdict = "ok" if row["fine"] else "FAIL"
+        table.add_row(
+            row["fault"], row["expected"], row["acts"], *shown, row["reason"].lower(), verdict
+        )
+    return table
+
+
+@app.command()
 def memory(
     hours: Annotated[float, typer.Option(help="Node hours to run, as fast as possible.")] = 1.0,
     as_json: Json = False,
@@ -203,7 +245,7 @@ def memory(
     if not 0.1 <= hours <= 1000:
         raise ConfigError(f"--hours {hours}: give 0.1 to 1000")
     view = _MemoryView()
-    config = configuration.load(Path("demo.yaml")).quiet()
+    config = configuration.load(configuration.shipped("demo.yaml")).quiet()
     run(config, Options(factor=None, duration_s=hours * 3600.0, view=view))
     early, late = view.samples[len(view.samples) // 10], view.samples[-1]
     result = {

@@ -31,6 +31,7 @@ Faults = Annotated[
     typer.Option("--fault", help="Inject a fault: kind@start+duration[:key=value]. Repeatable."),
 ]
 
+BESIDE_THE_ROBOT = [-1.9, 1.3, 0.0]  # where a recording starts, unless something says otherwise
 DEMO_S = 24.0  # the person comes, reaches out, and is gone again
 
 
@@ -41,7 +42,7 @@ def demo(
 
     Example: hri-predict demo
     """
-    config = _with_faults(configuration.load(Path("demo.yaml")), fault)
+    config = _with_faults(configuration.load(configuration.shipped("demo.yaml")), fault)
     options = Options(_factor(speed), duration_s=DEMO_S, record=record)
     _go(config, options, as_json)
 
@@ -69,7 +70,7 @@ def replay(
     ),
     speed: Speed = "1",
     place: Annotated[
-        str | None, typer.Option(help="x,y,yaw: where the recording starts (m, m, degrees).")
+        str | None, typer.Option(help="x,y,yaw: where the recording starts (m, m, rad).")
     ] = None,
     predictor: Predictor = None,
     record: Record = None,
@@ -79,7 +80,7 @@ def replay(
 ) -> None:
     """A recording through the node and its links.
 
-    Example: hri-predict replay walk.bvh --config configs/demo.yaml --place 2,0,180 --speed max
+    Example: hri-predict replay walk.bvh --config configs/demo.yaml --place 2,0,3.14 --speed max
     """
     loaded = configuration.load(config)
     source: dict[str, Any] = {
@@ -92,6 +93,8 @@ def replay(
     }
     if loaded.source.kind == "recording":
         source = loaded.source.model_dump() | {"path": str(recording.absolute())}
+    elif recording.suffix != ".mcap":  # those already stand in the room
+        source["place"] = BESIDE_THE_ROBOT
     if place is not None:
         source["place"] = _place(place)
     loaded = _with_faults(loaded.with_source(source), fault)
@@ -140,10 +143,10 @@ def _place(text: str) -> list[float]:
     try:
         x, y, yaw = (float(part) for part in text.split(","))
     except ValueError:
-        raise ConfigError(f"--place {text}: give three numbers: x,y,yaw (m, m, degrees)") from None
+        raise ConfigError(f"--place {text}: give three numbers: x,y,yaw (m, m, rad)") from None
     if not all(math.isfinite(v) for v in (x, y, yaw)):
         raise ConfigError(f"--place {text}: the numbers must be finite")
-    return [x, y, math.radians(yaw)]
+    return [x, y, yaw]
 
 
 def _with_faults(config: Config, faults: list[str] | None) -> Config:

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from hri_drivers.transport import PipeEnd, pipe
-
 from hri_predict.clock import Clock
 from hri_predict.errors import LinkError
 from hri_predict.link import LinkSettings

@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
-from hri_drivers.link_codec import Codec
 from pydantic import Field
 
+from hri_drivers.link_codec import Codec
 from hri_predict.link import LinkCounters, LinkSettings
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (

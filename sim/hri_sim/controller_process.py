@@ -21,7 +21,6 @@ from typing import Any
 
 from hri_drivers.can_link import CanLink, CanLinkSettings
 from hri_drivers.transport import Transport
-
 from hri_predict import registry
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError, LinkError

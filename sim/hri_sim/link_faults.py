@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
-from hri_drivers.transport import Transport
 from pydantic import Field
 
+from hri_drivers.transport import Transport
 from hri_predict.clock import Clock
 from hri_predict.errors import LinkError
 from hri_predict.protocol.can_codec import CanFrame
@@ -120,7 +120,7 @@ class FaultyTransport(Generic[U]):
         Raises:
             ConfigError: a fault of unknown kind or with a wrong key; ``where`` names the place.
         """
-        self._inner = inner
+        self._inner: Transport[U] = inner
         self._faults = faults_from(faults, LINK_FAULTS, f"{where}.faults")
         self._makes_late = any(isinstance(f, Delay | Jitter) for f in self._faults)
         self._clock = clock

@@ -7,7 +7,6 @@ import select
 import tty
 
 from hri_drivers.transport import TransportBusy
-
 from hri_predict.errors import LinkError
 
 WRITE_TIMEOUT_S = 0.05

@@ -10,7 +10,6 @@ import contextlib
 from collections.abc import Callable
 
 from hri_drivers.transport import TransportBusy
-
 from hri_predict.protocol.can_codec import CanFrame
 from hri_sim.pty import PtyTransport, open_pty
 

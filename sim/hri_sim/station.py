@@ -11,7 +11,6 @@ from typing import Any, Generic, TypeVar
 from hri_drivers.can_link import CanCodec, CanLinkSettings
 from hri_drivers.link_codec import Codec
 from hri_drivers.serial_link import SerialCodec, SerialLinkSettings
-
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.link import LinkSettings
 from hri_predict.protocol.messages import RobotMode

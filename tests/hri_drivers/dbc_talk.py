@@ -16,9 +16,8 @@ from typing import Any
 import can
 import cantools
 import numpy as np
-from hri_drivers.can_link import CanLink, CanLinkSettings
-from hri_sim.slcan_adapter import SlcanAdapter, open_pty
 
+from hri_drivers.can_link import CanLink, CanLinkSettings
 from hri_predict.clock import MonotonicClock
 from hri_predict.protocol.can_codec import CanFrame, CanSender
 from hri_predict.protocol.messages import (
@@ -35,6 +34,7 @@ from hri_predict.protocol.messages import (
     ZoneCapsule,
 )
 from hri_predict.reasons import Reason
+from hri_sim.slcan_adapter import SlcanAdapter, open_pty
 
 DBC = Path(__file__).resolve().parents[2] / "drivers" / "dbc"
 MULTICAST = "239.74.163.2"

@@ -12,16 +12,16 @@ from typing import Any
 
 import can
 import pytest
+
 from hri_drivers.can_link import CanLink, CanLinkSettings
 from hri_drivers.can_transport import GARBAGE_LIMIT, CanTransport
 from hri_drivers.transport import TransportBusy
-from hri_sim.slcan_adapter import SlcanAdapter, open_pty
-
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import LinkError
 from hri_predict.protocol.can_codec import CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.messages import Acknowledge, Advice, Level
 from hri_predict.reasons import Reason
+from hri_sim.slcan_adapter import SlcanAdapter, open_pty
 
 TALK = Path(__file__).with_name("dbc_talk.py")
 FAST = {"sleep_after_open": 0}

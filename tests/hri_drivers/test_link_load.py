@@ -1,10 +1,10 @@
 import re
 
 import pytest
+
 from hri_drivers.can_link import CanLink, CanLinkSettings
 from hri_drivers.link_load import check_load
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
-
 from hri_predict.errors import ConfigError, LinkError
 from hri_predict.settings import validated
 

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
+
 from hri_drivers.can_link import CanLink, CanLinkSettings
 from hri_drivers.can_transport import CanTransport
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
 from hri_drivers.transport import pipe
-from hri_sim.pty import PtyTransport
-from hri_sim.slcan_adapter import SlcanAdapter, open_pty
-
 from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.protocol.can_codec import CanReceiver, CanSender
 from hri_predict.protocol.messages import (
@@ -31,6 +29,8 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
 from hri_predict.reasons import Reason
+from hri_sim.pty import PtyTransport
+from hri_sim.slcan_adapter import SlcanAdapter, open_pty
 
 CHANNELS = itertools.count()
 

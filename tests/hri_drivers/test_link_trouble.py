@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
 from hri_drivers.transport import PipeEnd, TransportBusy, pipe
-
 from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.errors import LinkError
 from hri_predict.protocol.messages import (

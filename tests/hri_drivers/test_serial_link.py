@@ -10,16 +10,16 @@ from typing import Any
 
 import pytest
 import serial
+
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
 from hri_drivers.serial_transport import SerialTransport
 from hri_drivers.transport import TransportBusy
-from hri_sim.pty import PtyTransport, open_pty
-
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import LinkError
 from hri_predict.protocol.messages import Acknowledge, Advice, Level
 from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
 from hri_predict.reasons import Reason
+from hri_sim.pty import PtyTransport, open_pty
 
 
 def advice(latch_id: int) -> Advice:

@@ -2,12 +2,12 @@ import threading
 from typing import Any
 
 import pytest
-from hri_drivers.link_slots import MAX_EDGES, Budget, Slots
-from hri_drivers.serial_transport import SerialTransport
-from hri_drivers.transport import PipeEnd, pipe
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_drivers.link_slots import MAX_EDGES, Budget, Slots
+from hri_drivers.serial_transport import SerialTransport
+from hri_drivers.transport import PipeEnd, pipe
 from hri_predict.errors import LinkError
 from hri_predict.protocol.messages import (
     Acknowledge,

@@ -67,6 +67,7 @@ def test_a_good_forecast_comes_back(deadline):
     forecast, reason = runner.run(snapshot(2))
     runner.stop()
     assert reason is None
+    assert forecast is not None
     assert forecast.positions.shape == (2, H, J, 3)
 
 
@@ -83,6 +84,7 @@ def test_whatever_breaks_the_contract_becomes_a_reason(answer, deadline):
 def test_nobody_here_needs_no_predictor():
     forecast, reason = PredictionRunner(Scripted(fails), None).run(snapshot(0))
     assert reason is None
+    assert forecast is not None
     assert forecast.positions.shape == (0, H, J, 3)
 
 

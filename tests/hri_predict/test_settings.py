@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 from pydantic import Field
 
@@ -67,7 +68,7 @@ def test_missing_file_is_a_clear_error(tmp_path):
 def test_pose_turns_and_moves():
     half = 0.5**0.5
     pose = Pose(xyz=[1, 2, 3], quaternion_xyzw=[0, 0, half, half])  # 90 degrees about z
-    x, y, z = transform(pose.matrix(), [1.0, 0.0, 0.0])
+    x, y, z = transform(pose.matrix(), np.array([1.0, 0.0, 0.0]))
     assert (round(x, 9), round(y, 9), round(z, 9)) == (1, 3, 3)
 
 

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hri_sim.arm import SimulatedArm
 from hypothesis import given
 from hypothesis import strategies as st
+
+from hri_sim.arm import SimulatedArm
 
 MS = 1_000_000
 LENGTH = 1.0

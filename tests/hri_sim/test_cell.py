@@ -5,11 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from hri_drivers.can_link import CanCodec, CanLinkSettings
 from hri_drivers.serial_link import SerialCodec, SerialLinkSettings
-from hri_sim.cell import MockCell
-from hri_sim.station import deceleration_of
-
 from hri_predict.clock import VirtualClock
 from hri_predict.errors import ConfigError, RobotError
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
@@ -17,6 +15,8 @@ from hri_predict.protocol.messages import Advice, Level, RobotMode, RobotState, 
 from hri_predict.reasons import Reason
 from hri_predict.risk.robot import RobotSettings, load_robot
 from hri_predict.settings import Pose
+from hri_sim.cell import MockCell
+from hri_sim.station import deceleration_of
 
 MS = 1_000_000
 START = 5_000 * MS

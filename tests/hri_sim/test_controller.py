@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from hri_drivers.can_link import CanCodec, CanLinkSettings
 from hri_drivers.serial_link import SerialCodec
-from hri_sim.controller import ControllerCore, ControllerSettings
-
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
     Acknowledge,
@@ -21,6 +20,7 @@ from hri_predict.protocol.messages import (
     Schema,
 )
 from hri_predict.reasons import Reason
+from hri_sim.controller import ControllerCore, ControllerSettings
 
 MS = 1_000_000
 FULL = 1.0

@@ -14,13 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from hri_drivers.can_link import CanCodec, CanLink, CanLinkSettings
 from hri_drivers.serial_link import SerialCodec, SerialLink, SerialLinkSettings
-from hri_sim.cell import MockCell
-from hri_sim.controller_process import job_for
-from hri_sim.station import posts
-from hri_sim.wiring import Wiring
-
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import LinkError
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
@@ -28,6 +24,10 @@ from hri_predict.protocol.messages import Advice, Level, RobotState, Schema
 from hri_predict.reasons import Reason
 from hri_predict.risk.robot import RobotSettings
 from hri_predict.settings import Pose
+from hri_sim.cell import MockCell
+from hri_sim.controller_process import job_for
+from hri_sim.station import posts
+from hri_sim.wiring import Wiring
 
 ARM = RobotSettings(name="arm", model="ur5e", room_from_robot=Pose(), max_speed_m_s=1.0)
 # Generous times: the machine that runs this may be busy with other things.

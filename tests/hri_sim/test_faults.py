@@ -2,7 +2,15 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from hri_drivers.transport import pipe
+from hri_predict.clock import VirtualClock
+from hri_predict.errors import ConfigError, LinkError
+from hri_predict.joint_map import load_joint_map
+from hri_predict.protocol.can_codec import CanFrame
+from hri_predict.scene import Person, Scene
 from hri_sim.faults import (
     LINK_FAULTS,
     SOURCE_FAULTS,
@@ -10,14 +18,6 @@ from hri_sim.faults import (
     FaultyTransport,
     parse_fault,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError, LinkError
-from hri_predict.joint_map import load_joint_map
-from hri_predict.protocol.can_codec import CanFrame
-from hri_predict.scene import Person, Scene
 
 PERIOD = 40_000_000
 JOINTS = 5

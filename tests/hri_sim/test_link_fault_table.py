@@ -7,17 +7,17 @@ while, so every stop is the controller's own doing.
 from typing import Any
 
 import pytest
+
 from hri_drivers.can_link import CanLink, CanLinkSettings
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
-from hri_sim.cell import MockCell
-from hri_sim.faults import FaultyTransport
-
 from hri_predict.clock import VirtualClock
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, Schema
 from hri_predict.reasons import Reason
 from hri_predict.risk.robot import RobotSettings
 from hri_predict.settings import Pose
+from hri_sim.cell import MockCell
+from hri_sim.faults import FaultyTransport
 
 MS = 1_000_000
 ARM = RobotSettings(name="arm", model="ur5e", room_from_robot=Pose(), max_speed_m_s=1.0)

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hri_sim.procedural import DEMO, ProceduralSettings, ProceduralSource, inside
 
 from hri_predict.errors import ConfigError
 from hri_predict.settings import Region, validated
 from hri_predict.skeleton import CANONICAL, JOINTS, PARENTS
+from hri_sim.procedural import DEMO, ProceduralSettings, ProceduralSource, inside
 
 BUSY = {
     "start": [0.0, 0.0],

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from hri_sim.referee import Referee, TruePeople
 
 from hri_predict.joint_map import load_joint_map
 from hri_predict.risk.types import Capsules
 from hri_predict.scene import Person, Scene
 from hri_predict.skeleton import CANONICAL
+from hri_sim.referee import Referee, TruePeople
 
 MS = 1_000_000
 BALL = 0.1

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hri_sim.procedural import ProceduralSettings, ProceduralSource
-from hri_sim.replay import RecordingSettings, RecordingSource
 
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import load_joint_map
@@ -17,6 +15,8 @@ from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import validated
 from hri_predict.skeleton import JOINTS
+from hri_sim.procedural import ProceduralSettings, ProceduralSource
+from hri_sim.replay import RecordingSettings, RecordingSource
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 START = 5_000_000_000

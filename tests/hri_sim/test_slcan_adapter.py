@@ -5,13 +5,13 @@ from typing import Any
 
 import can
 import pytest
-from hri_drivers.can_transport import CanTransport
-from hri_sim.slcan_adapter import FD_LENGTHS, SlcanAdapter, from_line, open_pty, to_line
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_drivers.can_transport import CanTransport
 from hri_predict.errors import LinkError
 from hri_predict.protocol.can_codec import CanFrame
+from hri_sim.slcan_adapter import FD_LENGTHS, SlcanAdapter, from_line, open_pty, to_line
 
 
 @pytest.fixture

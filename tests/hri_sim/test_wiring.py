@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from hri_sim.wiring import PERMIT_STALE_S, Wiring
 
 STALE_NS = int(PERMIT_STALE_S * 1e9)

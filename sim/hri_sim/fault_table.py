@@ -1,0 +1,253 @@
+"""The fault table: each fault injected alone while a person is near, and what came of it.
+
+Faults of sources, links and the predictor run on the virtual clock; they are exact and the same
+each time. The node's death (``kill -9``) runs in real time, in processes of its own: see
+``node_death``.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from hri_predict import config as configuration
+from hri_predict.config import Config
+from hri_predict.predictors.base import Forecast
+from hri_predict.protocol.messages import Level, NodeState
+from hri_predict.reasons import Reason
+from hri_predict.session import Options, View, run
+from hri_predict.tick import Tick
+
+START_S, LENGTH_S, END_S = 5.0, 2.0, 14.0
+RECOVERY_S = 6.0  # from the fault's end until the advice is again what it was
+MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
+
+Expected = Literal["unknown", "stop", "not clear", "degraded", "count only"]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault and what it must lead to.
+
+    Attributes:
+        name: in the table.
+        faults: as on the command line; ``{t}`` becomes the fault's time.
+        expected: ``unknown`` (the node advises it), ``stop`` (the controller permits no motion),
+            ``not clear`` (the node keeps the robot from *clear*), ``degraded`` (the node says so
+            and goes on with the physical limits), ``count only`` (nothing but counters changes).
+        acts: who must act: node or controller.
+        limit_ms: from the fault's start until the outcome.
+        reasons: of which the node's advice must give one.
+        people: how many are near.
+        predictor: replaces the predictor's answer while the fault is on.
+    """
+
+    name: str
+    faults: tuple[str, ...]
+    expected: Expected
+    acts: Literal["node", "controller"]
+    limit_ms: float | None
+    reasons: tuple[Reason, ...] = ()
+    people: int = 1
+    predictor: Callable[[Forecast], Forecast] | None = None
+
+
+@dataclass
+class Outcome:
+    """What was measured of one fault."""
+
+    fault: str
+    expected: str
+    acts: str
+    limit_ms: float | None
+    measured_ms: float | None
+    reason: str
+    clear_while_near: int
+    recovered_ms: float | None
+    fine: bool
+    counted: dict[str, int] = field(default_factory=dict)
+
+
+def _raises(_: Forecast) -> Forecast:
+    raise RuntimeError("injected")
+
+
+def _gives_nan(forecast: Forecast) -> Forecast:
+    return Forecast(np.full_like(forecast.positions, np.nan), None)
+
+
+# The source has 30 Hz: a period is 33 ms and input is stale at 3 x 33 + 20 = 120 ms. The node has
+# 25 Hz: what a scene shows is advised at most a cycle, 40 ms, later. The controller's silence
+# time-out is 150 ms and its own cycle 8 ms; a message is due every 40 ms.
+STALE = 120 + 40
+SEEN = 34 + 40
+CASES = (
+    Case("source: scenes lost", ("drop@{t}",), "unknown", "node", STALE, (Reason.INPUT_STALE,)),
+    Case("source: delayed 0.5 s", ("delay@{t}:delay_s=0.5",), "unknown", "node", STALE,
+         (Reason.INPUT_STALE,)),
+    Case("source: jitter up to 30 ms", ("jitter@{t}:max_s=0.03",), "count only", "node", None),
+    Case("source: frozen, same scene", ("freeze@{t}",), "unknown", "node", STALE,
+         (Reason.INPUT_FROZEN, Reason.INPUT_STALE)),
+    Case("source: frozen, joints only", ("freeze@{t}:what=joints",), "unknown", "node", STALE,
+         (Reason.INPUT_FROZEN, Reason.INPUT_STALE)),
+    Case("source: every scene twice", ("duplicate@{t}",), "count only", "node", None),
+    Case("source: scenes out of order", ("reorder@{t}",), "count only", "node", None),
+    Case("source: all joints NaN", ("nan@{t}:fraction=1.0",), "unknown", "node", SEEN,
+         (Reason.INPUT_IMPOSSIBLE,)),
+    Case("source: a third of the joints NaN", ("nan@{t}",), "not clear", "node", SEEN),
+    Case("source: person teleports 3 m", ("teleport@{t}:offset=[0,3,0]",), "unknown", "node", SEEN,
+         (Reason.INPUT_IMPOSSIBLE,)),
+    Case("source: two people swap ids", ("identity_swap@{t}",), "unknown", "node", SEEN,
+         (Reason.INPUT_IMPOSSIBLE,), people=2),
+    Case("source: person gets another id", ("identity_swap@{t}",), "not clear", "node", SEEN),
+    Case("source: person vanishes", ("vanish@{t}",), "not clear", "node", STALE,
+         (Reason.PERSON_LOST, Reason.PERSON_APPROACHING, Reason.PERSON_NEAR)),
+    Case("source: does not see the room", ("blind@{t}",), "unknown", "node", SEEN,
+         (Reason.SOURCE_BLIND,)),
+    Case("source: clock jumps back 1 h", ("clock_jump@{t}:offset_s=-3600",), "unknown", "node",
+         SEEN, (Reason.CLOCK_JUMP,)),
+    Case("source: clock jumps on 1 h", ("clock_jump@{t}:offset_s=3600",), "unknown", "node", SEEN,
+         (Reason.CLOCK_JUMP,)),
+    Case("source: clock drifts 500 ppm", ("clock_drift@{t}:ppm=500",), "count only", "node", None),
+    Case("predictor: fails", (), "degraded", "node", 40, predictor=_raises),
+    Case("predictor: gives NaN", (), "degraded", "node", 40, predictor=_gives_nan),
+    Case("both links: no RobotState",
+         ("drive:freeze@{t}:direction=in", "monitor:freeze@{t}:direction=in"),
+         "unknown", "node", 100 + 20 + 40, (Reason.ROBOT_STATE_STALE,)),
+    *(
+        Case(f"{link}: {what}", (f"{link}:{fault}",), "stop", "controller", limit)
+        for link in ("drive", "monitor")
+        for what, fault, limit in (
+            ("silent", "freeze@{t}:direction=out", 150 + 48),
+            ("unplugged", "unplug@{t}", 150 + 48),
+            ("half of it lost", "drop@{t}:direction=out", 150 + 48),
+            ("delayed 0.5 s", "delay@{t}:delay_s=0.5,direction=out", 150 + 48),
+            ("1 bit in 1000 wrong", "bit_errors@{t}:direction=out", 150 + 48),
+            ("half of it cut short", "truncate@{t}:direction=out", 150 + 48),
+            ("everything twice", "duplicate@{t}:direction=out", 48),
+        )
+    ),
+    Case("drive: out of order", ("drive:reorder@{t}:direction=out",), "stop", "controller", 88),
+    # Neighbouring CAN frames that change places belong to one message, whose parts may come in any
+    # order, or to different ones: nothing is out of order for the receiver.
+    Case("monitor: out of order", ("monitor:reorder@{t}:direction=out",), "count only",
+         "controller", None),
+)  # fmt: skip
+
+
+def run_table(only: str | None = None) -> Iterator[dict[str, Any]]:
+    """Run every case whose name contains ``only``; yields one row each, as it is done."""
+    base = configuration.load(configuration.shipped("demo.yaml")).quiet()
+    for case in CASES:
+        if only is None or only in case.name:
+            yield asdict(_run(base, case))
+
+
+def _run(base: Config, case: Case) -> Outcome:
+    watch = _Watch(case)
+    time = f"{START_S}+{LENGTH_S}"
+    config = _scene(base, case.people).with_faults([f.replace("{t}", time) for f in case.faults])
+    summary = run(config, Options(factor=None, duration_s=END_S, view=watch))
+    if case.expected == "stop":
+        controller = case.name.partition(":")[0]
+        report = next(c for c in summary.controllers if c["name"] == controller)
+        measured, recovered, reason = _stop_of(report["events"])
+    else:
+        measured, recovered, reason = watch.reaction(case)
+    none_expected = case.expected == "count only"
+    fine = (
+        watch.clear_while_near == 0
+        and not summary.contacts
+        and (measured is None if none_expected else measured is not None)
+        and (case.limit_ms is None or (measured is not None and measured <= case.limit_ms))
+        and (none_expected or recovered is not None)
+    )
+    return Outcome(
+        case.name, case.expected, case.acts, case.limit_ms, measured, reason,
+        watch.clear_while_near, recovered, fine, summary.counted,
+    )  # fmt: skip
+
+
+def _scene(base: Config, people: int) -> Config:
+    """The demo's cell with people who stand near enough to slow the robot."""
+    places = [[2.3, 0.2], [0.4, 2.2]][:people]
+    script = [{"do": "wait", "seconds": 60.0}]
+    source = base.source.model_dump() | {
+        "people": [{"start": place, "script": script} for place in places]
+    }
+    return base.with_source(source)
+
+
+def _stop_of(events: list[Any]) -> tuple[float | None, float | None, str]:
+    """When a controller stopped after the fault's start, and moved again after its end; ms."""
+    stop = next(((t, c) for t, c, v in events if t >= START_S - 1e-9 and v == 0.0), None)
+    if stop is None:
+        return None, None, ""
+    moved = [t for t, _, v in events if v > 0.0 and t >= stop[0]]
+    again = [t for t in moved if t >= START_S + LENGTH_S] or moved[-1:]
+    recovered = max(again[0] - START_S - LENGTH_S, 0.0) * 1e3 if again else None
+    return (stop[0] - START_S) * 1e3, recovered, stop[1]
+
+
+class _Watch(View):
+    """Notes each tick's advice, and plays the predictor's fault."""
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._ticks: list[tuple[float, Level, Reason, NodeState]] = []
+        self._start_ns: int | None = None
+        self._now_s = 0.0
+
+    def bind(self, assembly: Any) -> None:
+        """Put the fault into the predictor, where the case has one."""
+        self._start_ns = assembly.clock.now_ns()
+        if self._case.predictor is None:
+            return
+        predictor, answer = assembly.prediction.predictor, self._case.predictor
+        predict = predictor.predict
+
+        def faulty(*arguments: Any) -> Forecast:
+            forecast: Forecast = predict(*arguments)
+            now_s = (assembly.clock.now_ns() - self._start_ns) * 1e-9
+            return answer(forecast) if START_S <= now_s < START_S + LENGTH_S else forecast
+
+        predictor.predict = faulty
+
+    def on_tick(self, tick: Tick) -> None:
+        """Note the advice for the first robot."""
+        assert self._start_ns is not None
+        advice = tick.advices[0]
+        seconds = (tick.now_ns - self._start_ns) * 1e-9
+        self._ticks.append((seconds, advice.level, advice.reason, tick.status.node_state))
+
+    @property
+    def clear_while_near(self) -> int:
+        """Ticks that said *clear* from the fault's start on (somebody is near all the time)."""
+        return sum(level is Level.CLEAR for t, level, *_ in self._ticks if t >= START_S)
+
+    def reaction(self, case: Case) -> tuple[float | None, float | None, str]:
+        """Milliseconds until the expected outcome, until recovery after the end; the reason."""
+        for t, level, reason, state in self._ticks:
+            if t < START_S - 1e-9 or t > START_S + LENGTH_S + 1.0:
+                continue
+            if self._is_outcome(case, level, reason, state):
+                return (t - START_S) * 1e3, self._recovery(case), reason.name
+        return None, None, ""
+
+    def _is_outcome(self, case: Case, level: Level, reason: Reason, state: NodeState) -> bool:
+        if case.expected == "unknown":
+            return level is Level.UNKNOWN and (not case.reasons or reason in case.reasons)
+        if case.expected == "degraded":
+            return state is NodeState.DEGRADED and level is not Level.CLEAR
+        if case.expected == "not clear":
+            return level is not Level.CLEAR and (not case.reasons or reason in case.reasons)
+        return level not in MOVING or state is not NodeState.RUNNING  # of "count only": must not be
+
+    def _recovery(self, case: Case) -> float | None:
+        """When, after the fault's end, the node is running and permits motion again."""
+        end = START_S + LENGTH_S
+        for t, level, _, state in self._ticks:
+            if t >= end and level in MOVING and state is NodeState.RUNNING:
+                return (t - end) * 1e3 if t - end <= RECOVERY_S else None
+        return None
