@@ -11,19 +11,31 @@ from rich.table import Table
 
 from hri_predict import assemble, registry
 from hri_predict import config as configuration
+from hri_predict.cli.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.config import Config
 
 
 def check(
     config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
+    touched: Annotated[
+        str | None,
+        typer.Option(help="x,y,z in the room that a person touches now: is the sensor right?"),
+    ] = None,
+    joint: Annotated[str, typer.Option(help="The joint that touches.")] = "r_hand",
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
 ) -> None:
     """Validate a configuration; print the delay budget and each link's load.
 
-    Example: hri-predict check cell.yaml
+    With --touched, compare a point that a person touches with where the sensor sees the hand.
+
+    Example: hri-predict check cell.yaml --touched 0.5,-0.2,0.9
     """
-    found = examine(configuration.load(config))
+    loaded = configuration.load(config)
+    if touched is not None:
+        show_touch(measure_touch(loaded, touched, joint), as_json)
+        return
+    found = examine(loaded)
     if as_json:
         print(json.dumps(found))
         return

@@ -10,7 +10,7 @@ import typer
 
 from hri_predict import registry
 from hri_predict.errors import ConfigError
-from hri_predict.protocol.can_codec import CanReceiver
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanReceiver
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, Message, Schema, Status
 from hri_predict.protocol.serial_codec import SerialReceiver
@@ -27,6 +27,7 @@ def listen(
     baudrate: Annotated[int, typer.Option(help="Serial: bits per second.")] = 115200,
     bitrate: Annotated[int, typer.Option(help="CAN: bits per second.")] = 500000,
     fd: Annotated[bool, typer.Option("--fd", help="CAN: CAN FD.")] = False,
+    base_id: Annotated[int, typer.Option(help="CAN: id of the first frame.")] = DEFAULT_BASE_ID,
     alerts: Annotated[
         bool, typer.Option("--alerts", help="Only changes of level and of the node's state.")
     ] = False,
@@ -37,10 +38,10 @@ def listen(
 
     Example: hri-predict listen can:socketcan:can0 --alerts
     """
-    cls, settings = _settings(link, baudrate, bitrate, fd)
+    cls, settings = _settings(link, baudrate, bitrate, fd, base_id)
     transport = cls.make_transport(settings)
     transport.open()
-    receiver: Any = CanReceiver(fd) if settings.kind == "can" else SerialReceiver()
+    receiver: Any = CanReceiver(fd, base_id) if settings.kind == "can" else SerialReceiver()
     printer = _Printer(alerts, as_json)
     began = last = time.monotonic()
     silent = False
@@ -58,13 +59,19 @@ def listen(
         printer.counters(receiver.counters)
 
 
-def _settings(link: str, baudrate: int, bitrate: int, fd: bool) -> tuple[Any, Any]:
+def _settings(link: str, baudrate: int, bitrate: int, fd: bool, base_id: int) -> tuple[Any, Any]:
     kind, _, rest = link.partition(":")
     if kind == "serial" and rest:
         data: dict[str, Any] = {"port": rest, "baudrate": baudrate}
     elif kind == "can" and ":" in rest:
         interface, _, channel = rest.partition(":")
-        data = {"interface": interface, "channel": channel, "bitrate": bitrate, "fd": fd}
+        data = {
+            "interface": interface,
+            "channel": channel,
+            "bitrate": bitrate,
+            "fd": fd,
+            "base_id": base_id,
+        }
     else:
         raise ConfigError(f"listen {link}: give serial:PORT or can:INTERFACE:CHANNEL")
     cls = registry.load("links", kind)

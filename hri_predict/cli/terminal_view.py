@@ -34,6 +34,7 @@ METRES_PER_COLUMN = 0.1
 METRES_PER_ROW = 0.2  # a character is about twice as high as it is wide
 COLUMNS, ROWS = 66, 26
 ORIGIN_COLUMN, ORIGIN_ROW = 20, 13
+LEGEND = "plan, 10 columns a metre: o person  █ robot  · zone"
 
 
 class TerminalView(View):
@@ -97,7 +98,10 @@ class TerminalView(View):
         layout = Layout(size=ROWS + 2)
         layout.split_row(
             Layout(
-                Panel(self._plan(tick, assembly), title="plan, 1 m = 10 columns"),
+                Panel(
+                    self._plan(tick, assembly),
+                    title="plan, 10 columns a metre: o person  █ robot  · zone",
+                ),
                 size=COLUMNS + 4,
             ),
             Layout(self._side(tick, assembly)),
@@ -114,7 +118,9 @@ class TerminalView(View):
                 f"{link.counters.messages_received} heard",
             )
         parts.append(Panel(links, title="links"))
-        parts.append(Panel(Text("\n").join(self._changes), title="changes"))
+        changes = Text("\n").join(self._changes)
+        changes.no_wrap, changes.overflow = True, "ellipsis"
+        parts.append(Panel(changes, title="changes"))
         return Group(*parts)
 
     def _advice_panel(self, tick: Tick, advice: Advice, assembly: Assembly) -> Panel:

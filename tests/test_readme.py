@@ -1,0 +1,89 @@
+"""Every command of the README runs, in an empty folder, with what the README tells to put there."""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SHARED = ROOT.parent / "shared" / "data"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMANDS = [
+    line.removeprefix("$ ")
+    for block in re.findall(r"```console\n(.*?)```", README, re.DOTALL)
+    for line in block.splitlines()
+]
+RUN_BY_CI = {"make demo", "make test"}  # .ci/run runs both, from a clean clone
+RECORDINGS = {
+    "walking_1.npz": SHARED / "cmu_mocap" / "test" / "walking_1.npz",
+    "task1_human1_trial1.npz": SHARED / "assembly" / "task1_human1_trial1.npz",
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """What the README tells to save, with devices that this machine has."""
+    master, slave = os.openpty()
+    cell = re.search(r"```yaml\n# cell.yaml\n(.*?)```", README, re.DOTALL)
+    assert cell
+    text = cell[1].replace("/dev/ttyUSB0", os.ttyname(slave))
+    text = text.replace("interface: socketcan", "interface: virtual")
+    (tmp_path / "cell.yaml").write_text(text, encoding="utf-8")
+    for name, path in RECORDINGS.items():
+        if path.exists():
+            (tmp_path / name).symlink_to(path)
+    yield tmp_path
+    os.close(master)
+    os.close(slave)
+
+
+def test_the_readme_has_the_two_commands_first():
+    assert COMMANDS[:2] == ["make demo", "make test"]
+
+
+def test_ci_runs_the_two_commands():
+    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert all(command in ci for command in RUN_BY_CI)
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c not in RUN_BY_CI])
+def test_command(command, folder):
+    words = shlex.split(command.replace("can:socketcan:can0", "can:virtual:readme"))
+    assert words[0] == "hri-predict"
+    for word in words:
+        if word in RECORDINGS and not RECORDINGS[word].exists():
+            pytest.skip(f"needs ../shared/data for {word}")
+    if words[1] == "listen":
+        words += ["--seconds", "1"]
+    daemon = words[1] == "run"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hri_predict", *words[1:]],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    if daemon:
+        time.sleep(4.0)
+        process.send_signal(signal.SIGTERM)
+    out, err = process.communicate(timeout=150)
+    assert process.returncode == 0, err
+    assert "Traceback" not in err
+    if daemon:
+        assert "Summary" in out
+        assert (folder / "alerts.jsonl").exists()
+    if "--record" in words:
+        assert (folder / words[words.index("--record") + 1]).stat().st_size > 1000
+
+
+def test_the_readme_names_only_files_that_are_there():
+    links = re.findall(r"\]\(([^)#]+)\)", README)
+    assert len(links) > 10
+    for link in links:
+        assert (ROOT / link).exists(), link
