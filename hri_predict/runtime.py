@@ -24,6 +24,8 @@ from hri_predict.reasons import Reason
 log = logging.getLogger(__name__)
 
 SOURCE_RETRY_NS = 100_000_000
+SOURCE_IDLE_NS = 1_000_000  # a source that had nothing when it said so is asked again after this
+SOURCE_END_S = 1.0  # a source's poll never blocks; one that does all the same is left behind
 SWITCH_INTERVAL_S = 0.0005  # how long a busy Python thread may hold up the loop
 
 
@@ -76,17 +78,17 @@ def run_real_time(
         for link in started:
             link.stop()
         raise
+    exhausted = threading.Event()
+    feeder = threading.Thread(
+        target=_feed, args=(assembly, pace, stop, exhausted), name="source", daemon=True
+    )
     try:
         assembly.prediction.start()
         node.announce(clock.now_ns(), NodeState.STARTING, Reason.STARTING)
-        start_ns = clock.now_ns()
-        assembly.source.open(start_ns)
-        exhausted = threading.Event()
-        feeder = threading.Thread(
-            target=_feed, args=(assembly, pace, stop, exhausted), name="source", daemon=True
-        )
-        feeder.start()
-        with _quiet_collector():
+        with _quiet_collector():  # before the first deadline: collecting takes its time
+            start_ns = clock.now_ns()
+            assembly.source.open(start_ns)
+            feeder.start()
             _loop(assembly, pace, stop, start_ns, duration_s, until_exhausted, exhausted, each_tick)
     finally:
         stop.set()
@@ -95,6 +97,8 @@ def run_real_time(
         for link in started:
             link.stop()
         assembly.prediction.stop()
+        if feeder.ident is not None:  # never close a source under the thread that asks it
+            feeder.join(SOURCE_END_S)
         assembly.source.close()
     return pace
 
@@ -147,8 +151,12 @@ def _feed(
                 exhausted.set()
                 return
             clock.wait_until(due_ns, stop)
+            delivered = False
             while not stop.is_set() and (scene := source.poll(clock.now_ns())) is not None:
                 assembly.node.receive(scene, clock.now_ns())
+                delivered = True
+            if not delivered:
+                clock.wait_until(clock.now_ns() + SOURCE_IDLE_NS, stop)
         except Exception:
             if pace.source_failures == 0:
                 log.exception("the source failed; asking it again")

@@ -1,11 +1,16 @@
 import pytest
 
+from hri_predict import assemble
+from hri_predict import config as configuration
+from hri_predict.clock import VirtualClock
 from hri_predict.joint_map import load_joint_map
 from hri_predict.people import People
 from hri_predict.people_settings import PeopleSettings
 from hri_predict.scene import Scene
 from hri_predict.settings import Pose
 from hri_predict.source import SourceSettings
+from hri_predict.tick import Tick
+from hri_sim.cell import MockCell
 
 MS = 1_000_000
 
@@ -52,3 +57,57 @@ class Room:
 @pytest.fixture(scope="session")
 def make_room() -> type[Room]:
     return Room
+
+
+class Workcell:
+    """The demo's node, links and mock controllers on the virtual clock, stepped by the test."""
+
+    near = [1.9, 0.2]  # a person who stands here is slowed down for, at least
+
+    def __init__(self, *places, config=None, **build):
+        config = (config or configuration.load(configuration.shipped("demo.yaml"))).quiet()
+        script = [{"do": "wait", "seconds": 60.0}]
+        people = [{"start": list(place), "script": script} for place in places]
+        self.config = config.with_source(config.source.model_dump() | {"people": people})
+        self.clock = VirtualClock(1_000 * MS)
+        self.cell = MockCell(
+            self.config.links, self.config.node.robots, self.config.base_dir, self.clock
+        )
+        self.ticks: list[Tick] = []
+        self.assembly = assemble.build(
+            self.config, self.clock, transports=self.cell.transports(), deadline=False, **build
+        )
+        self.node = self.assembly.node
+        self.sees = True  # whether the source delivers
+        self.tick_ns = self.clock.now_ns()
+        self.assembly.source.open(self.tick_ns)
+
+    def run(self, seconds):
+        """Step everything for so long; returns the ticks of that time."""
+        before, end_ns = len(self.ticks), self.tick_ns + round(seconds * 1e9)
+        while self.tick_ns < end_ns:
+            while (beside := self.cell.next_ns() or 0) <= self.tick_ns:
+                self.clock.advance_to(beside)
+                self._deliver()
+                self.cell.step(self.clock.now_ns())
+            self.clock.advance_to(self.tick_ns)
+            self._deliver()
+            self.service()
+            self.ticks.append(self.node.tick(self.tick_ns))
+            self.service()
+            self.tick_ns += 40 * MS
+        return self.ticks[before:]
+
+    def service(self):
+        for link in self.assembly.links:
+            link.service(self.clock.now_ns())
+
+    def _deliver(self):
+        while (scene := self.assembly.source.poll(self.clock.now_ns())) is not None:
+            if self.sees:
+                self.node.receive(scene, self.clock.now_ns())
+
+
+@pytest.fixture(scope="session")
+def make_workcell() -> type[Workcell]:
+    return Workcell

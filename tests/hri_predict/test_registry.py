@@ -1,0 +1,66 @@
+"""The registry: parts found by name, third parties' among them."""
+
+import importlib
+import sys
+
+import pytest
+
+from hri_predict import registry
+from hri_predict.errors import ConfigError
+from hri_predict.settings import Settings
+
+
+def test_shipped_parts_are_there_and_carry_their_settings():
+    assert {"procedural", "recording"} <= set(registry.names("sources"))
+    assert {"zero_velocity", "constant_velocity", "kalman"} <= set(registry.names("predictors"))
+    assert {"serial", "can"} <= set(registry.names("links"))
+    kinds: tuple[registry.Kind, ...] = ("sources", "predictors", "links")
+    for kind in kinds:
+        assert registry.names(kind) == sorted(registry.names(kind))
+        for name in registry.names(kind):
+            assert issubclass(registry.load(kind, name).settings_model, Settings)
+
+
+def test_an_unknown_name_is_told_the_nearest_and_all_there_are():
+    with pytest.raises(ConfigError) as caught:
+        registry.load("predictors", "kalmann")
+    message = str(caught.value)
+    assert "unknown predictor 'kalmann'" in message
+    assert "did you mean 'kalman'?" in message
+    assert "constant_velocity" in message
+    assert "zero_velocity" in message
+    assert "\n" not in message
+
+
+@pytest.fixture
+def third_party(tmp_path, monkeypatch):
+    """Another package, with an entry point for a predictor, on the path."""
+    (tmp_path / "other_people_s.py").write_text(
+        "import no_such_library_anywhere\n", encoding="utf-8"
+    )
+    (tmp_path / "good_people_s.py").write_text("class Wonder:\n    pass\n", encoding="utf-8")
+    info = tmp_path / "other_people_s-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other-people-s\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[hri_predict.predictors]\nbroken = other_people_s:Wonder\nwonder = good_people_s:Wonder\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    importlib.invalidate_caches()
+    yield
+    for name in ("other_people_s", "good_people_s"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.usefixtures("third_party")
+def test_third_parties_join_by_entry_point():
+    assert "wonder" in registry.names("predictors")
+    assert registry.load("predictors", "wonder").__name__ == "Wonder"
+
+
+@pytest.mark.usefixtures("third_party")
+def test_a_missing_library_is_named_and_harms_nobody_else():
+    assert "broken" in registry.names("predictors")  # naming it imports nothing
+    assert registry.load("predictors", "kalman") is not None
+    with pytest.raises(ConfigError, match=r"no_such_library_anywhere.*install"):
+        registry.load("predictors", "broken")
