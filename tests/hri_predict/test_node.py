@@ -192,7 +192,7 @@ def test_a_link_that_is_down_degrades_the_node(near):
 
 
 def test_an_acknowledgement_counts_once_per_id_and_link(near, monkeypatch):
-    pressed = []
+    pressed: list[int] = []
     monkeypatch.setattr(near.node._risk, "acknowledge", pressed.append)
     drive, monitor = heard(near)
 
