@@ -1,4 +1,4 @@
-"""Alerts on each change of a robot's level: a terminal line, a JSON line, a command of the user's.
+"""Alerts on each change of a robot's level or of a named zone: a line, JSON, a user's command.
 
 The loop hands a change over and goes on; writing and running happen in a thread of their own.
 """
@@ -8,6 +8,7 @@ import queue
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TextIO
@@ -16,6 +17,7 @@ from pydantic import Field
 
 from hri_predict.clock import Clock
 from hri_predict.protocol.messages import Advice
+from hri_predict.risk.types import NamedZoneState
 from hri_predict.settings import Settings
 
 
@@ -53,8 +55,28 @@ class Alert:
         return f"[{self.time_s:8.2f} s] {self.was} -> {self.level}: {why}"
 
 
+@dataclass(frozen=True, slots=True)
+class ZoneAlert:
+    """One change of a named zone: ``empty``, ``entry predicted`` (in ``entry_s``), ``occupied``."""
+
+    time_s: float
+    zone: str
+    state: str
+    was: str
+    entry_s: float | None
+
+    def line(self) -> str:
+        """One line for a person."""
+        soon = self.state == "entry predicted" and self.entry_s is not None
+        when = f" in {self.entry_s * 1e3:.0f} ms" if soon and self.entry_s is not None else ""
+        return f"[{self.time_s:8.2f} s] zone {self.zone}: {self.was} -> {self.state}{when}"
+
+
+AnyAlert = Alert | ZoneAlert
+
+
 class Alerts:
-    """Watches levels and tells of their changes.
+    """Watches levels and named zones, and tells of their changes.
 
     ``dropped`` counts alerts lost because the thread could not keep up, ``failures`` commands that
     could not run, failed or were ended.
@@ -74,7 +96,8 @@ class Alerts:
         self._start_ns = clock.now_ns()
         self._terminal = terminal if terminal is not None else sys.stderr
         self._levels: dict[int, str] = {}
-        self._queue: queue.Queue[Alert | None] = queue.Queue(maxsize=256)
+        self._zones: dict[str, str] = {}
+        self._queue: queue.Queue[AnyAlert | None] = queue.Queue(maxsize=256)
         self._file = base_dir / settings.file if settings.file else None
         self._last_run_ns: int | None = None
         self._thread: threading.Thread | None = None
@@ -96,7 +119,7 @@ class Alerts:
             self._levels[advice.robot] = level
             self._put(
                 Alert(
-                    time_s=round((self._clock.now_ns() - self._start_ns) * 1e-9, 3),
+                    time_s=self._now_s(),
                     robot=self._robots[advice.robot],
                     level=level,
                     was=was,
@@ -108,7 +131,22 @@ class Alerts:
                 )
             )
 
-    def _put(self, alert: Alert) -> None:
+    def observe_zones(self, zones: Sequence[NamedZoneState]) -> None:
+        """Take the named zones of one tick; queue an alert for each that changed. Never blocks."""
+        for zone in zones:
+            if zone.occupied:
+                state = "occupied"
+            else:
+                state = "empty" if zone.entry_s is None else "entry predicted"
+            was = self._zones.get(zone.name, "empty")
+            if state != was:
+                self._zones[zone.name] = state
+                self._put(ZoneAlert(self._now_s(), zone.name, state, was, zone.entry_s))
+
+    def _now_s(self) -> float:
+        return round((self._clock.now_ns() - self._start_ns) * 1e-9, 3)
+
+    def _put(self, alert: AnyAlert) -> None:
         self.count += 1
         try:
             self._queue.put_nowait(alert)
@@ -129,7 +167,7 @@ class Alerts:
         self._thread = None
 
     def _work(self) -> None:
-        pending: Alert | None = None  # newest change that waits for the debounce time
+        pending: AnyAlert | None = None  # newest change that waits for the debounce time
         while True:
             wait = None if pending is None else self._debounce_left_s()
             try:
@@ -157,7 +195,7 @@ class Alerts:
         passed = (self._clock.now_ns() - self._last_run_ns) * 1e-9
         return max(self._settings.debounce_s - passed, 0.0)
 
-    def _tell(self, alert: Alert | None) -> None:
+    def _tell(self, alert: AnyAlert | None) -> None:
         if alert is None:
             return
         if self._settings.terminal:
@@ -170,7 +208,7 @@ class Alerts:
                 self.failures += 1
                 print(f"alert file {self._file}: {error.strerror}", file=sys.stderr)
 
-    def _run(self, alert: Alert) -> None:
+    def _run(self, alert: AnyAlert) -> None:
         """Run the user's command; one at a time, each within its time limit."""
         self._wait_for_command()
         self._last_run_ns = self._clock.now_ns()

@@ -24,7 +24,9 @@ MAX_ROBOTS = 8
 class NodeSettings(Settings):
     """The top level of a configuration; ``source``, ``predictor`` and links are checked by kind."""
 
-    rate_hz: float = Field(25.0, gt=0, le=100, description="cycles per second")
+    rate_hz: float = Field(
+        25.0, ge=10, le=100, description="cycles per second; controllers expect at least 10"
+    )
     source: dict[str, Any]
     predictor: dict[str, Any] = {"name": "constant_velocity"}
     people: PeopleSettings = PeopleSettings()

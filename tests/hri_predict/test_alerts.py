@@ -1,7 +1,6 @@
 import io
 import json
 import sys
-import time
 
 import pytest
 
@@ -9,6 +8,7 @@ from hri_predict.alerts import Alerts, AlertSettings
 from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.reasons import Reason
+from hri_predict.risk.types import NamedZoneState
 
 
 def advice(level, robot=0, reason=Reason.PERSON_NEAR):
@@ -34,11 +34,25 @@ def test_only_changes_are_told(tmp_path):
     assert "slow -> stop: arm: a person is too near; clears when" in out.getvalue()
 
 
-def wait_for(condition):
-    deadline = time.monotonic() + 10
-    while not condition():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.01)
+def test_changes_of_named_zones_are_told(tmp_path):
+    out = io.StringIO()
+    alerts = Alerts(AlertSettings(file="a.jsonl"), ["arm"], VirtualClock(0), tmp_path, out)
+    for occupied, entry_s in [
+        (False, None),
+        (False, 0.4),
+        (False, 0.3),
+        (True, 0.0),
+        (False, None),
+    ]:
+        alerts.observe_zones([NamedZoneState("hatch", occupied, entry_s)])
+    alerts.stop()
+    lines = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    assert [(a["zone"], a["state"]) for a in lines] == [
+        ("hatch", "entry predicted"),
+        ("hatch", "occupied"),
+        ("hatch", "empty"),
+    ]
+    assert "zone hatch: empty -> entry predicted in 400 ms" in out.getvalue()
 
 
 def test_command_gets_the_alert_and_is_debounced(tmp_path):
