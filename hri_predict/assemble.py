@@ -104,6 +104,8 @@ def build(
 ) -> Assembly:
     """Build everything; nothing is opened or started yet.
 
+    ``listeners`` is kept, not copied: until the first tick others may join.
+
     Raises:
         HriPredictError: some part cannot be built; one line with the remedy.
     """

@@ -54,6 +54,8 @@ class _AlertListener(Listener):
 
     def on_tick(self, tick: Tick) -> None:
         self._alerts.observe(tick.advices)
+        if tick.assessment is not None:
+            self._alerts.observe_zones(tick.assessment.named_zones)
 
 
 def run(config: Config, options: Options, stop: threading.Event | None = None) -> Summary:
@@ -105,46 +107,60 @@ class _Session:
         self.recorder: Recorder | None = None
         self.referee: _Referee | None = None
 
-    def listeners(self, source: Source, virtual: bool) -> list[Listener]:
+    def build(self, **ends: Any) -> assemble.Assembly:
+        """Build everything; the recording is created last, when nothing else can fail any more."""
+        virtual = self.options.factor is None
+        path = self._record_path()
+        source = assemble.build_source(self.config)
         listeners: list[Listener] = [self.levels, _AlertListener(self.alerts)]
-        path = self.options.record or (
-            self.config.base_dir / self.config.node.record if self.config.node.record else None
-        )
-        if path is not None:
-            info = RecordingInfo(
-                joint_map=source.joint_map,
-                rate_hz=source.rate_hz,
-                declares_noise=source.declares_noise,
-                config=self.config.text,
-                predictor=self.config.predictor.name,
-                forecast_rate_hz=self.config.predictor.rate_hz,
-            )
-            self.recorder = Recorder(path, info, threaded=not virtual)
-            listeners.append(self.recorder)
         if self.options.view is not None:
             listeners.append(self.options.view)
-        return listeners
-
-    def build(self, **ends: Any) -> assemble.Assembly:
-        virtual = self.options.factor is None
-        source = assemble.build_source(self.config)
         assembly = assemble.build(
             self.config,
             self.clock,
             source=source,
             deadline=not virtual,
             shadow=self.options.shadow,
-            listeners=self.listeners(source, virtual),
+            listeners=listeners,
             **ends,
         )
-        if self.recorder is not None:
-            for link in assembly.links:
-                link.on_sent = self.recorder.sent
         if self.options.view is not None:
             self.options.view.bind(assembly)
         if self.cell is not None:
             self.referee = _Referee(self.config, assembly, self.cell)
+        if path is not None:
+            self.recorder = Recorder(path, self._recording_info(source), threaded=not virtual)
+            listeners.append(self.recorder)
+            for link in assembly.links:
+                link.on_sent = self.recorder.sent
         return assembly
+
+    def _record_path(self) -> Path | None:
+        """The file to record into.
+
+        Raises:
+            ConfigError: it is the recording that is played.
+        """
+        config = self.config
+        path = self.options.record or (
+            config.base_dir / config.node.record if config.node.record else None
+        )
+        played = getattr(config.source, "path", None)
+        if path is not None and isinstance(played, str) and path.exists():
+            played_path = config.base_dir / played
+            if played_path.exists() and path.samefile(played_path):
+                raise ConfigError(f"record {path}: is the recording that is played; name another")
+        return path
+
+    def _recording_info(self, source: Source) -> RecordingInfo:
+        return RecordingInfo(
+            joint_map=source.joint_map,
+            rate_hz=source.rate_hz,
+            declares_noise=source.declares_noise,
+            config=self.config.text,
+            predictor=self.config.predictor.name,
+            forecast_rate_hz=self.config.predictor.rate_hz,
+        )
 
     def run_real_time(self, stop: threading.Event) -> Summary:
         ports = self.cell.start() if self.cell is not None else {}
