@@ -150,6 +150,16 @@ class MockCell:
                 truth[post.robot.name] = now.at(now_ns)
         return truth
 
+    def permit(self, link: str, now_ns: int) -> float:
+        """What the controller of ``link`` permits its robot now, m/s; 0 if it is dead."""
+        wiring = self._wirings.get(self._posts[link].robot_index)
+        return 0.0 if wiring is None else wiring.permit(link, now_ns)
+
+    def stops_within_s(self, link: str) -> float:
+        """After how much silence the controller of ``link`` has stopped, its own cycle included."""
+        settings = self._posts[link].settings
+        return (settings.silence_timeout_s or 0.0) + settings.period_s
+
     def referee(self, robots: Sequence[RobotModel]) -> Referee:
         """A referee for these robots, to be fed with ``robot_truth``."""
         return Referee(robots)

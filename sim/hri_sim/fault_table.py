@@ -5,6 +5,7 @@ each time. The node's death (``kill -9``) runs in real time, in processes of its
 ``node_death``.
 """
 
+import signal
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
@@ -18,6 +19,7 @@ from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.reasons import Reason
 from hri_predict.session import Options, View, run
 from hri_predict.tick import Tick
+from hri_sim.node_death import How, die
 
 START_S, LENGTH_S, END_S = 5.0, 2.0, 14.0
 RECOVERY_S = 6.0  # from the fault's end until the advice is again what it was
@@ -136,15 +138,52 @@ CASES = (
 )  # fmt: skip
 
 
+# What SIGTERM's last word takes: at most a cycle to wake, the link's delay, the reaction of the
+# controller and its own cycle.
+TOLD = 40 + 5 + 50 + 8
+DEATHS: tuple[tuple[str, How, float | None], ...] = (
+    ("node: kill -9", "kill", None),  # the limit is the controllers' own
+    ("node: SIGTERM", "terminate", TOLD),
+)
+
+
 def run_table(only: str | None = None) -> Iterator[dict[str, Any]]:
     """Run every case whose name contains ``only``; yields one row each, as it is done."""
     base = configuration.load(configuration.shipped("demo.yaml")).quiet()
     for case in CASES:
         if only is None or only in case.name:
-            yield asdict(_run(base, case))
+            yield asdict(run_case(base, case))
+    for name, how, limit_ms in DEATHS:
+        if only is None or only in name:
+            yield asdict(_death(name, how, limit_ms))
 
 
-def _run(base: Config, case: Case) -> Outcome:
+def _death(name: str, how: How, limit_ms: float | None) -> Outcome:
+    """The row of a node that ends in real time; the slower controller counts."""
+    death = die(how, _people(1))
+    limit_ms = limit_ms or max(death.limit_s.values()) * 1e3
+    measured_ms = max(death.stopped_s.values()) * 1e3
+    expected_end = ("silent", -signal.SIGKILL) if how == "kill" else ("unknown", 0)
+    return Outcome(
+        fault=name,
+        expected="stop",
+        acts="controller",
+        limit_ms=limit_ms,
+        measured_ms=measured_ms,
+        reason=death.cause,
+        clear_while_near=0,
+        recovered_ms=death.moved_again_s * 1e3,
+        fine=measured_ms <= limit_ms and (death.cause, death.exit_status) == expected_end,
+        counted={
+            **{f"{link}_stopped_ms": round(s * 1e3) for link, s in death.stopped_s.items()},
+            "arm_stands_ms": round(death.stands_s * 1e3),
+            "node_ended_ms": round(death.exit_s * 1e3),
+        },
+    )
+
+
+def run_case(base: Config, case: Case) -> Outcome:
+    """Run one case on the virtual clock in the cell of ``base``."""
     watch = _Watch(case)
     time = f"{START_S}+{LENGTH_S}"
     config = _scene(base, case.people).with_faults([f.replace("{t}", time) for f in case.faults])
@@ -171,12 +210,12 @@ def _run(base: Config, case: Case) -> Outcome:
 
 def _scene(base: Config, people: int) -> Config:
     """The demo's cell with people who stand near enough to slow the robot."""
-    places = [[2.3, 0.2], [0.4, 2.2]][:people]
-    script = [{"do": "wait", "seconds": 60.0}]
-    source = base.source.model_dump() | {
-        "people": [{"start": place, "script": script} for place in places]
-    }
-    return base.with_source(source)
+    return base.with_source(base.source.model_dump() | {"people": _people(people)})
+
+
+def _people(count: int) -> list[dict[str, Any]]:
+    places = [[2.3, 0.2], [0.4, 2.2]][:count]
+    return [{"start": place, "script": [{"do": "wait", "seconds": 60.0}]} for place in places]
 
 
 def _stop_of(events: list[Any]) -> tuple[float | None, float | None, str]:

@@ -1,0 +1,78 @@
+"""The fault table: a few of its rows, and that a wrong expectation fails."""
+
+from dataclasses import replace
+
+import pytest
+
+from hri_predict import config as configuration
+from hri_predict.reasons import Reason
+from hri_sim.fault_table import CASES, DEATHS, run_case, run_table
+from hri_sim.node_death import die
+
+BUSY_S = 0.25  # a test machine may be busy with other things; the table itself allows nothing
+NEAR = [{"start": [2.3, 0.2], "script": [{"do": "wait", "seconds": 60.0}]}]
+
+
+@pytest.fixture(scope="module")
+def base():
+    return configuration.load(configuration.shipped("demo.yaml")).quiet()
+
+
+def case_of(name):
+    return next(case for case in CASES if case.name == name)
+
+
+def test_every_row_has_its_own_name_and_a_limit_where_something_must_happen():
+    names = [case.name for case in CASES] + [name for name, *_ in DEATHS]
+    assert len(set(names)) == len(names)
+    for case in CASES:
+        assert (case.limit_ms is None) == (case.expected == "count only"), case.name
+
+
+@pytest.mark.parametrize(
+    "name", ["source: scenes lost", "monitor: silent", "source: every scene twice"]
+)
+def test_a_row(base, name):
+    outcome = run_case(base, case_of(name))
+    assert outcome.fine
+    assert outcome.clear_while_near == 0
+    assert (outcome.measured_ms is None) == (outcome.expected == "count only")
+
+
+def test_a_predictor_that_fails_has_its_row():
+    (row,) = run_table("predictor: gives NaN")
+    assert row["fine"]
+    assert row["reason"] in ("PERSON_NEAR", "PERSON_APPROACHING")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"expected": "count only", "limit_ms": None},  # it did react
+        {"reasons": (Reason.CLOCK_JUMP,)},  # for another reason
+        {"limit_ms": 20.0},  # not so soon: input is stale after 120 ms
+        {"faults": ()},  # nothing happened that it could have reacted to
+    ],
+    ids=lambda wrong: "-".join(wrong),
+)
+def test_a_wrong_expectation_fails(base, wrong):
+    assert not run_case(base, replace(case_of("source: scenes lost"), **wrong)).fine
+
+
+def test_no_row_of_that_name_gives_no_row():
+    assert list(run_table("no such fault")) == []
+
+
+@pytest.mark.parametrize(
+    ("how", "cause", "status"), [("kill", "silent", -9), ("terminate", "unknown", 0)]
+)
+def test_the_node_ends_while_the_robot_moves(how, cause, status):
+    """Real processes: the robot stops, and goes on when the node is back."""
+    death = die(how, NEAR)
+    assert set(death.stopped_s) == {"drive", "monitor"}
+    for link, stopped_s in death.stopped_s.items():
+        assert 0 < stopped_s <= death.limit_s[link] + BUSY_S
+    assert death.stands_s < death.limit_s["drive"] + 1.0
+    assert death.cause == cause
+    assert death.exit_status == status
+    assert death.moved_again_s > 0  # with the same controllers, which nobody started again
