@@ -115,7 +115,7 @@ class RiskEngine:
     ) -> Assessment:
         if forecast is not None and not _is_sound(forecast, snapshot, self._builder.horizon_steps):
             forecast, reasons = None, (*reasons, Reason.PREDICTOR_FAILED)
-        bodies = self._builder.build(snapshot, forecast)
+        bodies = self._builder.build(snapshot, forecast, with_paths=bool(self._named))
         blind = self._distrust(snapshot)
         named = tuple(
             zone.state(bodies) if not blind else NamedZoneState(zone.settings.name, True, 0.0)

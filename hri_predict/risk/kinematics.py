@@ -54,8 +54,17 @@ def _turn(axis: Floats, angle: float) -> Floats:
 
 def cross(u: Floats, v: Floats) -> Floats:
     """Cross product over the last axis; on small arrays much faster than ``numpy.cross``."""
-    result: Floats = u[..., (1, 2, 0)] * v[..., (2, 0, 1)] - u[..., (2, 0, 1)] * v[..., (1, 2, 0)]
+    result: Floats = np.empty(np.broadcast_shapes(u.shape, v.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.subtract(u[..., j] * v[..., k], u[..., k] * v[..., j], out=result[..., i])
     return result
+
+
+def norm(vectors: Floats) -> Floats:
+    """Length over the last axis of 3; on small arrays much faster than ``numpy.linalg.norm``."""
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    length: Floats = np.sqrt(x * x + y * y + z * z)
+    return length
 
 
 class Chain:

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from hri_predict.errors import RobotError
-from hri_predict.risk.kinematics import Chain, cross
+from hri_predict.risk.kinematics import Chain, cross, norm
 from hri_predict.risk.robot_file import CapsuleFile, RobotFile, StoppingFile, read_robot_file
 from hri_predict.risk.types import Capsules
 from hri_predict.scene import Floats
@@ -125,10 +125,15 @@ class RobotModel:
         Exact for the axes (speed is convex along one, so an end is the fastest); a point off the
         axis adds at most |omega| x radius, which is what is added: an upper bound.
         """
+        return self.moving(q, qd)[1]
+
+    def moving(self, q: Floats, qd: Floats) -> tuple[Capsules, Floats]:
+        """``capsules`` and ``tip_speed`` at once."""
         links = self._chain.links(q)
-        ends, turn = self._end_speeds(links, self._place(links), qd)
-        speed: Floats = np.max(ends + turn * self._radius, axis=-1)
-        return speed
+        placed = self._place(links)
+        ends, turn = self._end_speeds(links, placed, qd)
+        speed: Floats = (ends + turn * self._radius).max(axis=-1)
+        return placed, speed
 
     def stopping(self, speed_m_s: float) -> tuple[float, float]:
         """Time (s) and distance (m) from the onset of braking to rest, with this payload.
@@ -150,9 +155,16 @@ class RobotModel:
         return float(time_s), float(distance)
 
     def stopping_capsules(
-        self, q: Floats, qd: Floats, times_s: Floats, reaction_s: float, stopping_s: float
+        self,
+        q: Floats,
+        qd: Floats,
+        times_s: Floats,
+        reaction_s: float,
+        stopping_s: Floats | float,
+        scale: Floats | float = 1.0,
+        speed_m_s: float | None = None,
     ) -> Capsules:
-        """Capsules (K, C) that contain the stopping robot, interval by interval.
+        """Capsules (..., K, C) that contain the stopping robot, interval by interval.
 
         Every joint keeps its velocity until ``reaction_s`` and all come to rest together at
         ``reaction_s + stopping_s``, decelerating uniformly; if the stopping table's distance at
@@ -175,13 +187,20 @@ class RobotModel:
             q, qd: (N,) rad and rad/s at time 0.
             times_s: (K,) seconds, not falling; before 0 counts as 0.
             reaction_s: until braking begins, >= 0.
-            stopping_s: from there to rest, >= 0.
+            stopping_s: (...,) from there to rest, >= 0.
+            scale: (...,) factors of ``qd``: several speeds in one direction at once.
+            speed_m_s: ``tip_speed(q, qd)``, where it is known already.
         """
         q, qd = np.asarray(q, float), np.asarray(qd, float)
-        travel = self._travel(q, qd, np.asarray(times_s, float), reaction_s, stopping_s)
-        before = np.concatenate([travel[:1], travel[:-1]])
-        middle, half = (travel + before) / 2, np.abs(travel - before) / 2
-        links = self._chain.links(q + middle[:, None] * qd)
+        factor = np.asarray(scale, float)[..., None]  # (..., 1)
+        stopping = np.asarray(stopping_s, float)[..., None]
+        if speed_m_s is None:
+            speed_m_s = float(self.tip_speed(q, qd))
+        travel = self._travel(factor * speed_m_s, np.asarray(times_s, float), reaction_s, stopping)
+        before = np.concatenate([travel[..., :1], travel[..., :-1]], axis=-1)
+        # seconds at qd itself, from here on
+        middle, half = factor * (travel + before) / 2, factor * np.abs(travel - before) / 2
+        links = self._chain.links(q + middle[..., None] * qd)
         placed = self._place(links)
 
         speed, _ = self._end_speeds(links, placed, qd)
@@ -189,26 +208,33 @@ class RobotModel:
         turning = np.cumsum(rate)
         bend = self._arms @ (turning**2 + (turning**2 - np.cumsum(rate**2)) / 2)  # (C,)
         beyond = np.cumsum(self._arms[:, ::-1], axis=1)[:, ::-1] @ rate  # (C,)
-        grow = np.minimum(speed + bend * half[:, None] / 2, beyond) * half[:, None]
+        grow = np.minimum(speed + bend * half[..., None] / 2, beyond) * half[..., None]
         return Capsules(placed.a, placed.b, placed.radius + grow)
 
     def _travel(
-        self, q: Floats, qd: Floats, times_s: Floats, reaction_s: float, stopping_s: float
+        self,
+        speeds: Floats,
+        times_s: Floats,
+        reaction_s: float,
+        stopping_s: Floats,
     ) -> Floats:
-        """Path parameter u (K,) in seconds of full speed: how far along q + qd u the robot is."""
-        speed = float(self.tip_speed(q, qd))
-        _, distance = self.stopping(speed)
+        """Path parameter u (..., K) in seconds of full speed: how far along its path it is.
+
+        ``speeds`` and ``stopping_s`` are (..., 1).
+        """
+        distance = np.array([self.stopping(v)[1] for v in speeds.ravel().tolist()])
         # Holding for h and then braking uniformly over T - h covers speed x (T + h) / 2.
-        hold = 2 * distance / speed - stopping_s if speed > 0 else 0.0
-        hold = min(max(hold, 0.0), stopping_s)
+        moving = np.where(speeds > 0, speeds, 1.0)
+        hold = np.where(speeds > 0, 2 * distance.reshape(speeds.shape) / moving - stopping_s, 0.0)
+        hold = np.minimum(np.maximum(hold, 0.0), stopping_s)
         onset, braking = reaction_s + hold, stopping_s - hold
-        after = np.clip(times_s - onset, 0.0, braking)
-        lost = after**2 / (2 * braking) if braking > 0 else 0.0
-        travel: Floats = np.clip(times_s, 0.0, onset) + after - lost
+        after = np.minimum(np.maximum(times_s - onset, 0.0), braking)
+        lost = after**2 / np.where(braking > 0, 2 * braking, np.inf)
+        travel: Floats = np.minimum(np.maximum(times_s, 0.0), onset) + after - lost
         return travel
 
     def _place(self, links: Floats) -> Capsules:
-        at = links[..., self._link, :, :]  # (..., C, 3, 4)
+        at = links.take(self._link, axis=-3)  # (..., C, 3, 4)
         ends = np.matmul(self._ends, np.swapaxes(at[..., :3], -1, -2)) + at[..., None, :, 3]
         radius = np.broadcast_to(self._radius, ends.shape[:-2])
         return Capsules(ends[..., 0, :], ends[..., 1, :], radius)
@@ -216,12 +242,9 @@ class RobotModel:
     def _end_speeds(self, links: Floats, placed: Capsules, qd: Floats) -> tuple[Floats, Floats]:
         """(..., C) speed of each capsule's faster end, and turning speed of its link."""
         omega, v0 = self._chain.twists(links, qd)
-        turn, shift = omega[..., self._link, :], v0[..., self._link, :]
-        fastest = [
-            np.sqrt(np.sum((shift + cross(turn, end)) ** 2, axis=-1))
-            for end in (placed.a, placed.b)
-        ]
-        return np.maximum(*fastest), np.sqrt(np.sum(turn**2, axis=-1))
+        turn, shift = omega.take(self._link, axis=-2), v0.take(self._link, axis=-2)
+        fastest = [norm(shift + cross(turn, end)) for end in (placed.a, placed.b)]
+        return np.maximum(*fastest), norm(turn)
 
 
 def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:

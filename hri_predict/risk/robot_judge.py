@@ -1,6 +1,5 @@
 """One robot against everybody: what the people, and what the sensor does not see, ask of it."""
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +8,13 @@ from hri_predict.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, approach_m
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.levels import Demand, demand_of, margins
-from hri_predict.risk.nearest_in_time import NearestInTime, nearest_in_time
+from hri_predict.risk.nearest_in_time import BodiesInTime, NearestInTime
 from hri_predict.risk.robot_tracker import RobotNow, RobotTracker
 from hri_predict.risk.separation import (
     Course,
     Finding,
     StoppingCurve,
+    farthest,
     judge_iso,
     judge_predictive,
 )
@@ -96,6 +96,8 @@ class RobotJudge:
         slowest_s = float(self._curve.time_s[-1])
         extend = settings.limits.extend_beyond_horizon
         budget.check(self.name, slowest_s, horizon_s, extend)
+        self._farthest_of = (0, 0.0)
+        self._farthest_m: Floats = np.zeros((0, 0))
         self.longest_s = budget.reaction_s(budget.stale_s, self.name) + slowest_s
 
     def judge(self, now: RobotNow, bodies: BodyZones) -> Judgement:
@@ -138,7 +140,7 @@ class RobotJudge:
             qd=qd,
             speed_m_s=now.speed_m_s,
             clearance_m=self._settings.clearance_m + now.uncertainty_m,
-            capsules=self.tracker.model.capsules(q),
+            capsules=now.capsules or self.tracker.model.capsules(q),
             stopping_s=stopping_s,
             stopping_m=stopping_m,
             times_s=times_s,
@@ -147,24 +149,24 @@ class RobotJudge:
 
     def _people(self, motion: _Motion, bodies: BodyZones) -> Finding:
         zones = bodies.zones.capsules
-        captured = Capsules(zones.a[:, :1], zones.b[:, :1], zones.radius[:, :1])
-        first = nearest_in_time(captured, _repeated(motion.capsules, 1))
-        distance = float(first.distance[0])
-        if self._settings.mode == "iso":
-            who = int(first.person[0]), int(first.segment[0]), int(first.link[0])
-            return self._iso(distance, motion, bodies.age_s, who)
-        steps = len(motion.times_s) - 1
-        later = Capsules(
-            zones.a[:, 1 : steps + 1], zones.b[:, 1 : steps + 1], zones.radius[:, 1 : steps + 1]
+        iso = self._settings.mode == "iso"
+        steps = 1 if iso else len(motion.times_s)
+        course = BodiesInTime(
+            Capsules(zones.a[:, :steps], zones.b[:, :steps], zones.radius[:, :steps])
         )
-        standing = nearest_in_time(later, _repeated(motion.capsules, steps))
+        standing = course.nearest(_once(motion.capsules))
+        distance = float(standing.distance[0])
+        if iso:
+            who = int(standing.person[0]), int(standing.segment[0]), int(standing.link[0])
+            return self._iso(distance, motion, bodies.age_s, who)
 
-        @functools.cache  # two margins ask for the same few speeds
-        def at_speed(speed_m_s: float) -> NearestInTime:
-            return nearest_in_time(later, self._stopping(motion, speed_m_s))
+        def at_speeds(speeds_m_s: Floats) -> NearestInTime:
+            return _later(course.nearest(self._stopping(motion, speeds_m_s)))
 
         moving = motion.speed_m_s > MOVING_M_S
-        return self._predictive(Course(distance, standing, at_speed if moving else None), motion)
+        return self._predictive(
+            Course(distance, _later(standing), at_speeds if moving else None), motion
+        )
 
     def _unseen(self, motion: _Motion, age_s: float, view: FieldOfView) -> Finding:
         """A person who stands just outside the field of view since the capture."""
@@ -175,28 +177,28 @@ class RobotJudge:
         nobody = np.full(len(come), -1)
         standing = NearestInTime(distance - come, nobody, nobody, nobody)
 
-        @functools.cache
-        def at_speed(speed_m_s: float) -> NearestInTime:
-            robot = self._stopping(motion, speed_m_s)
-            outside = view.distance_outside(robot).min(1)
-            return NearestInTime(outside - come, nobody, nobody, nobody)
+        def at_speeds(speeds_m_s: Floats) -> NearestInTime:
+            robot = self._stopping(motion, speeds_m_s)
+            outside = view.distance_outside(robot).min(-1)[:, 1:]
+            unknown = np.full(outside.shape, -1)
+            return NearestInTime(outside - come, unknown, unknown, unknown)
 
         moving = motion.speed_m_s > MOVING_M_S
-        return self._predictive(Course(distance, standing, at_speed if moving else None), motion)
+        return self._predictive(Course(distance, standing, at_speeds if moving else None), motion)
 
-    def _stopping(self, motion: _Motion, speed_m_s: float) -> Capsules:
-        """(K, C) the robot as it stops from ``speed_m_s`` in its present direction."""
-        time_s = motion.stopping_s
-        if speed_m_s != motion.speed_m_s:
-            time_s, _ = self._curve.at(speed_m_s)
-        capsules = self.tracker.model.stopping_capsules(
+    def _stopping(self, motion: _Motion, speeds_m_s: Floats) -> Capsules:
+        """(L, K+1, C) the robot as it stops from each speed in its present direction."""
+        times_s = np.interp(speeds_m_s, self._curve.speed_m_s, self._curve.time_s)
+        times_s = np.where(speeds_m_s == motion.speed_m_s, motion.stopping_s, times_s)
+        return self.tracker.model.stopping_capsules(
             motion.q,
-            motion.qd * (speed_m_s / motion.speed_m_s),
+            motion.qd,
             motion.times_s,
             motion.until_braking_s,
-            time_s,
+            times_s,
+            speeds_m_s / motion.speed_m_s,
+            motion.speed_m_s,
         )
-        return Capsules(capsules.a[1:], capsules.b[1:], capsules.radius[1:])
 
     def _iso(
         self, distance_m: float, motion: _Motion, age_s: float, who: tuple[int, int, int]
@@ -222,7 +224,16 @@ class RobotJudge:
             motion.until_braking_s,
             motion.clearance_m,
             self._margins,
+            self._farthest(len(motion.times_s), motion),
         )
+
+    def _farthest(self, steps: int, motion: _Motion) -> Floats:
+        """As ``separation.farthest``; the same tick after tick unless the steps change."""
+        key = steps, motion.until_braking_s
+        if key != self._farthest_of:
+            self._farthest_of = key
+            self._farthest_m = farthest(self._curve, motion.times_s, motion.until_braking_s)
+        return self._farthest_m
 
 
 def _reason(finding: Finding, bodies: BodyZones) -> Reason:
@@ -236,11 +247,16 @@ def _is_finite(now: RobotNow) -> bool:
     return all(bool(np.isfinite(v).all()) for v in values if v is not None) and now.speed_m_s >= 0
 
 
-def _repeated(capsules: Capsules, steps: int) -> Capsules:
-    """(C,) to (steps, C)."""
-    shape = (steps, *capsules.radius.shape)
-    return Capsules(
-        np.broadcast_to(capsules.a, (*shape, 3)),
-        np.broadcast_to(capsules.b, (*shape, 3)),
-        np.broadcast_to(capsules.radius, shape),
+def _once(capsules: Capsules) -> Capsules:
+    """(C,) to (1, C): the same at every step."""
+    return Capsules(capsules.a[None], capsules.b[None], capsules.radius[None])
+
+
+def _later(nearest: NearestInTime) -> NearestInTime:
+    """Without entry 0, the bodies as captured."""
+    return NearestInTime(
+        nearest.distance[..., 1:],
+        nearest.person[..., 1:],
+        nearest.segment[..., 1:],
+        nearest.link[..., 1:],
     )

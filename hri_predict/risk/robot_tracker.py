@@ -10,6 +10,7 @@ from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.reasons import Reason
 from hri_predict.risk.robot import RobotModel, RobotSettings, StandingMotion, StateMotion
 from hri_predict.risk.trajectory import load_trajectory
+from hri_predict.risk.types import Capsules
 from hri_predict.scene import Floats
 
 POSITION_TOLERANCE_RAD = 0.01
@@ -31,6 +32,7 @@ class RobotNow:
         uncertainty_m: how far any point may be from where ``q`` puts it because the arm changed its
             speed since RobotState came: acceleration x age^2 / 2. Add it to Z_r.
         age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
+        capsules: (C,) the model's at ``q``, where they came with the speed.
     """
 
     q: Floats | None
@@ -39,6 +41,7 @@ class RobotNow:
     reasons: tuple[Reason, ...] = ()
     uncertainty_m: float = 0.0
     age_s: float | None = 0.0
+    capsules: Capsules | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +86,14 @@ class RobotTracker:
         self._invalid = False
         self._last_counter: dict[str, int] = {}
         self._trajectory = None
+        self._bounds = list(
+            zip(
+                (model.position_min - POSITION_TOLERANCE_RAD).tolist(),
+                (model.position_max + POSITION_TOLERANCE_RAD).tolist(),
+                (model.velocity_max * (1 + VELOCITY_TOLERANCE)).tolist(),
+                strict=True,
+            )
+        )
         motion = settings.motion
         if isinstance(motion, StandingMotion):
             self._standing = self._checked_standing(motion)
@@ -138,7 +149,8 @@ class RobotTracker:
         if self._start_ns is None:
             self._start_ns = now_ns
         q, qd = self._trajectory.at((now_ns - self._start_ns) * 1e-9 + motion.start_s)
-        return RobotNow(q, qd, float(self.model.tip_speed(q, qd)))
+        capsules, speed = self.model.moving(q, qd)
+        return RobotNow(q, qd, float(speed), capsules=capsules)
 
     def _by_state(self, motion: StateMotion, now_ns: int) -> RobotNow:
         if self._invalid:
@@ -158,29 +170,31 @@ class RobotTracker:
             np.minimum(self.model.position_min, state.q),
             np.maximum(self.model.position_max, state.q),
         )
+        capsules, speed = self.model.moving(q, state.qd)
         return RobotNow(
             q,
             state.qd,
-            float(self.model.tip_speed(q, state.qd)),
+            float(speed),
             tuple(reasons),
             motion.acceleration_m_s2 * ahead_s**2 / 2,
             age_s,
+            capsules,
         )
 
     def _possible(self, state: RobotState) -> bool:
         model = self.model
         if len(state.positions) != model.dof or len(state.velocities) != model.dof:
             return False
-        try:
-            q, qd = np.array(state.positions, float), np.array(state.velocities, float)
-        except (TypeError, ValueError):  # a field that is "not available"
+        try:  # plain numbers: for so few an array costs more than the comparison
+            # Written so that NaN, which compares false with everything, is refused.
+            return all(
+                low <= q <= high and -most <= qd <= most
+                for q, qd, (low, high, most) in zip(
+                    state.positions, state.velocities, self._bounds, strict=True
+                )
+            )
+        except TypeError:  # a field that is "not available"
             return False
-        # Written so that NaN, which compares false with everything, is refused.
-        return bool(
-            np.all(q >= model.position_min - POSITION_TOLERANCE_RAD)
-            and np.all(q <= model.position_max + POSITION_TOLERANCE_RAD)
-            and np.all(np.abs(qd) <= model.velocity_max * (1 + VELOCITY_TOLERANCE))
-        )
 
     def _checked_standing(self, motion: StandingMotion) -> Floats:
         model, name = self.model, self.settings.name

@@ -248,15 +248,17 @@ class Course:
     Attributes:
         separation_m: distance now, as captured.
         standing: to the robot where it is now.
-        at_speed: speed -> to the robot as it moves on in its present direction at that speed and
-            stops; ``None`` where the direction means nothing, so that any may come.
+        at_speeds: (L,) speeds -> (L, K) to the robot as it moves on in its present direction at
+            each and stops; ``None`` where the direction means nothing, so that any may come.
     """
 
     separation_m: float
     standing: NearestInTime
-    at_speed: Callable[[float], NearestInTime] | None = None
+    at_speeds: Callable[[Floats], NearestInTime] | None = None
 
 
+_NEVER_M = 1e9
+"""Stands for infinity where a distance that is minus infinity must stay so."""
 SPEED_LEVELS = 4
 """How many speeds in the present direction are tried, evenly up to the robot's highest."""
 
@@ -270,6 +272,7 @@ def judge_predictive(
     reaction_s: float,
     clearance_m: float,
     margins_m: Sequence[float],
+    farthest_m: Floats | None = None,
 ) -> Finding:
     """Judge zones against the stopping robot, time by time.
 
@@ -290,35 +293,32 @@ def judge_predictive(
         clearance_m: C + Z_d + Z_r.
         margins_m: for the limits, each counted on top of the clearance. The first two regard the
             present direction; the others, which only warn, any.
+        farthest_m: ``farthest(curve, times_s, reaction_s)``, where it is known already.
     """
     begins, ends = times_s[:-1], times_s[1:]
     top = curve.max_speed_m_s
-    time_s, distance_m = curve.time_s[:, None], curve.distance_m[:, None]
-    travel = travel_m(ends, reaction_s, curve.speed_m_s[:, None], time_s, distance_m)
-    left = np.where(begins <= reaction_s + time_s, course.standing.distance - travel, np.inf)
-    any_way = np.minimum.accumulate(left.min(1)) - clearance_m  # (N,) falls with speed
+    if farthest_m is None:
+        farthest_m = farthest(curve, times_s, reaction_s)
+    left = (course.standing.distance - farthest_m).min(1)
+    any_way = np.minimum.accumulate(left) - clearance_m  # (N,) falls with speed
     fits = np.searchsorted(-any_way, -np.asarray(margins_m), side="right")
     limits = [float(curve.speed_m_s[f - 1]) if f > 0 else 0.0 for f in fits]
 
-    if course.at_speed is None or (min(limits[:2]) >= top and speed_m_s <= top):
+    if course.at_speeds is None or (min(limits[:2]) >= top and speed_m_s <= top):
+        row: tuple[int, ...] = ()
         nearest = course.standing
         then = nearest.distance - travel_m(ends, reaction_s, speed_m_s, *stopping)
     else:
-        nearest = course.at_speed(speed_m_s)
-        then = nearest.distance
-        if any_way[0] >= 0:  # else it may not even stand there
-            for i, margin in enumerate(margins_m[:2]):
-                directed = _directed_limit(
-                    course.at_speed,
-                    begins,
-                    ends,
-                    speed_m_s,
-                    curve,
-                    reaction_s,
-                    clearance_m + margin,
-                    limits[i],
-                )
-                limits[i] = directed if fits[i] > 0 else limits[i]
+        # Where it may not even stand there is nothing to try but the present speed.
+        levels = _levels(top, min(limits[:2])) if any_way[0] >= 0 else np.empty(0)
+        nearest, row = course.at_speeds(np.append(speed_m_s, levels)), (0,)
+        then = nearest.distance[0]
+        ahead = nearest.distance[1:]
+        stops_s = reaction_s + np.interp(levels, curve.speed_m_s, curve.time_s)
+        ahead = np.where(begins <= stops_s[:, None], ahead, np.inf).min(1)  # one per level
+        for i, margin in enumerate(margins_m[:2]):
+            if fits[i] > 0:
+                limits[i] = _directed_limit(levels, ahead, clearance_m + margin, limits[i])
     then = np.where(begins <= reaction_s + stopping[0], then, np.inf)
     step = int(then.argmin())
     slack = float(then[step]) - clearance_m
@@ -330,42 +330,45 @@ def judge_predictive(
         near=bool(any_way[0] < 0),
         breach_s=float(begins[violated[0]]) if len(violated) else _closing_s(slack, speed_m_s),
         limits=tuple(limits),
-        person=int(nearest.person[step]),
-        segment=int(nearest.segment[step]),
-        link=int(nearest.link[step]),
+        person=int(nearest.person[(*row, step)]),
+        segment=int(nearest.segment[(*row, step)]),
+        link=int(nearest.link[(*row, step)]),
     )
 
 
-def _directed_limit(
-    at_speed: Callable[[float], NearestInTime],
-    begins: Floats,
-    ends: Floats,
-    speed_m_s: float,
-    curve: StoppingCurve,
-    reaction_s: float,
-    needed_m: float,
-    any_way_m_s: float,
-) -> float:
-    """The highest of the few speeds up to which each is clear, at least ``any_way_m_s``.
+def farthest(curve: StoppingCurve, times_s: Floats, reaction_s: float) -> Floats:
+    """(N, K) how far the fastest point comes by the end of each step, at each of its speeds.
 
-    At a speed near the present one the robot is never farther from where it would be at the
-    present one than the difference in travel; only where that leaves it open is it looked at.
+    Steps that begin when it stands again do not count: minus ``_NEVER_M``.
     """
-    present = at_speed(speed_m_s).distance
-    come = travel_m(ends, reaction_s, speed_m_s, *curve.at(speed_m_s))
+    time_s, distance_m = curve.time_s[:, None], curve.distance_m[:, None]
+    travel = travel_m(times_s[1:], reaction_s, curve.speed_m_s[:, None], time_s, distance_m)
+    return np.where(times_s[:-1] <= reaction_s + time_s, travel, -_NEVER_M)
+
+
+def _levels(top_m_s: float, above_m_s: float) -> Floats:
+    """The few speeds that are tried: those above what any direction permits."""
+    levels: Floats = top_m_s * np.arange(1, SPEED_LEVELS + 1) / SPEED_LEVELS
+    return levels[levels > above_m_s]
+
+
+def _directed_limit(
+    levels_m_s: Floats, distance_m: Floats, needed_m: float, any_way_m_s: float
+) -> float:
+    """The highest of the speeds up to which each is clear, at least ``any_way_m_s``.
+
+    Args:
+        levels_m_s: (L,) ascending.
+        distance_m: (L,) smallest distance at each until the robot stands.
+        needed_m: what is clear.
+        any_way_m_s: what any direction permits; speeds up to it need no look.
+    """
     limit = any_way_m_s
-    for level in curve.max_speed_m_s * np.arange(1, SPEED_LEVELS + 1) / SPEED_LEVELS:
-        if level <= any_way_m_s:
-            continue
-        stopping = curve.at(float(level))
-        counts = begins <= reaction_s + stopping[0]
-        apart = np.abs(travel_m(ends, reaction_s, float(level), *stopping) - come)
-        if (counts & (present + apart < needed_m)).any():
-            break
-        distance = at_speed(float(level)).distance
-        if (counts & ~(distance >= needed_m)).any():
-            break
-        limit = float(level)
+    for level, distance in zip(levels_m_s.tolist(), distance_m.tolist(), strict=True):
+        if level > any_way_m_s:
+            if not distance >= needed_m:
+                break
+            limit = level
     return limit
 
 

@@ -125,18 +125,24 @@ class ZoneBuilder:
         )
         self.times_s: Floats = np.arange(1 + (steps or horizon_steps)) / rate_hz
 
-    def build(self, snapshot: PeopleSnapshot, forecast: Forecast | None) -> BodyZones:
+    def build(
+        self, snapshot: PeopleSnapshot, forecast: Forecast | None, with_paths: bool = True
+    ) -> BodyZones:
         """Zones of everybody in ``snapshot``.
 
         Args:
             snapshot: people at this tick.
             forecast: of the same people in the same order, or ``None``: physical limits alone.
+            with_paths: whether ``paths`` are wanted; else they are the zones.
         """
         capture_ns = _oldest_capture(snapshot)
         tracks = self._tracks(snapshot, forecast, capture_ns)
         mid, inflation, growth = self._motion(tracks, forecast)
         zones = self._segments(mid, inflation + growth, tracks)
-        paths = self._segments(mid, inflation + growth * ~tracks.forecast[:, None], tracks)
+        paths = zones
+        if with_paths and tracks.forecast.any():
+            along = np.where(tracks.forecast[:, None], 0.0, growth)
+            paths = self._segments(mid, inflation + along, tracks)
         ids = snapshot.ids + tuple(person.id for person in snapshot.lost)
         return BodyZones(
             zones=Zones(ids, self.segment_names, self.times_s, zones),

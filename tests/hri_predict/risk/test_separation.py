@@ -209,7 +209,7 @@ def course(
     distance: float, approach: float, a: float, reaction_s: float, direction: float
 ) -> Course:
     def nearest(least: Floats) -> NearestInTime:
-        nobody = np.full(len(least), -1)
+        nobody = np.full(least.shape, -1)
         return NearestInTime(least, nobody, nobody, nobody)
 
     standing = nearest(distance - approach * TIMES[1:])
@@ -218,7 +218,9 @@ def course(
     return Course(
         distance,
         standing,
-        lambda v: nearest(along(distance, approach, direction * v, a, reaction_s)),
+        lambda speeds: nearest(
+            np.array([along(distance, approach, direction * v, a, reaction_s) for v in speeds])
+        ),
     )
 
 
