@@ -128,10 +128,12 @@ def validated(model: type[S], data: Any, where: str) -> S:
             ) from None
         if first["type"] == "missing":
             raise ConfigError(f"{at}: required key is missing; add it") from None
-        got = repr(first["input"])
-        got = got if len(got) < 60 else got[:57] + "..."
         message = first["msg"].removeprefix("Value error, ")
         message = message[0].lower() + message[1:]
+        if isinstance(first["input"], dict):  # of the whole block, whose keys say nothing more
+            raise ConfigError(f"{at}: {message}") from None
+        got = repr(first["input"])
+        got = got if len(got) < 60 else got[:57] + "..."
         raise ConfigError(f"{at}: {message}; got {got}") from None
 
 

@@ -5,6 +5,7 @@ import sys
 from typing import NoReturn
 
 import typer
+from typer import Abort
 
 from hri_predict.cli import bench, check, listen, run
 from hri_predict.errors import HriPredictError
@@ -29,10 +30,10 @@ def main() -> None:
     """Entry point: a user's mistake is one line on standard error and exit status 2."""
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s", stream=sys.stderr)
     try:
-        status = app(standalone_mode=False)
+        status = app(standalone_mode=False, prog_name="hri-predict")
     except HriPredictError as error:
         _fail(str(error))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Abort):
         sys.exit(130)
     except BrokenPipeError:  # the reader of our output went away
         sys.stdout = None  # nothing more can be flushed to it
@@ -41,8 +42,18 @@ def main() -> None:
         explain = getattr(error, "format_message", None)  # the parser's own errors have it
         if explain is None:
             raise
-        _fail(f"{explain().rstrip('.')}; see hri-predict {' '.join(sys.argv[1:2])} --help")
+        _misused(error, explain())
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _misused(error: Exception, message: str) -> NoReturn:
+    """The command line itself is wrong; without any arguments its help was printed already."""
+    context = getattr(error, "ctx", None)
+    command = "hri-predict" if context is None else context.command_path
+    message = " ".join(message.split()).rstrip(".")
+    if not message:
+        sys.exit(2)
+    _fail(f"{message}; see {command} --help")
 
 
 def _fail(message: str) -> NoReturn:

@@ -29,17 +29,14 @@ from hri_predict.session import VIRTUAL_START_NS, Options, View, run
 from hri_predict.skeleton import JOINTS
 from hri_predict.tick import Tick
 
-app = typer.Typer(
-    help="What the node costs: times of its parts, memory over an hour, reactions to faults.",
-    invoke_without_command=True,
-)
+app = typer.Typer(invoke_without_command=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone.")]
 
 
 @app.callback()
 def bench(context: typer.Context, as_json: Json = False) -> None:
-    """Time the parts that every tick uses.
+    """What the node costs: times of its parts; memory over an hour; reactions to faults.
 
     Example: hri-predict bench
     """

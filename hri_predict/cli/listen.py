@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import time
 from enum import IntEnum
 from typing import Annotated, Any
@@ -38,6 +39,8 @@ def listen(
 
     Example: hri-predict listen can:socketcan:can0 --alerts
     """
+    if seconds is not None and not 0 < seconds < math.inf:
+        raise ConfigError(f"--seconds {seconds}: give a number above 0")
     cls, settings = _settings(link, baudrate, bitrate, fd, base_id)
     transport = cls.make_transport(settings)
     transport.open()

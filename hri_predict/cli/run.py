@@ -135,8 +135,8 @@ def _factor(speed: str) -> float | None:
 
 
 def _positive(value: float | None, name: str) -> None:
-    if value is not None and not value > 0:
-        raise ConfigError(f"{name} {value}: must be positive")
+    if value is not None and not 0 < value < math.inf:
+        raise ConfigError(f"{name} {value}: give a number above 0")
 
 
 def _place(text: str) -> list[float]:

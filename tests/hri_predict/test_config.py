@@ -38,8 +38,8 @@ def mistake(tmp_path, text):
 
 # where, the wrong value (... removes the key), what the line must name
 MISTAKES = [
-    (["rate_hz"], 0, ["rate_hz", "greater than 0"]),
-    (["rate_hz"], -25, ["rate_hz", "greater than 0"]),
+    (["rate_hz"], 0, ["rate_hz", "greater than"]),
+    (["rate_hz"], -25, ["rate_hz", "greater than"]),
     (["rate_hz"], 1000, ["rate_hz", "100"]),
     (["rate_hz"], "fast", ["rate_hz", "number", "'fast'"]),
     (["rate_hz"], float("nan"), ["rate_hz"]),
