@@ -3,6 +3,10 @@
 Down at once: one capture is enough, and the speed limit falls without delay. Up slowly: a milder
 level needs its condition beyond a band for a number of *distinct* captures, and the speed limit
 rises at a limited rate. A latched stop also needs an acknowledgement; that alone starts nothing.
+
+A stop also makes its own cause go away: what was too near for a moving robot is not too near for
+the standing one. So a stop is released only where the speed that the robot is then given can last:
+if the permitted speed falls while the captures are counted, it must be enough for as many more.
 """
 
 from collections.abc import Callable, Sequence
@@ -148,6 +152,7 @@ class LevelMachine:
         self._latch_id = 0
         self._cause_cleared = False
         self._agreed = 0
+        self._counted_from = 0.0  # the permitted speed when counting began
         self._last_capture: int | None = None
         self._last_ns: int | None = None
 
@@ -177,12 +182,7 @@ class LevelMachine:
         pending = self._advance(demand, captures)
         self._last_capture = captures
         self._move_limit(demand, min(max(seconds, 0.0), _MAX_STEP_S))
-        if pending is not None:
-            return Advised(self._level, pending, self._limit, self._latch_id)
-        if self._limit < self._max_speed and severity(self._level) < severity(Level.SLOW):
-            # released, but the limit is still rising
-            return Advised(Level.SLOW, Reason.RELEASE_PENDING, self._limit, self._latch_id)
-        return Advised(self._level, demand.reason, self._limit, self._latch_id)
+        return Advised(self._level, pending or demand.reason, self._limit, self._latch_id)
 
     def acknowledge(self, latch_id: int) -> bool:
         """Release the latch if ``latch_id`` is the present one and its cause has cleared.
@@ -207,19 +207,32 @@ class LevelMachine:
             self._agreed = 0
             self._level = Level.STOP
             return Reason.LATCHED if self._cause_cleared else Reason.RELEASE_PENDING
-        if severity(demand.release) >= severity(self._level):  # within the band
+        release = demand.release
+        rising = self._limit < self._max_speed  # a robot that is not yet at full speed is slowed
+        if rising:
+            release = max(release, Level.SLOW, key=severity)
+        if severity(release) >= severity(self._level):  # within the band, or still rising
             self._agreed = 0
-            self._level = demand.release
-            return Reason.RELEASE_PENDING if demand.reason is Reason.NONE else demand.reason
+            if severity(release) == severity(self._level):
+                self._level = release  # what was unknown is known now
+            within = severity(demand.release) >= severity(self._level)
+            return demand.reason if within and demand.reason else Reason.RELEASE_PENDING
         if captures != self._last_capture:
+            if self._agreed == 0:
+                self._counted_from = demand.release_limit_m_s
             self._agreed += 1
         if self._agreed < self._settings.release_captures:
             return Reason.RELEASE_PENDING
         self._agreed = 0
-        self._level = demand.release
-        return (
-            None if severity(demand.release) == severity(demand.level) else (Reason.RELEASE_PENDING)
-        )
+        if not self._lasts(demand):
+            return Reason.RELEASE_PENDING
+        self._level = release
+        return None if severity(release) == severity(demand.level) else Reason.RELEASE_PENDING
+
+    def _lasts(self, demand: Demand) -> bool:
+        """Whether the speed would do for as many captures more, should it go on as it was."""
+        then = 2 * demand.release_limit_m_s - self._counted_from
+        return severity(self._level) < severity(Level.STOP) or then >= self._settings.min_speed_m_s
 
     def _move_limit(self, demand: Demand, seconds: float) -> None:
         if severity(self._level) >= severity(Level.STOP):

@@ -55,7 +55,11 @@ class RiskSettings(Settings):
         0.1, ge=0, le=2, description="a level is released only this far beyond its threshold"
     )
     release_captures: int = Field(
-        5, ge=1, le=10_000, description="distinct captures that must agree before a release"
+        15,
+        ge=1,
+        le=10_000,
+        description="distinct captures that must agree before a release; the default is half a"
+        " second at 30 Hz, a step of walking: what a person does within it is no reason to start",
     )
     warn_margin_m: float = Field(
         0.5, ge=0, le=10, description="warn this far before the robot would be slowed"

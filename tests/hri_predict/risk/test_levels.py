@@ -2,14 +2,15 @@
 
 import itertools
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hri_predict.protocol.messages import Level
 from hri_predict.reasons import Reason
 from hri_predict.risk.levels import Demand, LevelMachine, combined, demand_of, margins, severity
-from hri_predict.risk.separation import Finding
+from hri_predict.risk.separation import Finding, StoppingCurve, judge_iso
 from hri_predict.risk.settings import RiskSettings
 
 MAX = 1.0
@@ -205,3 +206,87 @@ def test_demands_combine_to_the_severest():
     assert combined([UNKNOWN, STOP], MAX).level is Level.UNKNOWN
     assert combined([STOP, UNKNOWN], MAX).limit_m_s == 0.0
     assert combined([], MAX) == CLEAR
+
+
+# A person who walks straight towards a robot, or away from it; the robot obeys. What is too near
+# for the robot at speed is not too near for the one that has stopped: the loop that could swing.
+PERIOD_S = 1 / 30
+CURVE = StoppingCurve.of(lambda v: (v / 3.0, v * v / 6.0), MAX)
+DEFAULTS = RiskSettings()
+
+
+def walk(start_m: float, person_m_s: float, noise_m: float, seed: int) -> list[Level]:
+    """Levels, one a capture, of a walk that begins after the robot has come to full speed."""
+    rng = np.random.default_rng(seed)
+    machine = LevelMachine(DEFAULTS, MAX, lambda: 1)
+    speed, limit, levels = 0.0, 0.0, []
+    for capture in range(600):
+        walked_s = max(0.0, capture * PERIOD_S - 4.0)
+        distance = start_m + person_m_s * min(walked_s, 12.0) + rng.normal(0.0, noise_m)
+        finding = judge_iso(
+            max(distance, 0.0), speed, CURVE.at(speed), CURVE, 0.3, 0.06, margins(DEFAULTS)
+        )
+        demand = demand_of(finding, DEFAULTS, MAX, Reason.PERSON_APPROACHING)
+        advised = machine.update(demand, capture, round(capture * PERIOD_S * 1e9))
+        change = min(max(limit - speed, -3.0 * PERIOD_S), 3.0 * PERIOD_S)
+        speed, limit = speed + change, advised.limit_m_s  # it hears of it a capture later
+        levels.append(advised.level)
+    return levels[60:]
+
+
+def reentries(levels: list[Level]) -> list[int]:
+    """For each level that is left and entered again: captures in between."""
+    left: dict[Level, int] = {}
+    gaps = []
+    for i, (before, after) in enumerate(itertools.pairwise(levels)):
+        if before is not after:
+            left[before] = i
+            if after in left:
+                gaps.append(i - left[after])
+    return gaps
+
+
+@given(st.floats(2.5, 5.0), st.floats(0.1, 2.0), st.floats(0, 0.01), st.integers(0, 99))
+@settings(deadline=None, max_examples=60)
+def test_levels_do_not_flap_while_a_person_comes(start, speed, noise, seed):
+    gaps = reentries(walk(start, -speed, noise, seed))
+    assert all(gap >= DEFAULTS.release_captures for gap in gaps)
+
+
+@given(st.floats(0.1, 1.5), st.floats(0.1, 2.0), st.floats(0, 0.01), st.integers(0, 99))
+@settings(deadline=None, max_examples=60)
+def test_levels_do_not_flap_while_a_person_goes(start, speed, noise, seed):
+    levels = walk(start, speed, noise, seed)
+    assert all(gap >= DEFAULTS.release_captures for gap in reentries(levels))
+
+
+def test_a_person_who_comes_meets_every_level_once():
+    levels = walk(4.0, -0.8, 0.004, 1)
+    seen = [level for level, _ in itertools.groupby(levels)]
+    start = seen.index(Level.CLEAR)
+    assert seen[start:] == [Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP]
+
+
+def test_a_release_does_not_show_what_the_rising_limit_takes_back():
+    """From a recorded run: half released, the limit still rising, it alternated each tick."""
+    run = Run().to_clear()
+    run(SLOW)
+    warn_in_band = Demand(Level.CLEAR, Level.WARN, MAX, MAX, Reason.NONE)
+    levels = [run(d).level for d in [WARN, warn_in_band] * 40]
+    seen = [level for level, _ in itertools.groupby(levels)]
+    assert seen == [Level.SLOW, Level.WARN]
+
+
+def test_a_stop_is_not_released_for_a_speed_that_will_not_last():
+    run = Run().to_clear()
+    run(STOP)
+    for limit in (0.5, 0.4, 0.25, 0.2, 0.1, 0.06):  # somebody comes nearer to the standing robot
+        advised = run(Demand(Level.SLOW, Level.SLOW, limit, limit, Reason.PERSON_APPROACHING))
+        assert advised.level is Level.STOP
+    assert run(Demand(Level.SLOW, Level.SLOW, 0.3, 0.3, Reason.PERSON_NEAR), 3).level is Level.SLOW
+
+
+def test_the_band_never_raises_a_level():
+    run = Run().to_clear()
+    advised = run(Demand(Level.CLEAR, Level.SLOW, MAX, 0.8, Reason.NONE), 5)
+    assert advised.level is Level.CLEAR
