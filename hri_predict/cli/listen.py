@@ -122,7 +122,8 @@ class _Printer:
     def _out(self, what: str, fields: dict[str, Any], seconds: float | None) -> None:
         if self._json:
             stamp = {} if seconds is None else {"time_s": round(seconds, 4)}
-            print(json.dumps({"message": what, **stamp, **fields}), flush=True)
+            line = json.dumps({"message": what, **stamp, **fields}, default=dataclasses.asdict)
+            print(line, flush=True)
             return
         at = "          " if seconds is None else f"{seconds:8.3f} s"
         text = "  ".join(f"{k}={_short(v)}" for k, v in fields.items() if v is not None)
