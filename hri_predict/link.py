@@ -16,7 +16,9 @@ class LinkSettings(Settings):
     name: str = Field(min_length=1)
     kind: str
     robots: list[str] | None = Field(None, description="robots advised on this link; default all")
-    delay_s: float = Field(0.005, ge=0, le=1, description="one-way delay of the link, at worst")
+    delay_s: float = Field(
+        0.005, ge=0, le=1, description="one-way delay of the link at worst, its wire being free"
+    )
     silence_timeout_s: float = Field(
         0.15, gt=0, le=2, description="after how much silence the controller stops by itself"
     )
@@ -30,6 +32,11 @@ class LinkSettings(Settings):
         None, description="a mock controller at the other end; see hri_sim.controller"
     )
     faults: list[dict[str, Any]] = Field([], description="faults to inject; see hri_sim.faults")
+
+    @property
+    def blocking_s(self) -> float:
+        """How long an Advice may find the wire taken by what is not urgent, at worst."""
+        return 0.0
 
 
 @dataclass(slots=True)

@@ -7,14 +7,15 @@ from pydantic import Field, model_validator
 
 from hri_drivers.can_transport import CanTransport, check_interface
 from hri_drivers.link_load import check_load, link_load
-from hri_drivers.link_slots import Budget
-from hri_drivers.link_thread import SupervisedLink
+from hri_drivers.link_slots import BULK, Budget
+from hri_drivers.link_thread import BULK_AHEAD_NS, SupervisedLink
 from hri_drivers.serial_link import item_count
 from hri_drivers.transport import Transport
 from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError, LinkError
 from hri_predict.link import LinkCounters, LinkLoad, LinkSettings
 from hri_predict.protocol.can_codec import (
+    CLASSIC_BYTES,
     DEFAULT_BASE_ID,
     CanFrame,
     CanReceiver,
@@ -63,6 +64,17 @@ class CanLinkSettings(LinkSettings):
     def wire_kind(self) -> LinkKind:
         """Name of this kind of wire, as the protocol has it."""
         return "can_fd" if self.fd else "can"
+
+    @property
+    def blocking_s(self) -> float:
+        """The longest frame under way; with FD also what is written ahead of the wire."""
+        if not self.fd:
+            return classic_bits(CLASSIC_BYTES, self.extended) / self.bitrate
+        frames = (
+            wire_bits(message, "can_fd", self.extended).seconds(self.bitrate, self.data_bitrate)
+            for message in BULK
+        )
+        return BULK_AHEAD_NS * 1e-9 + max(frames)
 
 
 class CanCodec:

@@ -6,8 +6,8 @@ from typing import ClassVar, Self
 from pydantic import Field, model_validator
 
 from hri_drivers.link_load import check_load, link_load
-from hri_drivers.link_slots import Budget
-from hri_drivers.link_thread import SupervisedLink
+from hri_drivers.link_slots import BULK, Budget
+from hri_drivers.link_thread import BULK_AHEAD_NS, SupervisedLink
 from hri_drivers.serial_transport import SerialTransport
 from hri_drivers.transport import Transport
 from hri_predict.clock import Clock
@@ -41,6 +41,12 @@ class SerialLinkSettings(LinkSettings):
         if self.port is None and self.simulate is None:
             raise ValueError("give 'port' (a device path or URL), or 'simulate'")
         return self
+
+    @property
+    def blocking_s(self) -> float:
+        """What is written ahead of the wire, and the longest frame of a Zone or Pose after it."""
+        frames = (wire_bits(message, "serial").seconds(self.baudrate) for message in BULK)
+        return BULK_AHEAD_NS * 1e-9 + max(frames)
 
 
 class SerialCodec:

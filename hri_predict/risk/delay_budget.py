@@ -62,7 +62,7 @@ class DelayBudget:
                     link.name,
                     # an empty list means all, as everywhere in the configuration
                     frozenset(link.robots) if link.robots else None,
-                    link.delay_s,
+                    link.delay_s + link.blocking_s,
                     link.silence_timeout_s,
                     link.reaction_s,
                 )

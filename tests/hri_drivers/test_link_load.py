@@ -6,6 +6,7 @@ from hri_drivers.can_link import CanLink, CanLinkSettings
 from hri_drivers.link_load import check_load
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
 from hri_predict.errors import ConfigError, LinkError
+from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.settings import validated
 
 
@@ -103,3 +104,16 @@ def test_mistakes_in_the_configuration_get_one_line(model, data, words):
         validated(model, {"name": "cell", **data}, "node.yaml: links.0")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_what_is_not_urgent_counts_as_delay():
+    slow, fast = (SerialLinkSettings(name="s", port="x", baudrate=b) for b in (115_200, 921_600))
+    # two milliseconds ahead, and a frame of a few hundred bits
+    assert 0.004 < slow.blocking_s < 0.015
+    assert fast.blocking_s - 0.002 == pytest.approx((slow.blocking_s - 0.002) / 8)
+    can = CanLinkSettings(name="c", interface="virtual", channel="0", bitrate=500_000)
+    assert can.blocking_s == pytest.approx(135 / 500_000)
+    fd = can.model_copy(update={"fd": True})
+    assert 0.002 < fd.blocking_s < 0.004
+    budget = DelayBudget.from_settings(25.0, [slow], 0.12)
+    assert budget.terms()["link_delay"] == pytest.approx(slow.delay_s + slow.blocking_s)
