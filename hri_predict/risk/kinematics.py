@@ -94,8 +94,10 @@ class Chain:
             ):
                 block[i] = joint.pre[:3, :3] @ rotation @ joint.post[:3]
             self._one[i, :, 3] += joint.pre[:3, 3]
-        self._pre = np.array([j.pre[:3] for j in joints])
-        self._axis = np.array([j.pre[:3, :3] @ j.axis for j in joints])
+        # (N, 3, 2) each joint's axis and its origin, in the parent's frame
+        self._axis_and_origin = np.array(
+            [np.column_stack([j.pre[:3, :3] @ j.axis, j.pre[:3, 3]]) for j in joints]
+        )
 
     def links(self, q: Floats) -> Floats:
         """(..., N+1, 3, 4) rotation and position of every link at configurations q (..., N)."""
@@ -122,8 +124,8 @@ class Chain:
             ``omega, v0``, each (..., N+1, 3): a point x of link i moves at ``v0 + omega x x``.
         """
         parent = links[..., :-1, :, :]
-        axis = np.matmul(parent[..., :3], self._axis[..., None])[..., 0]
-        on_axis = np.matmul(parent[..., :3], self._pre[..., 3:])[..., 0] + parent[..., 3]
+        turned = np.matmul(parent[..., :3], self._axis_and_origin)  # (..., N, 3, 2)
+        axis, on_axis = turned[..., 0], turned[..., 1] + parent[..., 3]
         turn = axis * np.asarray(qd)[..., None]
         omega, v0 = np.zeros((2, *links.shape[:-2], 3))
         np.cumsum(turn, axis=-2, out=omega[..., 1:, :])

@@ -51,17 +51,20 @@ class BodiesInTime:
         links = robot.radius.shape[-1]
         lead = robot.radius.shape[:-2]
         middle, half = _spheres(robot.a, robot.b)
-        square: Floats = np.zeros(())
-        for body_x, robot_x in zip(self._middle, middle, strict=True):
-            gap = body_x[..., None] - robot_x[..., None, :]  # (..., K, P S, C)
-            square = square + np.multiply(gap, gap, out=gap)
-        most = np.sqrt(square, out=square)
-        most -= self._radius[..., None] + robot.radius[..., None, :]
+        # (..., K, C, P S): the longer axis last, where numpy's loops run
+        most = self._middle[0][:, None] - middle[0][..., None]
+        most *= most
+        for body_x, robot_x in zip(self._middle[1:], middle[1:], strict=True):
+            gap = body_x[:, None] - robot_x[..., None]
+            gap *= gap
+            most += gap
+        np.sqrt(most, out=most)
+        most -= self._radius[:, None] + robot.radius[..., None]
         bound = most.min(axis=(-2, -1), keepdims=True)
-        least = np.subtract(most, self._half[..., None] + half[..., None, :], out=most)
+        least = np.subtract(most, self._half[:, None] + half[..., None], out=most)
         possible = ~(least > bound)  # NaN stays in
         row, pair = np.nonzero(possible.reshape(-1, bodies * links))
-        body, link = np.divmod(pair, links)
+        link, body = np.divmod(pair, bodies)
         step = row % steps
         # a row of the robot's: its own step, or the only one
         of_robot = row if robot.radius.shape[-2] == steps else row // steps
@@ -77,7 +80,7 @@ class BodiesInTime:
         distance[row, pair] = np.where(np.isfinite(exact), exact, -np.inf)
         index = distance.argmin(1)
         shape = (*lead, steps)
-        body, link = np.divmod(index, links)
+        link, body = np.divmod(index, bodies)
         person, segment = np.divmod(body, self._segments)
         least_m = distance[np.arange(len(index)), index]
         return NearestInTime(

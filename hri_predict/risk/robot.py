@@ -92,6 +92,7 @@ class RobotModel:
         joints = [j.joint() for j in file.joints]
         self._chain = Chain(room_from_robot, joints)
         self._speeds, self._times, self._distances = _stopping_row(file.stopping, payload_kg)
+        self._distance_curve = np.append(0.0, self._speeds), np.append(0.0, self._distances)
 
         links = {link: i for i, link in enumerate(file.links())}
         carried = [] if payload_kg == 0 else file.payload
@@ -151,8 +152,14 @@ class RobotModel:
             ratio = speed_m_s / last
             return float(self._times[-1]) * ratio, float(self._distances[-1]) * ratio**2
         time_s = np.interp(speed_m_s, self._speeds, self._times)
-        distance = np.interp(speed_m_s, [0.0, *self._speeds], [0.0, *self._distances])
-        return float(time_s), float(distance)
+        return float(time_s), float(self._stopping_m(np.array(speed_m_s)))
+
+    def _stopping_m(self, speeds: Floats) -> Floats:
+        """The distances of ``stopping``, for any number of speeds at once."""
+        knots, distances = self._distance_curve
+        beyond = np.maximum(speeds / knots[-1], 1.0) ** 2
+        distance: Floats = np.interp(speeds, knots, distances) * beyond
+        return np.where(speeds >= STANDING_M_S, distance, 0.0)
 
     def stopping_capsules(
         self,
@@ -222,10 +229,10 @@ class RobotModel:
 
         ``speeds`` and ``stopping_s`` are (..., 1).
         """
-        distance = np.array([self.stopping(v)[1] for v in speeds.ravel().tolist()])
+        distance = self._stopping_m(speeds)
         # Holding for h and then braking uniformly over T - h covers speed x (T + h) / 2.
         moving = np.where(speeds > 0, speeds, 1.0)
-        hold = np.where(speeds > 0, 2 * distance.reshape(speeds.shape) / moving - stopping_s, 0.0)
+        hold = np.where(speeds > 0, 2 * distance / moving - stopping_s, 0.0)
         hold = np.minimum(np.maximum(hold, 0.0), stopping_s)
         onset, braking = reaction_s + hold, stopping_s - hold
         after = np.minimum(np.maximum(times_s - onset, 0.0), braking)
