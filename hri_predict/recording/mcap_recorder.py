@@ -97,11 +97,11 @@ class Recorder(Listener):
         self._path = path
         try:
             self._file: IO[bytes] = path.open("wb")
-        except OSError as error:
+            self._writer, self._channels = _begin(self._file, info)
+        except OSError as error:  # a full disk shows at the first write
             raise RecordingError(
                 f"recording {path}: cannot be written: {error.strerror}; name another file"
             ) from error
-        self._writer, self._channels = _begin(self._file, info)
         self._sequence = dict.fromkeys(self._channels, 0)
         self._lock = threading.Lock()
         self._closed = False

@@ -119,6 +119,7 @@ def test_every_command_is_listed(cli):
         (["replay", "a.npz", "--place", "1,2,nan"], ["--place 1,2,nan", "finite"]),
         (["demo", "--fault", "dorp@1+1"], ["dorp", "did you mean 'drop'?"]),
         (["demo", "--speed", "max", "--record", "/no/such/folder/a.mcap"], ["/no/such/folder"]),
+        (["demo", "--speed", "max", "--record", "/dev/full"], ["/dev/full", "No space left"]),
         (["listen", "drive"], ["listen drive", "serial:PORT", "can:INTERFACE:CHANNEL"]),
         (["listen", "serial:/dev/no-such-port"], ["/dev/no-such-port", "not there"]),
         (["listen", "can:nope:can0"], ["can:nope:can0", "nope", "socketcan"]),
