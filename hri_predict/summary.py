@@ -35,7 +35,8 @@ class LevelCounter(Listener):
         for advice in tick.advices:
             was = self._levels.get(advice.robot)
             if advice.level is not was:
-                self.slowdowns += advice.level is Level.SLOW and was is not Level.STOP
+                # from stop or unknown to slow is a release, no slowdown
+                self.slowdowns += advice.level is Level.SLOW and was in (Level.CLEAR, Level.WARN)
                 self.stops += advice.level is Level.STOP
                 self._levels[advice.robot] = advice.level
             name = advice.level.name.lower()

@@ -58,7 +58,8 @@ C, W, S, X, U = Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP, Level.UNKNOWN
         ([C, S, S, C, S], 2, 0),
         ([C, S, X, X, S, C], 1, 1),  # from stop to slow is a release, no slowdown
         ([C, X, C, X], 0, 2),
-        ([U, S, C], 1, 0),
+        ([U, S, C], 0, 0),  # likewise from unknown: nothing moved before
+        ([S, C], 0, 0),
         ([C, U, X], 0, 1),
         ([W, S, W, S], 2, 0),
     ],
