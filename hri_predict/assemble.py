@@ -159,5 +159,5 @@ def build(
         prediction=prediction,
         robots=robots,
         trackers=trackers,
-        node=Node(people, prediction, risk, trackers, links, publisher, index, listeners),
+        node=Node(people, prediction, risk, trackers, links, advised, publisher, index, listeners),
     )

@@ -36,7 +36,8 @@ class Node:
     """One node: people in, advice out.
 
     Counters: ``scenes_in``, ``frames_in`` (skeletons in them), ``assess_failures``,
-    ``acknowledges`` (counted once per id).
+    ``acknowledges`` (counted once per id), ``listener_failures``, ``strange_states`` (RobotStates
+    from a link whose controller has nothing to do with that robot).
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class Node:
         risk: RiskEngine,
         robots: Sequence[RobotTracker],
         links: Sequence[Link],
+        advised: Sequence[frozenset[int]],
         publisher: Publisher,
         predictor_index: int,
         listeners: Sequence[Listener] = (),
@@ -55,13 +57,14 @@ class Node:
         self._risk = risk
         self._robots = robots
         self._links = links
+        self._advised = advised  # per link: indices of the robots advised on it
         self._publisher = publisher
         self._predictor_index = predictor_index
         self._listeners = listeners
         self._cycle = 0
         self._last_ack: dict[str, int] = {}  # per link: the id that was counted last
         self.scenes_in = self.frames_in = self.assess_failures = self.acknowledges = 0
-        self.listener_failures = 0
+        self.listener_failures = self.strange_states = 0
         self.state = NodeState.STARTING
 
     def receive(self, scene: Scene, receipt_ns: int) -> None:
@@ -73,12 +76,12 @@ class Node:
 
     def tick(self, now_ns: int) -> Tick:
         """Run one cycle: people, predictor, risk, publisher."""
-        self._take_received()
         snapshot: PeopleSnapshot | None = None
         forecast: Forecast | None = None
         assessment: Assessment | None = None
         reasons: tuple[Reason, ...] = ()
         try:
+            self._take_received()
             snapshot = self._people.snapshot(now_ns)
             forecast, reason = self._prediction.run(snapshot)
             reasons = (reason,) if reason is not None else ()
@@ -117,12 +120,14 @@ class Node:
         return tick
 
     def _take_received(self) -> None:
-        for link in self._links:
+        for link, robots in zip(self._links, self._advised, strict=True):
             for received in link.take():
                 self._tell(partial(_heard, link.name, received))
                 message = received.message
                 if isinstance(message, RobotState):
-                    if message.robot < len(self._robots):
+                    if message.robot not in robots:
+                        self.strange_states += 1  # nobody there controls that robot
+                    else:
                         tracker = self._robots[message.robot]
                         tracker.update(message, received.received_ns, link.name)
                 elif isinstance(message, Acknowledge):

@@ -69,7 +69,9 @@ class Publisher:
 
     def _zones(self, zones: Zones, snapshot: PeopleSnapshot | None) -> list[Zone]:
         """The zone of each person at each horizon that a link may have room for."""
-        capture_ns = snapshot.newest_capture_ns if snapshot is not None else None
+        if snapshot is None or snapshot.newest_capture_ns is None:
+            return []
+        captures = dict(zip(snapshot.ids, snapshot.capture_ns.tolist(), strict=True))
         segments = [self._segments[name] for name in zones.segments]  # absent ones are left out
         messages = []
         for step in _decimated(len(zones.times_s)):
@@ -82,9 +84,11 @@ class Publisher:
                     ZoneCapsule(segment, tuple(start), tuple(end), r)
                     for segment, start, end, r in zip(segments, a[p], b[p], radius[p], strict=True)
                 )
-                messages.append(
-                    Zone(person, step, float(zones.times_s[step]), capsules, None, capture_ns)
-                )
+                capture_ns = captures.get(person, snapshot.newest_capture_ns)  # a lost one has none
+                age_s = (snapshot.now_ns - capture_ns) * 1e-9
+                # on the wire horizons count from the capture; step 0 is the body at that moment
+                horizon_s = float(zones.times_s[step]) + age_s if step else 0.0
+                messages.append(Zone(person, step, horizon_s, capsules, None, capture_ns))
         return messages
 
     def _poses(self, forecast: Forecast, snapshot: PeopleSnapshot) -> list[Pose]:
@@ -95,7 +99,7 @@ class Publisher:
             for p, person in enumerate(snapshot.ids):
                 joints = tuple((j, x, y, z) for j, (x, y, z) in enumerate(positions[p]))
                 capture_ns = int(snapshot.capture_ns[p])
-                messages.append(Pose(person, step, horizon_s, joints, None, capture_ns))
+                messages.append(Pose(person, step + 1, horizon_s, joints, None, capture_ns))
         return messages
 
 

@@ -138,6 +138,7 @@ def summarise(
         "source_failures": pace.source_failures,
         "assess_failures": node.assess_failures,
         "listener_failures": node.listener_failures,
+        "strange_states": node.strange_states,
     }
     counted |= {name: count for name, count in extra.items() if count}
     return Summary(

@@ -27,7 +27,7 @@ class Zones:
     Attributes:
         ids: (P,) person ids.
         segments: names of the S segments.
-        times_s: (H+1,) seconds after the snapshot's ``now_ns``... see ``capsules``.
+        times_s: (H+1,) seconds after the snapshot's ``now_ns``; the first is 0.
         capsules: (P, H+1, S); entry k holds the segment during the whole interval that *ends* at
             ``times_s[k]``; entry 0 is the body at its capture.
     """

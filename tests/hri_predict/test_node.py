@@ -352,3 +352,20 @@ def test_each_link_hears_of_its_robots_alone(make_workcell):
     assert all(any(isinstance(m, Status) for m in link.posted) for link in links)
     reports: list[ControllerReport] = cell.cell.stop()
     assert len(reports) == 3
+
+
+def test_a_robot_state_counts_only_from_a_link_that_controls_that_robot(near):
+    link = heard(near)[0]
+    stranger = RobotState(3, RobotMode.AUTOMATIC, 1, (0.0,) * 6, (0.0,) * 6)
+    link.inbox.append(Received(stranger, near.clock.now_ns()))
+    near.node.tick(near.clock.now_ns())
+    assert (near.node.strange_states, near.node.assess_failures) == (1, 0)
+
+
+def test_a_failure_while_taking_messages_is_a_fault_and_passes(near):
+    link = heard(near)[0]
+    link.take = lambda: 1 / 0
+    tick = near.node.tick(near.clock.now_ns())
+    assert [a.level for a in tick.advices] == [Level.FAULT]
+    del link.take
+    assert near.node.tick(near.clock.now_ns()).advices[0].level is not Level.FAULT

@@ -60,6 +60,7 @@ def zones_of(segments, people=(7,), steps=5):
 
 def snapshot(people=(7,), capture_ns=5 * MS) -> Any:
     return SimpleNamespace(
+        now_ns=capture_ns + 20 * MS,
         ids=tuple(people),
         newest_capture_ns=capture_ns,
         capture_ns=np.array([capture_ns - i * MS for i in range(len(people))]),
@@ -123,7 +124,9 @@ def test_zones_are_first_middle_and_last_of_everybody():
     publisher.publish(0, STATUS, ADVICES, zones, None, snapshot((7,)))
     told = {(z.person, z.step): z for z in link.of(Zone)}
     assert sorted(told) == [(3, 0), (3, 4), (3, 8), (7, 0), (7, 4), (7, 8)]
-    assert told[3, 4].horizon_s == pytest.approx(0.4)
+    assert told[7, 0].horizon_s == 0.0  # the body at its capture, 20 ms ago
+    assert told[7, 4].horizon_s == pytest.approx(0.42)  # zones count from now, the wire from there
+    assert told[3, 4].horizon_s == pytest.approx(0.42)
     assert told[3, 4].capsules[2].a == (3.0, 4.0, 2.0)  # a lost person has a zone, too
     assert {z.capture_ns for z in told.values()} == {5 * MS}
 
@@ -133,12 +136,12 @@ def test_poses_carry_their_persons_capture_and_time():
     positions = np.random.default_rng(1).normal(size=(2, 10, len(JOINTS), 3))
     publisher.publish(0, STATUS, ADVICES, None, Forecast(positions, None), snapshot((7, 3)))
     told = {(z.person, z.step): z for z in link.of(Pose)}
-    assert sorted({step for _, step in told}) == [0, 5, 9]
+    assert sorted({step for _, step in told}) == [1, 6, 10]  # step 0 is the capture itself
     for (person, step), pose in told.items():
         p = (7, 3).index(person)
-        assert pose.horizon_s == pytest.approx((step + 1) / 20.0)
+        assert pose.horizon_s == pytest.approx(step / 20.0)
         assert pose.capture_ns == (5 - p) * MS
-        expected = [(j, *positions[p, step, j]) for j in range(len(JOINTS))]
+        expected = [(j, *positions[p, step - 1, j]) for j in range(len(JOINTS))]
         np.testing.assert_array_equal(pose.joints, expected)
 
 

@@ -90,7 +90,11 @@ def summary_of(ticks_ms=(1.0, 2.0, 30.0)):
         pace.note(ms * 1e-3)
     pace.late_ticks = 1
     node: Any = SimpleNamespace(
-        frames_in=12, assess_failures=0, listener_failures=2, state=NodeState.STOPPING
+        frames_in=12,
+        assess_failures=0,
+        listener_failures=2,
+        strange_states=0,
+        state=NodeState.STOPPING,
     )
     counters = LinkCounters(messages_sent=5, bytes_sent=99, crc_errors=3, messages_received=7)
     links: Any = [SimpleNamespace(name="drive", counters=counters)]
