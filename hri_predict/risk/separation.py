@@ -299,7 +299,7 @@ def judge_predictive(
     top = curve.max_speed_m_s
     if farthest_m is None:
         farthest_m = farthest(curve, times_s, reaction_s)
-    left = (course.standing.distance - farthest_m).min(1)
+    left = (course.standing.distance[:, None] - farthest_m).min(0)
     any_way = np.minimum.accumulate(left) - clearance_m  # (N,) falls with speed
     fits = np.searchsorted(-any_way, -np.asarray(margins_m), side="right")
     limits = [float(curve.speed_m_s[f - 1]) if f > 0 else 0.0 for f in fits]
@@ -337,13 +337,13 @@ def judge_predictive(
 
 
 def farthest(curve: StoppingCurve, times_s: Floats, reaction_s: float) -> Floats:
-    """(N, K) how far the fastest point comes by the end of each step, at each of its speeds.
+    """(K, N) how far the fastest point comes by the end of each step, at each of its speeds.
 
     Steps that begin when it stands again do not count: minus ``_NEVER_M``.
     """
-    time_s, distance_m = curve.time_s[:, None], curve.distance_m[:, None]
-    travel = travel_m(times_s[1:], reaction_s, curve.speed_m_s[:, None], time_s, distance_m)
-    return np.where(times_s[:-1] <= reaction_s + time_s, travel, -_NEVER_M)
+    begins, ends = times_s[:-1, None], times_s[1:, None]
+    travel = travel_m(ends, reaction_s, curve.speed_m_s, curve.time_s, curve.distance_m)
+    return np.where(begins <= reaction_s + curve.time_s, travel, -_NEVER_M)
 
 
 def _levels(top_m_s: float, above_m_s: float) -> Floats:

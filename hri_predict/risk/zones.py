@@ -217,8 +217,8 @@ class ZoneBuilder:
 
     def _segments(self, mid: Floats, around: Floats, tracks: _Tracks) -> Capsules:
         """Joints' centres and radii to capsules (P, K+1, S)."""
-        a, b = mid[:, :, self._a], mid[:, :, self._b]
-        radius = np.maximum(around[:, :, self._a], around[:, :, self._b])
+        a, b = mid.take(self._a, axis=2), mid.take(self._b, axis=2)
+        radius = np.maximum(around.take(self._a, axis=2), around.take(self._b, axis=2))
         if (tracks.joint_age > _FRESH_S).any():
             unseen = tracks.joint_age * self.limits.physical_speed_m_s  # (P, J)
             spheres = self._reach + unseen[:, None, :]  # (P, S, J)
@@ -285,5 +285,6 @@ def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
 
 
 def _norm(vectors: Floats) -> Floats:
-    result: Floats = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    result: Floats = np.sqrt(x * x + y * y + z * z)
     return result
