@@ -10,13 +10,15 @@ import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TextIO
 
 from pydantic import Field
 
 from hri_predict.clock import Clock
-from hri_predict.protocol.messages import Advice
+from hri_predict.protocol.messages import Advice, Level
+from hri_predict.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.settings import Settings
 
@@ -37,8 +39,12 @@ class AlertSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Alert:
-    """One change of a robot's level."""
+    """One change of a robot's level, or of the reason why it is unknown.
 
+    ``at`` is the wall clock's time (UTC), where the node runs in real time; ``time_s`` the node's.
+    """
+
+    at: str | None
     time_s: float
     robot: str
     level: str
@@ -59,6 +65,7 @@ class Alert:
 class ZoneAlert:
     """One change of a named zone: ``empty``, ``entry predicted`` (in ``entry_s``), ``occupied``."""
 
+    at: str | None
     time_s: float
     zone: str
     state: str
@@ -78,6 +85,8 @@ AnyAlert = Alert | ZoneAlert
 class Alerts:
     """Watches levels and named zones, and tells of their changes.
 
+    On the virtual clock nothing waits, so alerts are told at once and the command is not run.
+
     ``dropped`` counts alerts lost because the thread could not keep up, ``failures`` commands that
     could not run, failed or were ended.
     """
@@ -89,13 +98,15 @@ class Alerts:
         clock: Clock,
         base_dir: Path,
         terminal: TextIO | None = None,
+        threaded: bool = True,
     ) -> None:
         self._settings = settings
         self._robots = robots
         self._clock = clock
         self._start_ns = clock.now_ns()
         self._terminal = terminal if terminal is not None else sys.stderr
-        self._levels: dict[int, str] = {}
+        self._threaded = threaded
+        self._states: dict[int, tuple[Level, Reason | None]] = {}
         self._zones: dict[str, str] = {}
         self._queue: queue.Queue[AnyAlert | None] = queue.Queue(maxsize=256)
         self._file = base_dir / settings.file if settings.file else None
@@ -112,17 +123,19 @@ class Alerts:
     def observe(self, advices: tuple[Advice, ...]) -> None:
         """Take the advices of one tick; queue an alert for each changed level. Never blocks."""
         for advice in advices:
-            level = advice.level.name.lower()
-            was = self._levels.get(advice.robot, "none")
-            if level == was:
+            # why nothing is known is news; why a robot is stopped may change with every step taken
+            why = advice.reason if advice.level in (Level.UNKNOWN, Level.FAULT) else None
+            was = self._states.get(advice.robot)
+            if was == (advice.level, why):
                 continue
-            self._levels[advice.robot] = level
+            self._states[advice.robot] = (advice.level, why)
             self._put(
                 Alert(
+                    at=self._at(),
                     time_s=self._now_s(),
                     robot=self._robots[advice.robot],
-                    level=level,
-                    was=was,
+                    level=advice.level.name.lower(),
+                    was=was[0].name.lower() if was is not None else "none",
                     reason=advice.reason.text,
                     detail=advice.detail,
                     clears_when=advice.reason.clears_when,
@@ -141,13 +154,19 @@ class Alerts:
             was = self._zones.get(zone.name, "empty")
             if state != was:
                 self._zones[zone.name] = state
-                self._put(ZoneAlert(self._now_s(), zone.name, state, was, zone.entry_s))
+                self._put(ZoneAlert(self._at(), self._now_s(), zone.name, state, was, zone.entry_s))
 
     def _now_s(self) -> float:
         return round((self._clock.now_ns() - self._start_ns) * 1e-9, 3)
 
+    def _at(self) -> str | None:
+        return datetime.now(UTC).isoformat(timespec="milliseconds") if self._threaded else None
+
     def _put(self, alert: AnyAlert) -> None:
         self.count += 1
+        if not self._threaded:
+            self._tell(alert)
+            return
         try:
             self._queue.put_nowait(alert)
         except queue.Full:
@@ -156,8 +175,6 @@ class Alerts:
     def stop(self) -> None:
         """Write what is queued; a command that still runs gets its time limit, no more."""
         if self._thread is None:
-            while not self._queue.empty():
-                self._tell(self._queue.get_nowait())
             return
         try:
             self._queue.put(None, timeout=1.0)
@@ -167,26 +184,21 @@ class Alerts:
         self._thread = None
 
     def _work(self) -> None:
-        pending: AnyAlert | None = None  # newest change that waits for the debounce time
+        pending: dict[str, AnyAlert] = {}  # per robot or zone: its newest change, for the command
         while True:
-            wait = None if pending is None else self._debounce_left_s()
             try:
-                alert = self._queue.get(timeout=wait)
+                alert = self._queue.get(timeout=self._debounce_left_s() if pending else None)
             except queue.Empty:
-                assert pending is not None
-                self._run(pending)
-                pending = None
+                self._run(pending.pop(next(iter(pending))))
                 continue
             if alert is None:
                 break
             self._tell(alert)
             if self._settings.command:
-                pending = alert
-                if self._debounce_left_s() <= 0:
-                    self._run(pending)
-                    pending = None
-        if pending is not None:
-            self._run(pending)
+                subject = alert.robot if isinstance(alert, Alert) else f"zone {alert.zone}"
+                pending[subject] = alert
+        for alert in pending.values():
+            self._run(alert)
         self._wait_for_command()
 
     def _debounce_left_s(self) -> float:
@@ -195,9 +207,7 @@ class Alerts:
         passed = (self._clock.now_ns() - self._last_run_ns) * 1e-9
         return max(self._settings.debounce_s - passed, 0.0)
 
-    def _tell(self, alert: AnyAlert | None) -> None:
-        if alert is None:
-            return
+    def _tell(self, alert: AnyAlert) -> None:
         if self._settings.terminal:
             print(alert.line(), file=self._terminal, flush=True)
         if self._file is not None:

@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
@@ -23,6 +24,7 @@ from hri_predict.reasons import Reason
 
 log = logging.getLogger(__name__)
 
+PACE_TICKS = 10_000  # the percentiles are over so many of the newest ticks
 SOURCE_RETRY_NS = 100_000_000
 SOURCE_IDLE_NS = 1_000_000  # a source that had nothing when it said so is asked again after this
 SOURCE_END_S = 1.0  # a source's poll never blocks; one that does all the same is left behind
@@ -40,19 +42,16 @@ class Stepped(Protocol):
 
 
 class Pace:
-    """What became of the loop's deadlines. ``tick_ms`` is wall-clock milliseconds per tick."""
+    """What became of the loop's deadlines. ``tick_ms`` is wall-clock milliseconds of the newest."""
 
     def __init__(self) -> None:
         self.ticks = self.late_ticks = self.missed_ticks = 0
-        self.tick_ms: list[float] = []
+        self.tick_ms: deque[float] = deque(maxlen=PACE_TICKS)
         self.source_failures = 0
 
     def note(self, seconds: float) -> None:
-        """Note one tick's duration; the list is bounded, the newest replace the oldest."""
-        if len(self.tick_ms) < 200_000:
-            self.tick_ms.append(seconds * 1e3)
-        else:
-            self.tick_ms[self.ticks % 200_000] = seconds * 1e3
+        """Note one tick's duration."""
+        self.tick_ms.append(seconds * 1e3)
         self.ticks += 1
 
 

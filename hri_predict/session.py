@@ -102,7 +102,13 @@ class _Session:
         self.config, self.options, self.clock, self.cell = config, options, clock, cell
         self.levels = LevelCounter()
         names = [robot.name for robot in config.node.robots]
-        self.alerts = Alerts(config.node.alerts, names, clock, config.base_dir)
+        self.alerts = Alerts(
+            config.node.alerts,
+            names,
+            clock,
+            config.base_dir,
+            threaded=options.factor is not None,
+        )
         self.reports: Sequence[Any] | None = None
         self.recorder: Recorder | None = None
         self.referee: _Referee | None = None

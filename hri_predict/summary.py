@@ -131,7 +131,7 @@ def summarise(
     counters: dict[str, int],
 ) -> Summary:
     """Put together what was counted in one run; contacts are added by whoever saw the truth."""
-    ticks = np.asarray(pace.tick_ms or [0.0])
+    ticks = np.array(pace.tick_ms or [0.0])
     counted = {name: count for name, count in counters.items() if count}
     extra = {
         "missed_ticks": pace.missed_ticks,

