@@ -7,7 +7,7 @@ from typing import Any
 from hri_predict import registry
 from hri_predict.clock import Clock
 from hri_predict.config import Config
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, HriPredictError
 from hri_predict.link import Link, LinkSettings
 from hri_predict.node import Listener, Node
 from hri_predict.people import People
@@ -40,7 +40,7 @@ class Assembly:
 def build_source(config: Config, with_faults: bool = True) -> Source:
     """The configured source, wrapped in the configured faults."""
     cls = registry.load("sources", config.source.kind)
-    source: Source = cls(config.source, config.base_dir)
+    source: Source = _built(cls, f"source '{config.source.kind}'", config.source, config.base_dir)
     if config.source.faults and with_faults:
         faulty: Source = registry.load("faults", "source")(source, config.source.faults, seed=0)
         return faulty
@@ -49,8 +49,25 @@ def build_source(config: Config, with_faults: bool = True) -> Source:
 
 def build_predictor(config: Config) -> Predictor:
     """The configured predictor."""
-    predictor: Predictor = registry.load("predictors", config.predictor.name)(config.predictor)
+    cls = registry.load("predictors", config.predictor.name)
+    predictor: Predictor = _built(cls, f"predictor '{config.predictor.name}'", config.predictor)
     return predictor
+
+
+def _built(cls: Any, what: str, *arguments: Any) -> Any:
+    """Construct a source or predictor, a third party's perhaps.
+
+    Raises:
+        HriPredictError: its own, or one that names what failed in it.
+    """
+    try:
+        return cls(*arguments)
+    except HriPredictError:
+        raise
+    except Exception as error:
+        raise ConfigError(
+            f"{what} cannot be built: {type(error).__name__}: {error}; mend it, or its settings"
+        ) from error
 
 
 def build_budget(config: Config, source: Source) -> DelayBudget:

@@ -41,3 +41,8 @@ def load(kind: Kind, name: str) -> Any:
             f"{kind[:-1]} '{name}' needs a package that is not installed: {error.name or error}; "
             f"install it with pip"
         ) from error
+    except Exception as error:  # a third party's module may fail in any way
+        raise ConfigError(
+            f"{kind[:-1]} '{name}' cannot be loaded: {type(error).__name__}: {error}; "
+            f"mend the package that brings it"
+        ) from error

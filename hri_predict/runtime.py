@@ -170,7 +170,23 @@ def run_virtual(
     each_tick: Callable[[int], None] | None = None,
 ) -> Pace:
     """Step everything on the virtual clock until the source has no more or the time is over."""
-    clock, node, pace = assembly.clock, assembly.node, Pace()
+    pace = Pace()
+    with _quiet_collector():
+        _step_all(assembly, pace, beside, duration_s, each_tick)
+    for link in assembly.links:
+        link.stop()
+    assembly.source.close()
+    return pace
+
+
+def _step_all(
+    assembly: Assembly,
+    pace: Pace,
+    beside: Stepped | None,
+    duration_s: float | None,
+    each_tick: Callable[[int], None] | None,
+) -> None:
+    clock, node = assembly.clock, assembly.node
     assert isinstance(clock, VirtualClock)
     period_ns = round(1e9 / assembly.config.node.rate_hz)
     start_ns = clock.now_ns()
@@ -207,10 +223,6 @@ def run_virtual(
                 each_tick(now_ns)
             tick_ns += period_ns
     node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
-    for link in assembly.links:
-        link.stop()
-    assembly.source.close()
-    return pace
 
 
 @contextlib.contextmanager

@@ -26,6 +26,7 @@ class LevelCounter(Listener):
         self.slowdowns = self.stops = 0
         self.min_separation_m: float | None = None
         self.time_at: dict[str, int] = {}  # level name -> ticks
+        self.unknown_because: dict[str, int] = {}  # reason name -> ticks
         self.people_counters: Mapping[str, int] = {}
 
     def on_tick(self, tick: Tick) -> None:
@@ -41,6 +42,9 @@ class LevelCounter(Listener):
                 self._levels[advice.robot] = advice.level
             name = advice.level.name.lower()
             self.time_at[name] = self.time_at.get(name, 0) + 1
+            if advice.level is Level.UNKNOWN:
+                why = advice.reason.name.lower()
+                self.unknown_because[why] = self.unknown_because.get(why, 0) + 1
             near = advice.separation_m
             if near is not None and (self.min_separation_m is None or near < self.min_separation_m):
                 self.min_separation_m = near
@@ -61,6 +65,7 @@ class Summary:
     contacts: int | None
     contacts_standing: int | None
     ticks_at: dict[str, int] = field(default_factory=dict)
+    unknown_because: dict[str, int] = field(default_factory=dict)
     counted: dict[str, int] = field(default_factory=dict)
     controllers: list[dict[str, Any]] = field(default_factory=list)
     node_state: str = ""
@@ -91,6 +96,7 @@ class Summary:
             ("smallest separation", near),
             ("slowdowns, stops", f"{self.slowdowns}, {self.stops}"),
             ("time at each level", _shares(self.ticks_at)),
+            ("unknown because", _counts(self.unknown_because)),
             ("contacts, moving robot", "-" if self.contacts is None else str(self.contacts)),
             (
                 "contacts, standing robot",
@@ -139,6 +145,7 @@ def summarise(
         "assess_failures": node.assess_failures,
         "listener_failures": node.listener_failures,
         "strange_states": node.strange_states,
+        "acknowledges": node.acknowledges,
     }
     counted |= {name: count for name, count in extra.items() if count}
     return Summary(
@@ -157,6 +164,7 @@ def summarise(
         contacts=None,
         contacts_standing=None,
         ticks_at=levels.time_at,
+        unknown_because=levels.unknown_because,
         counted=counted,
         node_state=node.state.name.lower(),
     )
@@ -184,7 +192,7 @@ def _shares(ticks_at: dict[str, int]) -> str:
 
 
 def _counts(counts: dict[str, int]) -> str:
-    return ", ".join(f"{name} {n}" for name, n in counts.items()) or "nothing"
+    return ", ".join(f"{name} {n}" for name, n in counts.items()) or "-"
 
 
 def _short(value: Any) -> str:

@@ -14,6 +14,7 @@ from hri_predict import config as configuration
 from hri_predict.cli.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.config import Config
+from hri_predict.errors import ConfigError
 
 
 def check(
@@ -27,13 +28,15 @@ def check(
 ) -> None:
     """Validate a configuration; print the delay budget and each link's load.
 
-    With --touched, compare a point that a person touches with where the sensor sees the hand.
+    With --touched, compare a point that a person touches with where the sensor sees the hand; exit
+    status 1 if that is further off than risk.person_uncertainty_m.
 
     Example: hri-predict check cell.yaml --touched 0.5,-0.2,0.9
     """
     loaded = configuration.load(config)
     if touched is not None:
-        show_touch(measure_touch(loaded, touched, joint), as_json)
+        if not show_touch(measure_touch(loaded, touched, joint), as_json):
+            raise typer.Exit(1)
         return
     found = examine(loaded)
     if as_json:
@@ -136,9 +139,11 @@ def predictors(
     """
     rows = []
     for name in registry.names("predictors"):
-        cls = registry.load("predictors", name)
-        summary = (cls.__doc__ or "").strip().splitlines()
-        rows.append({"name": name, "about": summary[0] if summary else ""})
+        try:
+            about = (registry.load("predictors", name).__doc__ or "").strip().partition("\n")[0]
+        except ConfigError as error:  # one that is broken must not hide the others
+            about = f"cannot be used: {error}"
+        rows.append({"name": name, "about": about})
     if as_json:
         print(json.dumps(rows))
         return

@@ -98,6 +98,7 @@ class _Printer:
         if isinstance(message, Schema):
             ours = (message.version, message.hash) == (SCHEMA_VERSION, SCHEMA_HASH)
             shown["matches"] = ours
+            shown["hash"] = f"{message.hash:#010x}"
         self._out(type(message).__name__.lower(), shown, seconds)
 
     def note(self, what: str, seconds: float) -> None:

@@ -56,19 +56,21 @@ def measure_touch(config: Config, touched: str, joint: str) -> dict[str, Any]:
     }
 
 
-def show_touch(found: dict[str, Any], as_json: bool) -> None:
-    """Print what was found, and what to write into the configuration."""
+def show_touch(found: dict[str, Any], as_json: bool) -> bool:
+    """Print what was found and what to write into the configuration; whether it is near enough."""
+    fine = bool(found["off_m"] <= found["allowed_m"])
     if as_json:
         print(json.dumps(found))
-        return
+        return fine
     print(f"touched  {found['touched']}")
     print(f"seen     {found['seen']}, spread {found['spread_m'] * 1e3:.0f} mm ({found['joint']})")
     print(f"off by   {found['off_m'] * 1e3:.0f} mm; allowed {found['allowed_m'] * 1e3:.0f} mm")
-    if found["off_m"] > found["allowed_m"]:
+    if not fine:
         print(f"remedy: source.room_from_source.xyz: {found['room_from_source_xyz']}")
         print("then touch a second point, a metre away: if that one is off, the sensor is turned")
     else:
         print("fine: within risk.person_uncertainty_m")
+    return fine
 
 
 def _point(text: str) -> Floats:

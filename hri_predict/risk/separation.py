@@ -328,7 +328,7 @@ def judge_predictive(
         predicted_m=float(then[step]),
         slack_m=slack,
         near=bool(any_way[0] < 0),
-        breach_s=float(begins[violated[0]]) if len(violated) else _closing_s(slack, speed_m_s),
+        breach_s=0.0 if len(violated) else _closing_s(slack, speed_m_s),
         limits=tuple(limits),
         person=int(nearest.person[(*row, step)]),
         segment=int(nearest.segment[(*row, step)]),

@@ -70,6 +70,10 @@ def test_changes_into_slow_and_stop_are_counted(levels, slowdowns, stops):
     assert sum(counter.time_at.values()) == len(levels)
 
 
+def test_why_nothing_was_known_is_counted():
+    assert counted([(U,), (U,), (C,)]).unknown_because == {"none": 2}
+
+
 def test_robots_are_counted_apart():
     counter = counted([(C, X), (S, X), (X, X), (X, C)])
     assert (counter.slowdowns, counter.stops) == (1, 2)
@@ -94,6 +98,7 @@ def summary_of(ticks_ms=(1.0, 2.0, 30.0)):
         assess_failures=0,
         listener_failures=2,
         strange_states=0,
+        acknowledges=0,
         state=NodeState.STOPPING,
     )
     counters = LinkCounters(messages_sent=5, bytes_sent=99, crc_errors=3, messages_received=7)

@@ -298,14 +298,14 @@ def test_predictive_nearer_is_never_faster(d, nearer, approach, v, direction):
     assert near.near >= far.near
 
 
-def test_time_to_breach_is_the_first_violating_moment():
+def test_time_to_breach_is_zero_once_the_separation_is_violated():
     curve = constant(5.0, 1.5)
     # the gap is 1.0 - 1.0 t - 1.0 t: 0.1 at 0.45 s, while the robot (reaction 0.5 s) still moves
     finding = judge_predictive(
         course(1.0, 1.0, 5.0, 0.5, 1.0), TIMES, 1.0, curve.at(1.0), curve, 0.5, 0.1, (0.2, 0.3)
     )
     assert finding.slack_m < 0
-    assert finding.breach_s == pytest.approx(0.44)
+    assert finding.breach_s == 0.0
 
 
 @given(st.floats(0, 1.5), st.floats(2, 20), st.floats(0.05, 0.3))
