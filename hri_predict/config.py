@@ -1,5 +1,6 @@
 """The node's YAML configuration, validated before anything starts."""
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from hri_predict.predictors.base import PredictorSettings
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.engine import RiskSettings
 from hri_predict.risk.robot import RobotSettings
-from hri_predict.settings import Settings, data_path, read_yaml, validated
+from hri_predict.settings import Settings, data_path, read_text, read_yaml, validated
 from hri_predict.source import SourceSettings
 
 MAX_ROBOTS = 8
@@ -112,12 +113,12 @@ def find(path: Path) -> Path:
     Raises:
         ConfigError: neither exists.
     """
-    if path.is_dir():
+    if os.path.isdir(path):  # these of os.path bear names that are too long
         raise ConfigError(f"configuration {path}: is a folder; name a YAML file in it")
-    if path.exists():
+    if os.path.exists(path):
         return path
     shipped = data_path(path.name)
-    if shipped.is_file() and path.parent in (Path("."), Path("configs")):
+    if os.path.isfile(shipped) and path.parent in (Path("."), Path("configs")):
         return shipped
     there = [p.name for p in data_path().glob("*.yaml")]
     raise ConfigError(
@@ -142,7 +143,7 @@ def load(path: Path) -> Config:
     node = validated(NodeSettings, data, str(path))
     config = Config(
         path=path,
-        text=path.read_text(encoding="utf-8"),
+        text=read_text(path, "configuration"),
         node=node,
         source=_by_kind("sources", node.source, f"{path}: source"),
         predictor=_predictor(node.predictor, f"{path}: predictor"),

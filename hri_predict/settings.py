@@ -4,6 +4,7 @@ Each source, predictor, robot and link has its own model beside its code, derive
 """
 
 import math
+import reprlib
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
@@ -13,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.scene import Floats
+from hri_predict.yaml_text import MAX_CHARACTERS, load_yaml
 
 
 class Settings(BaseModel):
@@ -25,7 +27,11 @@ class Settings(BaseModel):
 
 S = TypeVar("S", bound=Settings)
 
-Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
+MAX_COORDINATE_M = 1000.0
+Metres = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
+"""A coordinate: no cell is a kilometre from its origin, and products of such numbers stay exact."""
+Vector3 = Annotated[list[Metres], Field(min_length=3, max_length=3)]
+Point = Annotated[list[Metres], Field(min_length=2, max_length=2)]
 
 
 class Pose(Settings):
@@ -42,7 +48,7 @@ class Pose(Settings):
     @field_validator("quaternion_xyzw")
     @classmethod
     def _unit(cls, value: list[float]) -> list[float]:
-        norm = math.sqrt(sum(v * v for v in value))
+        norm = math.hypot(*value)
         if abs(norm - 1.0) > 0.01:
             raise ValueError(f"must be a unit quaternion [x, y, z, w]; its length is {norm:.3g}")
         return [v / norm for v in value]
@@ -63,11 +69,9 @@ class Pose(Settings):
 class Region(Settings):
     """A prism: a polygon on the floor between two heights, room frame, metres."""
 
-    polygon: Annotated[
-        list[Annotated[list[float], Field(min_length=2, max_length=2)]], Field(min_length=3)
-    ]
-    z_min: float = 0.0
-    z_max: float = 3.0
+    polygon: Annotated[list[Point], Field(min_length=3)]
+    z_min: Metres = 0.0
+    z_max: Metres = 3.0
 
     @model_validator(mode="after")
     def _has_volume(self) -> Self:
@@ -92,20 +96,38 @@ def read_yaml(path: Path, what: str) -> dict[str, Any]:
     """Read a YAML mapping.
 
     Raises:
-        ConfigError: the file is missing, unreadable, not YAML, or not a mapping.
+        ConfigError: the file is missing, unreadable, too long, not YAML (see ``load_yaml``), or not
+            a mapping.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise ConfigError(f"{what} {path}: cannot be read: {reason}; check the path") from error
+        data = load_yaml(read_text(path, what))
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise ConfigError(f"{what} {path}: not valid YAML{where}; mend it there") from error
+        problem = getattr(error, "problem", None)
+        why = f" ({problem})" if isinstance(problem, str) and problem else ""
+        raise ConfigError(f"{what} {path}: not valid YAML{where}{why}; mend it there") from error
     if not isinstance(data, dict):
-        raise ConfigError(f"{what} {path}: expected keys and values, found {type(data).__name__}")
+        found = "nothing" if data is None else type(data).__name__
+        raise ConfigError(f"{what} {path}: expected keys and values, found {found}")
     return data
+
+
+def read_text(path: Path, what: str) -> str:
+    """Read a text file of the user's.
+
+    Raises:
+        ConfigError: the file is missing, unreadable, too long, or not UTF-8.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MAX_CHARACTERS + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path, or not UTF-8
+        reason = (error.strerror if isinstance(error, OSError) else None) or "it is not UTF-8 text"
+        raise ConfigError(f"{what} {path}: cannot be read: {reason}; check the path") from error
+    if len(text) > MAX_CHARACTERS:
+        raise ConfigError(f"{what} {path}: longer than {MAX_CHARACTERS} characters; check the path")
+    return text
 
 
 def validated(model: type[S], data: Any, where: str) -> S:
@@ -132,9 +154,16 @@ def validated(model: type[S], data: Any, where: str) -> S:
         message = message[0].lower() + message[1:]
         if isinstance(first["input"], dict):  # of the whole block, whose keys say nothing more
             raise ConfigError(f"{at}: {message}") from None
-        got = repr(first["input"])
-        got = got if len(got) < 60 else got[:57] + "..."
-        raise ConfigError(f"{at}: {message}; got {got}") from None
+        raise ConfigError(f"{at}: {message}; got {_echo(first['input'])}") from None
+
+
+def _echo(value: Any) -> str:
+    """A wrong value, short: bounded in depth and width, whatever it is."""
+    try:
+        got = reprlib.repr(value)
+    except ValueError:  # an integer of thousands of digits has no decimal text
+        got = type(value).__name__
+    return got if len(got) < 60 else got[:57] + "..."
 
 
 def _keys_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:

@@ -3,6 +3,7 @@
 ``configs/robots/ur5e.yaml`` is the example to copy.
 """
 
+import os
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -11,7 +12,7 @@ from pydantic import Field, model_validator
 
 from hri_predict.errors import ConfigError, RobotError, nearest
 from hri_predict.risk.kinematics import Joint, dh_joint, origin_joint
-from hri_predict.settings import Settings, Vector3, data_path, read_yaml, validated
+from hri_predict.settings import Metres, Settings, Vector3, data_path, read_yaml, validated
 
 MAX_JOINTS = 7  # what RobotState carries
 
@@ -21,9 +22,9 @@ Name = Annotated[str, Field(min_length=1, max_length=64)]
 class DhRow(Settings):
     """Classic (distal) Denavit-Hartenberg row: Rz(theta + q) Tz(d) Tx(a) Rx(alpha); m, rad."""
 
-    a: float
+    a: Metres
     alpha: float
-    d: float
+    d: Metres
     theta: float = 0.0
 
 
@@ -75,7 +76,7 @@ class CapsuleFile(Settings):
     name: Name
     a: Vector3
     b: Vector3
-    radius: float = Field(gt=0)
+    radius: float = Field(gt=0, le=10)
 
 
 class LinkCapsuleFile(CapsuleFile):
@@ -167,7 +168,7 @@ def _find(model: str, base_dir: Path | None) -> Path:
     if Path(model).suffix in (".yaml", ".yml"):
         return (base_dir or Path()) / model
     path = data_path("robots", f"{model}.yaml")
-    if not path.is_file():
+    if not os.path.isfile(path):  # bears a name that is too long
         shipped = sorted(p.stem for p in data_path("robots").glob("*.yaml"))
         raise RobotError(
             f"unknown robot model '{model}'{nearest(model, shipped)}; "

@@ -6,6 +6,7 @@ acceleration are continuous and the arm rests at each waypoint. Within a move, p
 between its ends and the greatest velocity is 15/8 of the mean, so limits are checked exactly.
 """
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +25,7 @@ PEAK = 15 / 8
 class Waypoint(Settings):
     """Where the joints are (rad) at a time within the cycle (s)."""
 
-    time_s: float = Field(ge=0)
+    time_s: float = Field(ge=0, le=86_400)
     positions: Annotated[list[float], Field(min_length=1)]
 
 
@@ -106,7 +107,7 @@ def _find(file: str, base_dir: Path | None) -> Path:
     if Path(file).suffix in (".yaml", ".yml"):
         return (base_dir or Path()) / file
     path = data_path("trajectories", f"{file}.yaml")
-    if not path.is_file():
+    if not os.path.isfile(path):  # bears a name that is too long
         shipped = sorted(p.stem for p in data_path("trajectories").glob("*.yaml"))
         raise RobotError(
             f"unknown trajectory '{file}'{nearest(file, shipped)}; "

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.settings import Settings, validated
+from hri_predict.yaml_text import load_yaml
 
 
 class FaultSettings(Settings):
@@ -90,8 +91,15 @@ def fault_mapping(text: str, kinds: Mapping[str, type[F]]) -> dict[str, Any]:
                     raise ConfigError(
                         f"{where}: parameter '{pair}' lacks a value; write name=value"
                     )
-                data[name.strip()] = yaml.safe_load(value)
-    except (ValueError, yaml.YAMLError) as error:
+                name = name.strip()
+                if name in ("kind", "start_s", "duration_s"):
+                    raise ConfigError(
+                        f"{where}: '{name}' is no parameter; write it as kind@start+duration"
+                    )
+                if name in data:
+                    raise ConfigError(f"{where}: parameter '{name}' is given twice; remove one")
+                data[name] = load_yaml(value)
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
         raise ConfigError(f"{where}: {form}") from error
     fault_from(data, kinds, where)
     return data

@@ -10,12 +10,10 @@ from pydantic import Field
 
 from hri_predict.errors import ConfigError
 from hri_predict.scene import Floats
-from hri_predict.settings import Settings, Vector3
+from hri_predict.settings import Point, Settings, Vector3
 from hri_sim.acts import Absent, Act, Reach, Stand, Turn, Walk
 from hri_sim.body import Body, Stance
 from hri_sim.walking import wrapped
-
-Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 _SAME_HEADING = math.radians(1)  # less needs no turn
 _REACH_AHEAD = math.radians(35)  # a target farther aside than this is turned to first
@@ -43,7 +41,7 @@ class TurnTo(Settings):
     """Turn on the spot, to a yaw (radians) or towards a point."""
 
     do: Literal["turn"]
-    yaw: float | None = None
+    yaw: float | None = Field(None, ge=-1000, le=1000)
     toward: Point | None = None
 
 
@@ -75,7 +73,9 @@ class PersonSettings(Settings):
     id: int | None = Field(None, ge=0, le=65535, description="default: 1, 2, ... as listed")
     height_m: float = Field(1.75, ge=1.4, le=2.1)
     start: Point
-    yaw: float | None = Field(None, description="radians; default: the way first walked")
+    yaw: float | None = Field(
+        None, ge=-1000, le=1000, description="radians; default: the way first walked"
+    )
     enter_s: float = Field(0.0, ge=0, le=3600, description="is not in the room before")
     repeat: bool = True
     script: list[Step] = Field(min_length=1, max_length=200)

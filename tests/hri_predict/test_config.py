@@ -98,7 +98,7 @@ def test_each_mistake_is_one_line(tmp_path, where, value, named):
         ("", "keys and values"),
         ("- a\n- b\n", "found list"),
         ("rate_hz: [1, 2\nsource: x", "not valid YAML at line"),
-        ("rate_hz: &a [*a]", "rate_hz"),
+        ("rate_hz: &a [*a]", "line 1"),
         ("\t rate_hz: 3", "not valid YAML at line 1"),
         ("[" * 1500, "not valid YAML"),
     ],

@@ -49,7 +49,7 @@ def test_mistakes_are_one_line_with_the_key(data, said):
         (b"a: [1", "not valid YAML at line 1"),
         (b"- 1\n- 2\n", "expected keys and values, found list"),
         (b"\xff\xfe\x00", "cannot be read: it is not UTF-8|not valid YAML"),
-        (b"", "expected keys and values, found NoneType"),
+        (b"", "expected keys and values, found nothing"),
         (b"a: \x07", "not valid YAML"),
     ],
 )
@@ -88,3 +88,18 @@ def test_pose_refuses_what_is_not_a_rotation():
 def test_region_without_volume_is_refused(data):
     with pytest.raises(ConfigError):
         validated(Region, data, "zones.0")
+
+
+@pytest.mark.parametrize(
+    ("model", "data"),
+    [
+        (Pose, {"xyz": [1e300, 0, 0]}),
+        (Pose, {"quaternion_xyzw": [1e300, 0, 0, 1]}),
+        (Region, {"polygon": [[0, 0], [1e200, 0], [0, 1e200]]}),
+        (Region, {"polygon": [[0, 0], [1, 0], [1, 1]], "z_max": 1001}),
+    ],
+)
+def test_coordinates_beyond_a_kilometre_are_refused(model, data, recwarn):
+    with pytest.raises(ConfigError):
+        validated(model, data, "x")
+    assert not recwarn.list

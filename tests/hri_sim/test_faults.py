@@ -377,6 +377,11 @@ def test_faults_from_the_command_line():
         ("delay@1:delay_s=soon", "source", "delay_s"),
         ("delay@1:delay_s=.nan", "source", "delay_s"),
         ("vanish@1:person=[", None, "expected kind@start"),
+        ("vanish@1:person=2001-13-45", None, "expected kind@start"),
+        ("drop@1+1:kind=freeze", None, "'kind' is no parameter; write it as kind@start"),
+        ("drop@1+1:start_s=3", None, "'start_s' is no parameter"),
+        ("drop@1+1:duration_s=9", None, "'duration_s' is no parameter"),
+        ("delay@1:delay_s=1,delay_s=2", None, "'delay_s' is given twice"),
     ],
 )
 def test_a_wrong_fault_names_the_remedy(text, target, message):
