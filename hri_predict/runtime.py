@@ -241,12 +241,18 @@ def _quiet_collector() -> Iterator[None]:
 
 @contextlib.contextmanager
 def stop_on_signals(stop: threading.Event) -> Iterator[None]:
-    """SIGINT and SIGTERM set ``stop``: the node ends cleanly and the controllers are told."""
+    """SIGINT, SIGTERM and SIGHUP set ``stop``: the node ends cleanly and tells the controllers.
+
+    SIGHUP (the terminal is gone) stays ignored where it is, as under ``nohup``.
+    """
 
     def handler(_number: int, _frame: object) -> None:
         stop.set()
 
-    before = {s: signal.signal(s, handler) for s in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+        numbers.remove(signal.SIGHUP)
+    before = {s: signal.signal(s, handler) for s in numbers}
     try:
         yield
     finally:

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import logging
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -14,6 +15,8 @@ from hri_predict.protocol.can_codec import CanFrame
 
 SEND_TIMEOUT_S = 0.05
 GARBAGE_LIMIT = 1000  # unreadable frames in a row until the interface is opened afresh
+# Of a bus that could not be opened python-can says so on a line of its own; the LinkError says why.
+logging.getLogger("can.bus").addFilter(lambda r: "not properly shut down" not in r.getMessage())
 _BUSY_ERRNO = (errno.ENOBUFS, errno.EAGAIN)
 
 
@@ -83,11 +86,12 @@ class CanTransport:
         if self.interface == "slcan" and not _lock(bus):
             _shut(bus)
             raise LinkError(f"{self._name}: in use by another program; close that one first")
+        _forget_backlog(bus)
         self._garbage = 0
         self._bus = bus
 
     def write(self, unit: CanFrame) -> None:
-        """Send one frame; waits at most 10 ms for room in the transmit queue."""
+        """Send one frame; waits at most 50 ms for room in the transmit queue."""
         message = can.Message(
             arbitration_id=unit.arbitration_id,
             is_extended_id=unit.extended,
@@ -208,6 +212,16 @@ def _is_garbage(error: Exception) -> bool:
     """Whether a failed receive was about the content of a frame, not about the device."""
     last = list(_causes(error))[-1]
     return isinstance(last, ValueError | LookupError | TypeError) and not isinstance(last, OSError)
+
+
+def _forget_backlog(bus: can.BusABC) -> None:
+    """Throw away what waited in the adapter's port before it was opened: nobody knows how old it is.
+
+    Only slcan keeps such a backlog; kernel and vendor drivers begin when they are opened.
+    """
+    port = getattr(bus, "serialPortOrig", None)
+    if port is not None:
+        port.reset_input_buffer()
 
 
 def _lock(bus: can.BusABC) -> bool:

@@ -1,49 +1,57 @@
-"""The command line: ``hri-predict demo | run | check | replay | listen | predictors | bench``."""
+"""The command line's entry point: every way in which a command can end, and its exit status."""
 
+import errno
 import logging
 import sys
 from typing import NoReturn
 
-import typer
-from typer import Abort
-
-from hri_predict.cli import bench, check, listen, run
 from hri_predict.errors import HriPredictError
 
-app = typer.Typer(
-    help="Predicts where people near a robot will be, and advises the robot's controller in time.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-app.command()(run.demo)
-app.command()(run.run)
-app.command()(check.check)
-app.command()(run.replay)
-app.command()(listen.listen)
-app.command()(check.predictors)
-app.add_typer(bench.app, name="bench")
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def main() -> None:
-    """Entry point: a user's mistake is one line on standard error and exit status 2."""
+    """Entry point: a user's mistake is one line on standard error and exit status 2.
+
+    Exit status 130 after Ctrl-C; what a command says itself otherwise (1: somebody was touched).
+    """
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s", stream=sys.stderr)
+    status: object = 0
     try:
-        status = app(standalone_mode=False, prog_name="hri-predict")
+        status = _run()
+        sys.stdout.flush()  # what is still to be written may fail, too
     except HriPredictError as error:
         _fail(str(error))
-    except (KeyboardInterrupt, Abort):
+    except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:  # the reader of our output went away
         sys.stdout = None  # nothing more can be flushed to it
-        sys.exit(0)
     except Exception as error:
         explain = getattr(error, "format_message", None)  # the parser's own errors have it
-        if explain is None:
+        if explain is not None:
+            _misused(error, explain())
+        if type(error).__name__ == "Abort":  # what typer makes of Ctrl-C
+            sys.exit(130)
+        if not (isinstance(error, OSError) and error.errno in _NO_ROOM and error.filename is None):
             raise
-        _misused(error, explain())
+        sys.stdout = None
+        _fail(f"the output cannot be written: {error.strerror}; send it where there is room")
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _run() -> object:
+    """Run the command that ``sys.argv`` names; returns its exit status.
+
+    Imported here: that takes most of a second, in which Ctrl-C must end quietly, too.
+    """
+    from hri_predict.cli.commands import app
+
+    try:
+        return app(standalone_mode=False, prog_name="hri-predict")
+    except SystemExit as error:  # rich ends so, with status 1, when the reader of a table is gone
+        if error.code == 1:
+            raise BrokenPipeError from error
+        raise
 
 
 def _misused(error: Exception, message: str) -> NoReturn:
@@ -57,5 +65,7 @@ def _misused(error: Exception, message: str) -> NoReturn:
 
 
 def _fail(message: str) -> NoReturn:
-    print(f"error: {message}", file=sys.stderr)
+    """One line, whatever a name or value in it holds."""
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
+    print(f"error: {line}", file=sys.stderr)
     sys.exit(2)

@@ -31,7 +31,7 @@ Faults = Annotated[
     typer.Option("--fault", help="Inject a fault: kind@start+duration[:key=value]. Repeatable."),
 ]
 
-BESIDE_THE_ROBOT = [-1.9, 1.3, 0.0]  # where a recording starts, unless something says otherwise
+BESIDE_THE_ROBOT = [-1.9, 2.0, 0.0]  # where a recording starts, unless something says otherwise
 DEMO_S = 24.0  # the person comes, reaches out, and is gone again
 
 
@@ -75,6 +75,9 @@ def replay(
     predictor: Predictor = None,
     record: Record = None,
     shadow: Shadow = False,
+    no_links: Annotated[
+        bool, typer.Option("--no-links", help="Leave the links out: look at the advice alone.")
+    ] = False,
     fault: Faults = None,
     as_json: Json = False,
 ) -> None:
@@ -100,6 +103,8 @@ def replay(
     loaded = _with_faults(loaded.with_source(source), fault)
     if predictor is not None:
         loaded = loaded.with_predictor(predictor)
+    if no_links:
+        loaded = loaded.without_links()
     options = Options(_factor(speed), until_exhausted=True, record=record, shadow=shadow)
     _go(loaded, options, as_json)
 
@@ -110,9 +115,11 @@ def _go(config: Config, options: Options, as_json: bool) -> None:
             summary = run_session(config.quiet(), replace(options, view=view))
     else:
         summary = run_session(config, options)
-    _show(summary, as_json)
-    if summary.contacts:
-        raise typer.Exit(1)
+    try:
+        _show(summary, as_json)
+    finally:  # also when nobody reads the summary
+        if summary.contacts:
+            raise typer.Exit(1)
 
 
 def _show(summary: Summary, as_json: bool) -> None:

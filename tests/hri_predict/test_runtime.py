@@ -263,7 +263,16 @@ def test_the_interpreter_is_left_as_it_was():
     assert sys.getswitchinterval() == before
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_hangup_that_is_ignored_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with stop_on_signals(threading.Event()):
+            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_set_the_event_and_are_put_back(number):
     stop, before = threading.Event(), signal.getsignal(number)
     with stop_on_signals(stop):
