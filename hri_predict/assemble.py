@@ -14,6 +14,7 @@ from hri_predict.people import People
 from hri_predict.prediction import PredictionRunner
 from hri_predict.predictors.base import Predictor
 from hri_predict.publisher import Publisher
+from hri_predict.recording.played_link import played_links
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.robot import RobotModel, load_robot
@@ -154,7 +155,7 @@ def build(
         predictor.rate_hz,
         predictor.horizon_steps,
     )
-    links = tuple(
+    links: tuple[Link, ...] = tuple(
         build_link(
             settings,
             config,
@@ -162,10 +163,13 @@ def build(
             (ports or {}).get(settings.name),
             (transports or {}).get(settings.name),
         )
-        for settings in config.links
-    )
+        for settings in config.opened_links
+    ) or played_links(source, clock)
     prediction = PredictionRunner(predictor, LATE_FRACTION / node.rate_hz if deadline else None)
-    advised = [frozenset(_advised(config, settings)) for settings in config.links]
+    everybody = frozenset(range(len(robots)))
+    advised = [frozenset(_advised(config, settings)) for settings in config.opened_links] or (
+        [everybody for _ in links]
+    )
     publisher = Publisher(links, advised, predictor, shadow)
     index = registry.names("predictors").index(config.predictor.name)
     return Assembly(

@@ -48,6 +48,7 @@ class Config:
         text: that file, as read (goes into recordings).
         node: the parts that every configuration has.
         source, predictor, links: each validated by the model beside its code.
+        mute: no link is opened, whatever ``links`` says.
     """
 
     path: Path
@@ -56,6 +57,7 @@ class Config:
     source: SourceSettings
     predictor: PredictorSettings
     links: tuple[LinkSettings, ...]
+    mute: bool = False
 
     @property
     def base_dir(self) -> Path:
@@ -100,6 +102,15 @@ class Config:
             source=self.source.model_copy(update={"faults": []}),
             links=tuple(link.model_copy(update={"faults": []}) for link in self.links),
         )
+
+    def without_links(self) -> "Config":
+        """The same configuration, and delays, with its links left closed."""
+        return replace(self, mute=True)
+
+    @property
+    def opened_links(self) -> tuple[LinkSettings, ...]:
+        """The links to open; all count in the delay budget."""
+        return () if self.mute else self.links
 
     def quiet(self) -> "Config":
         """The same configuration with no alert lines on the terminal (a view is there)."""

@@ -84,12 +84,12 @@ def run(config: Config, options: Options, stop: threading.Event | None = None) -
 
 def _cell(config: Config, clock: Clock, options: Options) -> Any | None:
     """The simulated cell, where a link asks for one."""
-    simulated = [link for link in config.links if link.simulate is not None]
-    real = [link.name for link in config.links if link.simulate is None]
+    simulated = [link for link in config.opened_links if link.simulate is not None]
+    real = [link.name for link in config.opened_links if link.simulate is None]
     if options.factor is None and real:
         raise ConfigError(
-            f"link {real[0]} is real hardware, which has only one speed: run at --speed 1, or give "
-            f"the link a 'simulate:' block"
+            f"link {real[0]} is real hardware, which has only one speed: run at --speed 1, leave "
+            f"the links out (--no-links), or give it a 'simulate:' block"
         )
     if not simulated:
         return None

@@ -8,8 +8,12 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+
+from hri_predict.predictors.base import checked
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared" / "data"
@@ -61,6 +65,9 @@ def test_command(command, folder):
             pytest.skip(f"needs ../shared/data for {word}")
     if words[1] == "listen":
         words += ["--seconds", "1"]
+    if words[:3] == ["hri-predict", "replay", "monday.mcap"]:  # which an earlier command records
+        record = ["run", "cell.yaml", "--shadow", "--record", "monday.mcap", "--duration", "3"]
+        subprocess.run([sys.executable, "-m", "hri_predict", *record], cwd=folder, check=True)
     daemon = words[1] == "run"
     process = subprocess.Popen(
         [sys.executable, "-m", "hri_predict", *words[1:]],
@@ -80,6 +87,18 @@ def test_command(command, folder):
         assert (folder / "alerts.jsonl").exists()
     if "--record" in words:
         assert (folder / words[words.index("--record") + 1]).stat().st_size > 1000
+
+
+def test_the_predictor_that_the_readme_shows_keeps_the_contract():
+    code = re.search(r"```python\n# my_package.py\n(.*?)```", README, re.DOTALL)
+    assert code
+    names: dict[str, Any] = {}
+    exec(code[1], names)
+    mine = names["Mine"](names["Mine"].settings_model(name="mine", horizon_s=0.4))
+    history = np.random.default_rng(0).normal(size=(2, mine.history_steps, 21, 3))
+    forecast = mine.predict(history, np.ones(history.shape[:3], bool))
+    checked(forecast, 2, mine)
+    np.testing.assert_array_equal(forecast.positions[:, -1], history[:, -1])
 
 
 def test_the_readme_names_only_files_that_are_there():

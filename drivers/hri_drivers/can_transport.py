@@ -215,7 +215,7 @@ def _is_garbage(error: Exception) -> bool:
 
 
 def _forget_backlog(bus: can.BusABC) -> None:
-    """Throw away what waited in the adapter's port before it was opened: nobody knows how old it is.
+    """Throw away what waited in the port before it was opened: nobody knows how old it is.
 
     Only slcan keeps such a backlog; kernel and vendor drivers begin when they are opened.
     """

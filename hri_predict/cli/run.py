@@ -76,7 +76,10 @@ def replay(
     record: Record = None,
     shadow: Shadow = False,
     no_links: Annotated[
-        bool, typer.Option("--no-links", help="Leave the links out: look at the advice alone.")
+        bool,
+        typer.Option(
+            "--no-links", help="Advise nobody; take RobotState from the recording (MCAP)."
+        ),
     ] = False,
     fault: Faults = None,
     as_json: Json = False,

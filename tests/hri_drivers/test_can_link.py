@@ -252,3 +252,17 @@ def test_an_interface_that_does_not_open_gets_one_line(interface, channel, bitra
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
     os.close(master)
+
+
+def test_what_waited_before_the_port_was_opened_is_not_fresh():
+    master, slave = open_pty()
+    transport = CanTransport("slcan", slave, options={"sleep_after_open": 0})
+    try:
+        os.write(master, b"t12381122334455667788\r" * 20)
+        transport.open()
+        assert transport.read(0.2) == []
+        os.write(master, b"t12381122334455667788\r")
+        assert [frame.arbitration_id for frame in transport.read(5.0)] == [0x123]
+    finally:
+        transport.close()
+        os.close(master)

@@ -104,15 +104,18 @@ def test_two_runs_give_the_same_bytes(recorded):
     assert a.read_bytes() == b.read_bytes()
 
 
-def test_a_recording_replayed_gives_the_same_advice(recorded):
+@pytest.mark.parametrize("with_links", [True, False])
+def test_a_recording_replayed_gives_the_same_advice(recorded, with_links):
+    """With mock controllers as before, or with what the controllers said while it was recorded."""
     _, first, path = recorded[0]
     source = {"kind": "recording", "path": str(path)}
     loaded = config()
     again = loaded.with_source(
         source | {"room_from_source": loaded.source.room_from_source.model_dump()}
     )
-    summary, second = play(again)
-    no_harm(summary)
+    summary, second = play(again if with_links else again.without_links())
+    if with_links:
+        no_harm(summary)
     length = min(len(first.advice), len(second.advice))
     assert length > 24 * DEMO_S
     assert second.advice[:length] == first.advice[:length]
@@ -309,3 +312,31 @@ def test_a_room_that_is_not_seen_is_never_clear():
     blind = [a for a in watch.advice if 2.1e9 <= a[0] - start < 4.0e9]
     assert {a[1] for a in blind} == {Level.UNKNOWN}
     assert watch.levels[-1] is Level.CLEAR
+
+
+# -- people of whom nobody says where they are
+
+
+@needs_data
+@pytest.mark.parametrize("located", [0, 150])
+def test_somebody_who_is_here_but_nowhere_never_becomes_clear(tmp_path, located):
+    """A recording whose ``world_ok`` is false throughout; and one where it is from a frame on."""
+    with np.load(SHARED / "cmu_mocap" / "test" / "walking_1.npz") as file:
+        arrays = dict(file)
+    arrays["world_ok"] = np.arange(len(arrays["world_ok"])) < located
+    path = tmp_path / "nowhere.npz"
+    np.savez(path, **arrays)
+    pose = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
+    source = {
+        "kind": "recording", "path": str(path), "room_from_source": pose, "place": BESIDE_THE_ROBOT
+    }  # fmt: skip
+    summary, watch = play(config().with_source(source), until_exhausted=True)
+    no_harm(summary)
+    from_ns = watch.ticks[0].now_ns + located / 120 * 1e9
+    heard = [(a.level, a.reason) for t in watch.ticks if t.now_ns >= from_ns for a in t.advices]
+    assert len(heard) > 40
+    assert Level.CLEAR not in {level for level, _ in heard}
+    if not located:
+        assert summary.counted["unlocated_people"] > 300
+        assert {level for level, _ in heard} == {Level.UNKNOWN}
+        assert heard.count((Level.UNKNOWN, Reason.PERSON_NOT_LOCATED)) > 40

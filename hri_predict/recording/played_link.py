@@ -1,0 +1,53 @@
+"""A link that plays what a controller said while it was recorded, and sends nowhere."""
+
+from collections import deque
+from collections.abc import Callable
+
+from hri_predict.clock import Clock
+from hri_predict.link import LinkCounters, Received
+from hri_predict.protocol.messages import Message
+from hri_predict.source import Source
+
+
+class PlayedLink:
+    """See ``hri_predict.link.Link``; for replays without links (``--no-links``)."""
+
+    def __init__(self, name: str, source: Source, clock: Clock) -> None:
+        self.name = name
+        self.counters = LinkCounters()
+        self.connected = True
+        self.last_error: str | None = None
+        self.on_sent: Callable[[str, bytes, int], None] | None = None
+        self._source = source
+        self._clock = clock
+        self._waiting: deque[Received] | None = None
+
+    def start(self) -> None:
+        """There is nothing to open."""
+
+    def post(self, message: Message) -> None:
+        """Nobody is there to hear it; count it all the same."""
+        self.counters.superseded += 1
+
+    def take(self) -> list[Received]:
+        """What was received by now."""
+        if self._waiting is None:  # the source was opened by now: it knows the times of this run
+            told = getattr(self._source, "received", ())
+            self._waiting = deque(received for link, received in told if link == self.name)
+        due = []
+        while self._waiting and self._waiting[0].received_ns <= self._clock.now_ns():
+            due.append(self._waiting.popleft())
+        self.counters.messages_received += len(due)
+        return due
+
+    def service(self, now_ns: int) -> None:
+        """There is nothing to write or read."""
+
+    def stop(self) -> None:
+        """There is nothing to close."""
+
+
+def played_links(source: Source, clock: Clock) -> tuple[PlayedLink, ...]:
+    """One link for each that was recorded; none for a source that recorded none."""
+    told = getattr(source, "received", ())
+    return tuple(PlayedLink(name, source, clock) for name in dict.fromkeys(n for n, _ in told))
