@@ -26,7 +26,8 @@ class People:
 
     ``receive`` is for one thread and ``snapshot`` for another; both are short. A scene is *good* if
     its sequence and its capture advance, the source saw the room, and every body in it was believed
-    and followed. Only good scenes count as captures and keep the input fresh.
+    and followed (one of whom no joint is seen must have been followed before). Only good scenes
+    count as captures and keep the input fresh.
 
     Args:
         settings: see ``PeopleSettings``.
@@ -78,6 +79,7 @@ class People:
         self._blind = False
         self._impossible = False
         self._crowded = False
+        self._unlocated = False
 
     # -- in ---------------------------------------------------------------------------------------
 
@@ -98,6 +100,7 @@ class People:
         frozen = False
         starts: list[tuple[Body, Track | None]] = []
         seen: set[int] = set()
+        nowhere: list[int] = []
         for person in scene.people:
             if person.id in seen:
                 self._refuse("duplicate_ids")
@@ -110,6 +113,7 @@ class People:
                 continue
             body = self._body(person)
             if body is None:
+                nowhere.append(person.id)
                 continue
             if track is None:
                 starts.append((body, None))
@@ -120,15 +124,28 @@ class People:
         self._begin(starts, capture_ns, now_ns)
         if scene.sees_room:
             self._expire(capture_ns)
-            if not (self._impossible or self._crowded or frozen):
-                self._newest_good_ns = capture_ns
-                self._captures += 1
+        unlocated = self._unlocatable(nowhere)
+        self._counters["unlocated_people"] += unlocated
+        self._unlocated = unlocated > 0
+        bad = self._impossible or self._crowded or self._unlocated or frozen
+        if scene.sees_room and not bad:
+            self._newest_good_ns = capture_ns
+            self._captures += 1
         if self._lost.see_room(scene.sees_room and not scene.people, capture_ns):
             self._counters["seen_empty"] += 1
 
     def _refuse(self, why: str) -> None:
         self._counters[why] += 1
         self._impossible = True
+
+    def _unlocatable(self, ids: list[int]) -> int:
+        """How many of those in the scene of whom no joint is seen may be anywhere.
+
+        One who is followed is where he was, and one who was, in his lost zone (and when that has
+        grown to its end, unaccounted for); of anybody else nothing is known but that he is here.
+        """
+        known = self._tracks.keys() | {track.id for track in self._lost.tracks}
+        return sum(number not in known for number in ids)
 
     def _body(self, person: Person) -> Body | None:
         """The person's canonical joints; ``None`` if there is nothing to go by."""
@@ -351,6 +368,7 @@ class People:
             (frozen and not silent, Reason.INPUT_FROZEN),
             (self._gate.alignment.jumped, Reason.CLOCK_JUMP),
             (self._impossible, Reason.INPUT_IMPOSSIBLE),
+            (self._unlocated, Reason.PERSON_NOT_LOCATED),
             (self._crowded, Reason.TOO_MANY_PEOPLE),
             (stale and not silent, Reason.INPUT_STALE),
             (self._lost.unaccounted(now_ns), Reason.ROOM_NOT_SEEN_EMPTY),

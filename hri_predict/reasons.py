@@ -26,6 +26,7 @@ class Reason(IntEnum):
     CLOCK_JUMP = 25
     ROOM_NOT_SEEN_EMPTY = 26
     TOO_MANY_PEOPLE = 27
+    PERSON_NOT_LOCATED = 28
     ROBOT_STATE_STALE = 30
     ROBOT_NOT_AUTOMATIC = 31
     ROBOT_STATE_INVALID = 32
@@ -92,6 +93,10 @@ _TEXT = {
     Reason.TOO_MANY_PEOPLE: (
         "more people are here than the node can follow",
         "fewer people are here, or people.max_people is raised",
+    ),
+    Reason.PERSON_NOT_LOCATED: (
+        "somebody is here, and where is not known",
+        "the source sees a joint of that person that the joint map uses",
     ),
     Reason.ROBOT_STATE_STALE: (
         "no fresh RobotState, so where the robot is is not known",

@@ -149,7 +149,9 @@ def _robot_state_row(m: RobotState) -> list[Any]:
             f"both must be equally many and at most {MAX_JOINTS}"
         )
     absent = (None,) * (MAX_JOINTS - joints)
-    return [m.mode, joints, m.counter, *m.positions, *absent, *m.velocities, *absent]
+    positions, velocities = (*m.positions, *absent), (*m.velocities, *absent)
+    last = (positions[-1], velocities[-1])
+    return [m.mode, joints, m.counter, *last, *positions[:-1], *velocities[:-1]]
 
 
 _ROW: dict[type, Callable[[Any], Sequence[Any]]] = {
@@ -212,8 +214,6 @@ def decode_payload(definition: Definition, robot: int, payload: bytes) -> Messag
 
 def _advice(row: list[Any], robot: int, payload: bytes) -> Advice:
     level, reason, speed, separation, predicted, breach, age, latch, echo, part, link = row
-    if echo is not None and echo > 255:
-        raise Malformed(f"ECHO {echo}")
     return Advice(
         robot, level, reason, latch, separation, predicted, breach, speed, part, link, echo, age
     )
@@ -225,10 +225,11 @@ def _status(row: list[Any], robot: int, payload: bytes) -> Status:
 
 
 def _robot_state(row: list[Any], robot: int, payload: bytes) -> RobotState:
-    mode, joints, counter = row[:3]
+    mode, joints, counter, last_position, last_velocity, *rest = row
     if joints > MAX_JOINTS:
         raise Malformed(f"JOINTS {joints}")
-    positions, velocities = row[3 : 3 + joints], row[3 + MAX_JOINTS : 3 + MAX_JOINTS + joints]
+    positions = [*rest[: MAX_JOINTS - 1], last_position][:joints]
+    velocities = [*rest[MAX_JOINTS - 1 :], last_velocity][:joints]
     if None in positions or None in velocities:
         raise Malformed("a joint of RobotState is not available")
     return RobotState(robot, mode, counter, tuple(positions), tuple(velocities))

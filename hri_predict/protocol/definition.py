@@ -169,9 +169,20 @@ def _metres(
     return Field(signal, 16, text, "m", 1000, signed=True, rounding=rounding, optional=optional)
 
 
-def _joint(signal: str, text: str, unit: str, scale: int) -> Field:
-    """Return a joint's field; "not available" where the robot has fewer joints."""
-    return Field(signal, 16, text, unit, scale, signed=True, optional=True)
+def _joint(kind: str, number: int) -> Field:
+    """Return a joint's field; "not available" where the robot has fewer joints.
+
+    The seventh joint has 12 bits, which is what is left in the first classic frame.
+    """
+    bits = 16 if number < MAX_JOINTS else 12
+    unit, scale = {
+        ("position", 16): ("rad", 4000),
+        ("position", 12): ("rad", 250),
+        ("velocity", 16): ("rad/s", 1000),
+        ("velocity", 12): ("rad/s", 100),
+    }[kind, bits]
+    text = f"{kind} of joint {number}"
+    return Field(f"{kind.upper()}_{number}", bits, text, unit, scale, signed=True, optional=True)
 
 
 _AGE = Field(
@@ -239,7 +250,10 @@ DEFINITIONS: tuple[Definition, ...] = (
             _AGE,
             Field("LATCH_ID", 16, _LATCH_ID),
             Field(
-                "ECHO", 16, "COUNTER of the last RobotState that the node received", optional=True
+                "ECHO",
+                16,
+                "STATE_COUNTER of the last RobotState that the node received",
+                optional=True,
             ),
             Field("BODY_PART", 8, "index of the body segment that decides", optional=True),
             Field("ROBOT_LINK", 8, "index of the robot capsule that decides", optional=True),
@@ -258,16 +272,15 @@ DEFINITIONS: tuple[Definition, ...] = (
             ),
             Field("JOINTS", 4, "number of joints, at most 7"),
             Field(
-                "STATE_COUNTER", 8, "advances with every RobotState; Advice echoes it", wraps=True
+                "STATE_COUNTER",
+                16,
+                "advances by 1 with every RobotState, modulo 65536; Advice echoes it",
+                wraps=True,
             ),
-            *(
-                _joint(f"POSITION_{i}", f"position of joint {i}", "rad", 4000)
-                for i in range(1, MAX_JOINTS + 1)
-            ),
-            *(
-                _joint(f"VELOCITY_{i}", f"velocity of joint {i}", "rad/s", 1000)
-                for i in range(1, MAX_JOINTS + 1)
-            ),
+            _joint("position", MAX_JOINTS),
+            _joint("velocity", MAX_JOINTS),
+            *(_joint("position", i) for i in range(1, MAX_JOINTS)),
+            *(_joint("velocity", i) for i in range(1, MAX_JOINTS)),
         ),
         per_robot=True,
     ),

@@ -43,7 +43,7 @@ EXAMPLE = Advice(
     speed_limit_m_s=0.75,
     body_part=6,
     robot_link=5,
-    echo=200,
+    echo=4711,
     age_s=0.041,
 )
 
@@ -94,7 +94,8 @@ def _rows(definition: Definition, fields: tuple[Field, ...]) -> str:
 def _bytes(start: int, bits: int) -> str:
     first, last = start // 8, (start + bits - 1) // 8
     if bits % 8:
-        return f"{first}, bits {start % 8}..{start % 8 + bits - 1}"
+        inside = f"bits {start % 8}..{start % 8 + bits - 1}"
+        return f"{first}..{last}, {inside}" if last > first else f"{first}, {inside}"
     return f"{first}..{last}" if last > first else f"{first}"
 
 

@@ -138,7 +138,7 @@ class Schema:
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """Where the robot is: rad and rad/s, up to 7 joints; ``counter`` 0..255 advances."""
+    """Where the robot is: rad and rad/s, up to 7 joints; ``counter`` 0..65535 advances."""
 
     robot: int
     mode: RobotMode

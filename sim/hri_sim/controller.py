@@ -8,13 +8,16 @@ and the age of every advice.
 It shares no clock with the node. An advice carries the age that it had when it was encoded; the
 time since its receipt is the controller's own; and what passed between is bounded by the echo: an
 advice that repeats the counter of one of our RobotStates was encoded after we sent that one, so the
-link took no longer than the time since. (256 counters last 5 s at 50 Hz: beyond that an echo could
-be taken for a newer one, and the silence while such a delay builds up has stopped the robot.)
+link took no longer than the time since. It is believed only if we sent that RobotState within the
+last ``max_age_s`` and silence time-out: of older ones no time is kept, and whatever echoes them has
+no age that could be bounded, so it is no permission. The counter's 65536 values last 22 min at
+50 Hz (65 s at 1000 Hz); only an advice that is later than that could be taken for a fresh one.
 """
 
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import ceil
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
@@ -37,11 +40,12 @@ from hri_predict.settings import Settings
 
 U = TypeVar("U")
 
+COUNTERS = 1 << 16  # values of RobotState's counter
 FORGET_S = 1.0  # silence after which a restarted node, of another version even, may come back
 _MOVING_LEVELS = (Level.CLEAR, Level.WARN, Level.SLOW)
 _FULL_SPEED_TOLERANCE = 0.01  # m/s: the wire's resolution is no slowdown
 _MAX_EVENTS = 1000
-_MAX_ROUND_TRIPS = 100_000
+_MAX_ROUND_TRIPS = 10_000
 
 
 class ControllerSettings(Settings):
@@ -193,8 +197,10 @@ class ControllerCore(Generic[U]):
         self._pending: deque[tuple[int, Permit]] = deque()  # effective from, what
         self._in_effect: Permit | None = None
         self._watchdog = ""
-        self._counter = 0
-        self._sent_ns: list[int | None] = [None] * 256
+        self._counter = 0  # of the newest RobotState
+        kept_s = settings.max_age_s + (settings.silence_timeout_s or 0.0)
+        # when each of the newest RobotStates went out, the newest last
+        self._sent_ns: deque[int] = deque(maxlen=ceil(kept_s * 1e9 / self._state_ns) + 1)
         self._next_state_ns: int | None = None
         self._round_trips: deque[int] = deque(maxlen=_MAX_ROUND_TRIPS)
         self._latch: tuple[int, int] | None = None  # id, when to press the button
@@ -256,11 +262,13 @@ class ControllerCore(Generic[U]):
         units: list[U] = []
         if self._next_state_ns is None:
             self._next_state_ns = now_ns
+            # by the clock: what answers a life before this one is as old here as it was there
+            self._counter = now_ns // self._state_ns % COUNTERS
         if now_ns >= self._next_state_ns and q is not None and qd is not None:
             behind = (now_ns - self._next_state_ns) // self._state_ns
             self._next_state_ns += (1 + behind) * self._state_ns
-            self._counter = (self._counter + 1) % 256
-            self._sent_ns[self._counter] = now_ns
+            self._counter = (self._counter + 1) % COUNTERS
+            self._sent_ns.append(now_ns)
             joints = tuple(q.tolist()), tuple(qd.tolist())
             state = RobotState(self._robot, mode, self._counter, *joints)
             units += self._codec.encode(state)
@@ -321,9 +329,10 @@ class ControllerCore(Generic[U]):
         if advice.age_s is None or advice.echo is None:
             return None
         self._report.max_age_s = max(self._report.max_age_s, advice.age_s)
-        sent_ns = self._sent_ns[advice.echo]
-        if sent_ns is None:
+        behind = (self._counter - advice.echo) % COUNTERS
+        if behind >= len(self._sent_ns):
             return None
+        sent_ns = self._sent_ns[-1 - behind]
         self._round_trips.append(now_ns - sent_ns)
         return advice.age_s + (now_ns - sent_ns) * 1e-9
 

@@ -6,8 +6,9 @@ each time. The node's death (``kill -9``) runs in real time, in processes of its
 """
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from math import inf
 from typing import Any, Literal
 
 import numpy as np
@@ -21,11 +22,11 @@ from hri_predict.session import Options, View, run
 from hri_predict.tick import Tick
 from hri_sim.node_death import How, die
 
-START_S, LENGTH_S, END_S = 5.0, 2.0, 14.0
+START_S, LENGTH_S, AFTER_S = 5.0, 2.0, 7.0
 RECOVERY_S = 6.0  # from the fault's end until the advice is again what it was
 MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
 
-Expected = Literal["unknown", "stop", "not clear", "degraded", "count only"]
+Expected = Literal["unknown", "stop", "stays stopped", "not clear", "degraded", "count only"]
 
 
 @dataclass(frozen=True)
@@ -36,13 +37,16 @@ class Case:
         name: in the table.
         faults: as on the command line; ``{t}`` becomes the fault's time.
         expected: ``unknown`` (the node advises it), ``stop`` (the controller permits no motion),
-            ``not clear`` (the node keeps the robot from *clear*), ``degraded`` (the node says so
-            and goes on with the physical limits), ``count only`` (nothing but counters changes).
+            ``stays stopped`` (nor does it again before the fault's end), ``not clear`` (the node
+            keeps the robot from *clear*), ``degraded`` (the node says so and goes on with the
+            physical limits), ``count only`` (nothing but counters changes).
         acts: who must act: node or controller.
         limit_ms: from the fault's start until the outcome.
         reasons: of which the node's advice must give one.
         people: how many are near.
         predictor: replaces the predictor's answer while the fault is on.
+        length_s: how long the fault is on.
+        drain_s: how long after its end the last of what it delayed arrives.
     """
 
     name: str
@@ -53,6 +57,13 @@ class Case:
     reasons: tuple[Reason, ...] = ()
     people: int = 1
     predictor: Callable[[Forecast], Forecast] | None = None
+    length_s: float = LENGTH_S
+    drain_s: float = 0.0
+
+    @property
+    def end_s(self) -> float:
+        """When the fault is over, what it delayed included."""
+        return START_S + self.length_s + self.drain_s
 
 
 @dataclass
@@ -84,6 +95,15 @@ def _gives_nan(forecast: Forecast) -> Forecast:
 # time-out is 150 ms and its own cycle 8 ms; a message is due every 40 ms.
 STALE = 120 + 40
 SEEN = 34 + 40
+# From the node's next tick: at most a cycle, the link's delay, the controller's reaction, and its
+# own cycle.
+TOLD = 40 + 5 + 50 + 8
+
+
+def _both(fault: str) -> tuple[str, ...]:
+    return f"drive:{fault}", f"monitor:{fault}"
+
+
 CASES = (
     Case("source: scenes lost", ("drop@{t}",), "unknown", "node", STALE, (Reason.INPUT_STALE,)),
     Case("source: delayed 0.5 s", ("delay@{t}:delay_s=0.5",), "unknown", "node", STALE,
@@ -130,6 +150,16 @@ CASES = (
             ("everything twice", "duplicate@{t}:direction=out", 48),
         )
     ),
+    # As long as all of an 8-bit counter lasts at 50 Hz, 5.12 s: what is that late must not be taken
+    # for fresh, nor at any time while the delay grows past it.
+    Case("both links: advice 5.2 s late", _both("delay@{t}:delay_s=5.2,direction=out"),
+         "stays stopped", "controller", 150 + 48, length_s=8.0, drain_s=5.2),
+    Case("both links: RobotState 5.2 s late", _both("delay@{t}:delay_s=5.2,direction=in"),
+         "stays stopped", "controller", 100 + 20 + 40 + TOLD, length_s=8.0, drain_s=5.2),
+    # What was sent after t arrives after 1.5 t. At 1.2 s what arrives has been under way for the
+    # 0.4 s that the controllers' max_age_s allows, whatever its age was.
+    Case("both links: advice ever later", _both("stretch@{t}:rate=0.5,direction=out"),
+         "stays stopped", "controller", 1200 + 8, length_s=12.0, drain_s=6.0),
     Case("drive: out of order", ("drive:reorder@{t}:direction=out",), "stop", "controller", 88),
     # Neighbouring CAN frames that change places belong to one message, whose parts may come in any
     # order, or to different ones: nothing is out of order for the receiver.
@@ -138,9 +168,6 @@ CASES = (
 )  # fmt: skip
 
 
-# What SIGTERM's last word takes: at most a cycle to wake, the link's delay, the reaction of the
-# controller and its own cycle.
-TOLD = 40 + 5 + 50 + 8
 DEATHS: tuple[tuple[str, How, float | None], ...] = (
     ("node: kill -9", "kill", None),  # the limit is the controllers' own
     ("node: SIGTERM", "terminate", TOLD),
@@ -185,13 +212,11 @@ def _death(name: str, how: How, limit_ms: float | None) -> Outcome:
 def run_case(base: Config, case: Case) -> Outcome:
     """Run one case on the virtual clock in the cell of ``base``."""
     watch = _Watch(case)
-    time = f"{START_S}+{LENGTH_S}"
+    time = f"{START_S}+{case.length_s}"
     config = _scene(base, case.people).with_faults([f.replace("{t}", time) for f in case.faults])
-    summary = run(config, Options(factor=None, duration_s=END_S, view=watch))
-    if case.expected == "stop":
-        controller = case.name.partition(":")[0]
-        report = next(c for c in summary.controllers if c["name"] == controller)
-        measured, recovered, reason = _stop_of(report["events"])
+    summary = run(config, Options(factor=None, duration_s=case.end_s + AFTER_S, view=watch))
+    if case.acts == "controller" and case.expected != "count only":
+        measured, recovered, reason = _stop_of_all(case, summary.controllers)
     else:
         measured, recovered, reason = watch.reaction(case)
     none_expected = case.expected == "count only"
@@ -218,14 +243,28 @@ def _people(count: int) -> list[dict[str, Any]]:
     return [{"start": place, "script": [{"do": "wait", "seconds": 60.0}]} for place in places]
 
 
-def _stop_of(events: list[Any]) -> tuple[float | None, float | None, str]:
-    """When a controller stopped after the fault's start, and moved again after its end; ms."""
+def _stop_of_all(
+    case: Case, controllers: Sequence[dict[str, Any]]
+) -> tuple[float | None, float | None, str]:
+    """``_stop_of`` the slowest of the controllers whose links have the fault."""
+    faulty = {fault.partition(":")[0] for fault in case.faults}
+    stops = [_stop_of(case, c["events"]) for c in controllers if c["name"] in faulty]
+    return max(stops, key=lambda stop: inf if stop[0] is None else stop[0])
+
+
+def _stop_of(case: Case, events: list[Any]) -> tuple[float | None, float | None, str]:
+    """When a controller stopped after the fault's start, and moved again after its end; ms.
+
+    One that must stay stopped and moves before the end has not stopped.
+    """
     stop = next(((t, c) for t, c, v in events if t >= START_S - 1e-9 and v == 0.0), None)
     if stop is None:
         return None, None, ""
     moved = [t for t, _, v in events if v > 0.0 and t >= stop[0]]
-    again = [t for t in moved if t >= START_S + LENGTH_S] or moved[-1:]
-    recovered = max(again[0] - START_S - LENGTH_S, 0.0) * 1e3 if again else None
+    if case.expected == "stays stopped" and moved and moved[0] < case.end_s - 1e-9:
+        return None, None, f"moved {moved[0] - START_S:.3f} s after the start"
+    again = [t for t in moved if t >= case.end_s] or moved[-1:]
+    recovered = max(again[0] - case.end_s, 0.0) * 1e3 if again else None
     return (stop[0] - START_S) * 1e3, recovered, stop[1]
 
 
@@ -249,7 +288,7 @@ class _Watch(View):
         def faulty(*arguments: Any) -> Forecast:
             forecast: Forecast = predict(*arguments)
             now_s = (assembly.clock.now_ns() - self._start_ns) * 1e-9
-            return answer(forecast) if START_S <= now_s < START_S + LENGTH_S else forecast
+            return answer(forecast) if START_S <= now_s < self._case.end_s else forecast
 
         predictor.predict = faulty
 
@@ -268,7 +307,7 @@ class _Watch(View):
     def reaction(self, case: Case) -> tuple[float | None, float | None, str]:
         """Milliseconds until the expected outcome, until recovery after the end; the reason."""
         for t, level, reason, state in self._ticks:
-            if t < START_S - 1e-9 or t > START_S + LENGTH_S + 1.0:
+            if t < START_S - 1e-9 or t > case.end_s + 1.0:
                 continue
             if self._is_outcome(case, level, reason, state):
                 return (t - START_S) * 1e3, self._recovery(case), reason.name
@@ -285,7 +324,7 @@ class _Watch(View):
 
     def _recovery(self, case: Case) -> float | None:
         """When, after the fault's end, the node is running and permits motion again."""
-        end = START_S + LENGTH_S
+        end = case.end_s
         for t, level, _, state in self._ticks:
             if t >= end and level in MOVING and state is NodeState.RUNNING:
                 return (t - end) * 1e3 if t - end <= RECOVERY_S else None

@@ -45,6 +45,12 @@ class Jitter(LinkFault):
     max_s: float = Field(0.05, gt=0, le=10)
 
 
+class Stretch(LinkFault):
+    """Units arrive ever later, in order: ``rate`` seconds more each second, as by a full queue."""
+
+    rate: float = Field(0.1, gt=0, le=10)
+
+
 class BitErrors(LinkFault):
     """Each bit is flipped with probability ``rate``."""
 
@@ -77,6 +83,7 @@ LINK_FAULTS: dict[str, type[LinkFault]] = {
     "drop": Drop,
     "delay": Delay,
     "jitter": Jitter,
+    "stretch": Stretch,
     "bit_errors": BitErrors,
     "truncate": Truncate,
     "freeze": Freeze,
@@ -122,7 +129,7 @@ class FaultyTransport(Generic[U]):
         """
         self._inner: Transport[U] = inner
         self._faults = faults_from(faults, LINK_FAULTS, f"{where}.faults")
-        self._makes_late = any(isinstance(f, Delay | Jitter) for f in self._faults)
+        self._makes_late = any(isinstance(f, Delay | Jitter | Stretch) for f in self._faults)
         self._clock = clock
         self._start_ns: int | None = None
         # a generator for each way: what is read never changes what is written
@@ -190,6 +197,7 @@ class FaultyTransport(Generic[U]):
         faults = self._active(direction)
         passing = list(units)
         due_ns = self._clock.now_ns()
+        elapsed_ns = due_ns - (self._start_ns or 0)
         for fault in faults:
             if passing:
                 count = self.injected.get(fault.kind, 0)
@@ -198,6 +206,8 @@ class FaultyTransport(Generic[U]):
                 due_ns += int(fault.delay_s * 1e9)
             elif isinstance(fault, Jitter):
                 due_ns += int(way.rng.uniform(0.0, fault.max_s) * 1e9)
+            elif isinstance(fault, Stretch):
+                due_ns += int(fault.rate * (elapsed_ns - fault.start_s * 1e9))
             else:
                 passing = [out for unit in passing for out in _altered(fault, unit, way)]
         if way.held is not None and not any(isinstance(f, Reorder) for f in faults):

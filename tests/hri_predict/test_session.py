@@ -312,31 +312,3 @@ def test_a_room_that_is_not_seen_is_never_clear():
     blind = [a for a in watch.advice if 2.1e9 <= a[0] - start < 4.0e9]
     assert {a[1] for a in blind} == {Level.UNKNOWN}
     assert watch.levels[-1] is Level.CLEAR
-
-
-# -- people of whom nobody says where they are
-
-
-@needs_data
-@pytest.mark.parametrize("located", [0, 150])
-def test_somebody_who_is_here_but_nowhere_never_becomes_clear(tmp_path, located):
-    """A recording whose ``world_ok`` is false throughout; and one where it is from a frame on."""
-    with np.load(SHARED / "cmu_mocap" / "test" / "walking_1.npz") as file:
-        arrays = dict(file)
-    arrays["world_ok"] = np.arange(len(arrays["world_ok"])) < located
-    path = tmp_path / "nowhere.npz"
-    np.savez(path, **arrays)
-    pose = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
-    source = {
-        "kind": "recording", "path": str(path), "room_from_source": pose, "place": BESIDE_THE_ROBOT
-    }  # fmt: skip
-    summary, watch = play(config().with_source(source), until_exhausted=True)
-    no_harm(summary)
-    from_ns = watch.ticks[0].now_ns + located / 120 * 1e9
-    heard = [(a.level, a.reason) for t in watch.ticks if t.now_ns >= from_ns for a in t.advices]
-    assert len(heard) > 40
-    assert Level.CLEAR not in {level for level, _ in heard}
-    if not located:
-        assert summary.counted["unlocated_people"] > 300
-        assert {level for level, _ in heard} == {Level.UNKNOWN}
-        assert heard.count((Level.UNKNOWN, Reason.PERSON_NOT_LOCATED)) > 40

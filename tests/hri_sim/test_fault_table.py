@@ -39,6 +39,23 @@ def test_a_row(base, name):
     assert (outcome.measured_ms is None) == (outcome.expected == "count only")
 
 
+@pytest.mark.parametrize(
+    "case", [c for c in CASES if c.expected == "stays stopped"], ids=lambda c: c.name
+)
+def test_delays_longer_than_an_8_bit_counter_keep_the_robot_stopped(base, case):
+    outcome = run_case(base, case)
+    assert outcome.fine, outcome.reason
+    assert outcome.recovered_ms is not None
+
+
+def test_a_row_that_must_stay_stopped_fails_if_the_robot_moves_before_the_end(base):
+    case = case_of("both links: advice 5.2 s late")
+    half = tuple(f.replace("5.2", "0.2") for f in case.faults)  # that late is not too late
+    outcome = run_case(base, replace(case, faults=half))
+    assert not outcome.fine
+    assert outcome.reason.startswith("moved")
+
+
 def test_a_predictor_that_fails_has_its_row():
     (row,) = run_table("predictor: gives NaN")
     assert row["fine"]

@@ -10,6 +10,7 @@ import pytest
 
 from hri_drivers.can_link import CanLink, CanLinkSettings
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
+from hri_drivers.transport import pipe
 from hri_predict.clock import VirtualClock
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, Schema
@@ -107,3 +108,25 @@ def test_fault(kind, fault):
     assert all(t <= START_S + DURATION_S + 1.0 for t, _ in stops)
     assert report.events[-1][2] > 0
     assert report.events[-1][0] <= START_S + DURATION_S + 2.0
+
+
+def test_a_stretched_link_is_ever_later_and_drains_in_order():
+    clock = VirtualClock(0)
+    near: Any
+    far: Any
+    near, far = pipe()
+    fault = {"kind": "stretch", "rate": 0.5, "start_s": 1.0, "duration_s": 1.0}
+    faulty: Any = FaultyTransport(near, [fault], clock, seed=1)
+    faulty.open()
+    far.open()
+    came: dict[int, int] = {}
+    for k in range(400):  # a unit every 10 ms
+        clock.advance_to(k * 10 * MS)
+        faulty.write(k.to_bytes(2, "little"))
+        data = b"".join(far.read(0.0))
+        units = [data[i : i + 2] for i in range(0, len(data), 2)]
+        came |= {int.from_bytes(unit, "little"): 10 * k for unit in units}
+    assert list(came) == list(range(400))
+    for k, ms in came.items():
+        due = 1000 + 1.5 * (10 * k - 1000) if 100 <= k < 200 else max(10 * k, came[199])
+        assert 0 <= ms - (10 * k if k < 100 else due) < 10

@@ -1,5 +1,6 @@
 """CAN frames: round trips, saturation, bit errors, lost and mixed parts, hostile input."""
 
+from dataclasses import replace
 from itertools import pairwise
 from math import inf, nan
 from typing import Any
@@ -52,7 +53,7 @@ advices = st.builds(
     speed_limit_m_s=maybe(number(0, 65.534)),
     body_part=maybe(st.integers(0, 254)),
     robot_link=maybe(st.integers(0, 254)),
-    echo=maybe(st.integers(0, 255)),
+    echo=maybe(st.integers(0, 65534)),
     age_s=ages,
 )
 statuses = st.builds(
@@ -69,9 +70,9 @@ robot_states = st.integers(0, 7).flatmap(
         RobotState,
         robot=robots,
         mode=st.sampled_from(RobotMode),
-        counter=st.integers(0, 255),
-        positions=st.tuples(*[number(-8.19, 8.19)] * joints),
-        velocities=st.tuples(*[number(-32.767, 32.767)] * joints),
+        counter=st.integers(0, 65535),
+        positions=st.tuples(*[number(-8.188, 8.188)] * joints),
+        velocities=st.tuples(*([number(-32.767, 32.767)] * 6 + [number(-20.47, 20.47)])[:joints]),
     )
 )
 acknowledges = st.builds(Acknowledge, st.integers(0, 65535), st.integers(0, 2**32 - 1))
@@ -100,8 +101,16 @@ def flat(value: Any) -> list[Any]:
 
 
 def assert_close(got: Any, want: Any) -> None:
-    """Equal but for the resolution: 1 mm, 1 ms, 1 mm/s, 0.25 mrad; rounding either way."""
+    """Equal but for the resolution: 1 mm, 1 ms, 1 mm/s, 0.25 mrad; rounding either way.
+
+    The seventh joint has 4 mrad and 10 mrad/s.
+    """
     assert type(got) is type(want)
+    if isinstance(got, RobotState) and isinstance(want, RobotState):
+        assert got.positions[6:] == pytest.approx(want.positions[6:], abs=0.002 + 1e-8)
+        assert got.velocities[6:] == pytest.approx(want.velocities[6:], abs=0.005 + 1e-8)
+        got = replace(got, positions=got.positions[:6], velocities=got.velocities[:6])
+        want = replace(want, positions=want.positions[:6], velocities=want.velocities[:6])
     for a, b in zip(flat(got), flat(want), strict=True):
         assert a == (pytest.approx(b, abs=0.001 + 1e-8) if isinstance(b, float) else b)
 
@@ -155,9 +164,9 @@ def test_rounding_goes_to_the_safe_side(data: st.DataObject) -> None:
 
 
 def test_extremes_saturate() -> None:
-    high = Advice(0, Level.CLEAR, Reason.NONE, 10**9, inf, 1e300, inf, 1e9, 254, 254, 255, inf)
+    high = Advice(0, Level.CLEAR, Reason.NONE, 10**9, inf, 1e300, inf, 1e9, 254, 254, 70000, inf)
     got = sent_through(high, fd=False)
-    assert flat(got)[3:12] == [65535, 32.767, 32.767, 65.534, 65.534, 254, 254, 255, 65.534]
+    assert flat(got)[3:12] == [65535, 32.767, 32.767, 65.534, 65.534, 254, 254, 65534, 65.534]
     low = Advice(0, Level.CLEAR, Reason.NONE, -3, -inf, -1e300, -1.0, -inf, -5, -5, 0, -1.0)
     got = sent_through(low, fd=False)
     assert flat(got)[3:12] == [0, -32.767, -32.767, 0.0, 0.0, 0, 0, 0, 0.0]
@@ -165,10 +174,33 @@ def test_extremes_saturate() -> None:
     assert sent_through(status, False) == Status(
         NodeState.RUNNING, Reason.NONE, 15, 255, 300 % 256, 65.534
     )
-    state = RobotState(0, RobotMode.AUTOMATIC, 256 + 7, (100.0, -100.0), (inf, -inf))
+    state = RobotState(0, RobotMode.AUTOMATIC, 65536 + 7, (100.0, -100.0), (inf, -inf))
     assert sent_through(state, False) == RobotState(
         0, RobotMode.AUTOMATIC, 7, (8.19175, -8.19175), (32.767, -32.767)
     )
+    seven = RobotState(0, RobotMode.AUTOMATIC, 65535, (0.0,) * 6 + (-9.0,), (0.0,) * 6 + (99.0,))
+    assert sent_through(seven, False) == RobotState(
+        0, RobotMode.AUTOMATIC, 65535, (0.0,) * 6 + (-8.188,), (0.0,) * 6 + (20.47,)
+    )
+
+
+def test_the_echo_of_the_last_counter_never_looks_newer_than_it_is() -> None:
+    """65535 means "not available": that counter is echoed as the one before it."""
+    for counter, echo in ((65533, 65533), (65534, 65534), (65535, 65534), (0, 0)):
+        got = sent_through(Advice(0, Level.CLEAR, Reason.NONE, echo=counter), False)
+        assert isinstance(got, Advice)
+        assert got.echo == echo
+
+
+def test_the_bytes_of_a_robot_state() -> None:
+    """As PROTOCOL.md says: mode and joints, counter, joint 7 in twelve bits each, then the rest."""
+    six = RobotState(0, RobotMode.AUTOMATIC, 0x1234, (0.25,) * 6, (-0.001,) * 6)
+    (payload,) = encode_payloads(six)
+    assert payload == bytes.fromhex("61 34 12 00 08 80" + "E8 03" * 6 + "FF FF" * 6)
+    seven = RobotState(0, RobotMode.AUTOMATIC, 0x1234, (0.0,) * 6 + (1.0,), (0.0,) * 6 + (-1.0,))
+    (payload,) = encode_payloads(seven)
+    word = (250 & 0xFFF) | (-100 & 0xFFF) << 12
+    assert payload == bytes((0x71, 0x34, 0x12)) + word.to_bytes(3, "little") + bytes(24)
 
 
 @pytest.mark.parametrize("step", range(-8, 9))

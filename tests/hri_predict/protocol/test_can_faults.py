@@ -103,7 +103,6 @@ HEAD = bytes((1, 0, 0, 0, 0, 0, 0))  # of a Zone, up to FIRST, TOTAL, COUNT
 @pytest.mark.parametrize(
     ("kind", "payload"),
     [
-        (Advice, bytes(14) + (256).to_bytes(2, "little") + bytes(2)),  # ECHO beyond a counter
         (RobotState, bytes((8 << 4, 0)) + bytes(28)),  # eight JOINTS
         (Zone, HEAD + bytes((2, 3, 2)) + bytes(30)),  # items beyond TOTAL
         (Zone, HEAD + bytes((0, 9, 4)) + bytes(60)),  # more than a frame carries

@@ -86,7 +86,7 @@ def random_message(rng: np.random.Generator, kind: type) -> Message:
             speed_limit_m_s=some(rng, 0, 65.5),
             body_part=index(rng, 255),
             robot_link=index(rng, 255),
-            echo=index(rng, 256),
+            echo=index(rng, 65535),
             age_s=some(rng, 0, 65.5),
         )
     if kind is Status:
@@ -97,9 +97,9 @@ def random_message(rng: np.random.Generator, kind: type) -> Message:
         joints = int(rng.integers(8))
         return RobotState(
             *(int(rng.integers(MAX_ROBOTS)), RobotMode(int(rng.integers(5)))),
-            int(rng.integers(256)),
+            int(rng.integers(65536)),
             tuple(rng.uniform(-8.1, 8.1, joints).tolist()),
-            tuple(rng.uniform(-32.7, 32.7, joints).tolist()),
+            tuple(rng.uniform(-20.4, 20.4, joints).tolist()),
         )
     if kind is Acknowledge:
         return Acknowledge(int(rng.integers(65536)), int(rng.integers(1 << 32)))

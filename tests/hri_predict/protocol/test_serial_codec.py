@@ -35,7 +35,7 @@ JOINTS = tuple((i, 0.5 * i, -0.25 * i, 1.0) for i in range(21))
 MESSAGES: list[Message] = [
     ADVICE,
     Status(NodeState.DEGRADED, Reason.PREDICTOR_LATE, 3, 2, 99, None),
-    RobotState(7, RobotMode.AUTOMATIC, 255, (0.5, -1.25, 3.0), (0.0, 0.125, -2.0)),
+    RobotState(7, RobotMode.AUTOMATIC, 65535, (0.5, -1.25, 3.0), (0.0, 0.125, -2.0)),
     Schema(1, 0xDEADBEEF),
     Acknowledge(5, 1 << 31),
 ]
