@@ -27,6 +27,7 @@ class Settings(BaseModel):
 
 S = TypeVar("S", bound=Settings)
 
+MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0  # of a source of scenes
 MAX_COORDINATE_M = 1000.0
 Metres = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
 """A coordinate: no cell is a kilometre from its origin, and products of such numbers stay exact."""

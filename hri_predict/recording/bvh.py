@@ -13,7 +13,7 @@ import numpy as np
 
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import resolve_bvh_map
-from hri_predict.recording.recording import Recording, scenes_of_one
+from hri_predict.recording.recording import Recording, check_rate, recording_of_one
 from hri_predict.scene import Floats
 
 MAX_FRAMES = 10_000_000
@@ -53,17 +53,15 @@ def read_bvh(
         raise RecordingError(
             f"recording {path}: 'Frame Time' is {bvh.FrameTime:g} s; it must be above 0"
         )
+    rate_hz = 1.0 / max(bvh.FrameTime, 1e-100)  # no overflow: it is refused all the same
+    check_rate(path, "'Frame Time'", rate_hz)
     try:
         joint_map = resolve_bvh_map(names)
         joint_map = joint_map if unit_m is None else joint_map.with_units(unit_m)
         joint_map = joint_map if axes is None else joint_map.with_axes(axes)
     except ConfigError as error:
         raise RecordingError(f"recording {path}: {error}") from error
-    points = joint_map.to_metres_z_up(raw)
-    rate_hz = 1.0 / bvh.FrameTime
-    observed = np.asarray(np.isfinite(points).all(axis=-1))
-    scenes = scenes_of_one(points, observed, rate_hz, person)
-    return Recording(path, "bvh", joint_map, rate_hz, scenes, [s.capture_ns for s in scenes])
+    return recording_of_one(path, "bvh", joint_map, raw, rate_hz, person)
 
 
 def _check_complete(path: Path) -> bool:
@@ -156,7 +154,8 @@ def forward_kinematics(root: Any, with_ends: bool) -> tuple[list[str], Floats]:
             columns.append(here + turned @ end)
 
     frames = len(root.Keyframes)
-    visit(root, np.zeros((frames, 3)), np.broadcast_to(np.eye(3), (frames, 3, 3)))
+    with np.errstate(all="ignore"):  # absurd numbers become NaN or infinite, and are not believed
+        visit(root, np.zeros((frames, 3)), np.broadcast_to(np.eye(3), (frames, 3, 3)))
     return names, np.stack(columns, axis=1)
 
 

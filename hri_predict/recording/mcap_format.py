@@ -29,6 +29,7 @@ from hri_predict.joint_map import JointMap
 from hri_predict.protocol.definition import SCHEMA_VERSION
 from hri_predict.protocol.messages import Acknowledge, Message, RobotMode, RobotState
 from hri_predict.scene import Floats, Person, Scene
+from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 from hri_predict.skeleton import JOINTS
 
 FORMAT_VERSION = "1"
@@ -103,8 +104,8 @@ class RecordingInfo:
             )
         try:
             rate_hz = float(metadata["rate_hz"])
-            if not (rate_hz > 0 and math.isfinite(rate_hz)):
-                raise ValueError("rate_hz")
+            if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+                raise ValueError(f"rate_hz {rate_hz:g}, not {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}")
             return cls(
                 joint_map=_joint_map(metadata),
                 rate_hz=rate_hz,

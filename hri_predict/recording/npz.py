@@ -16,12 +16,16 @@ import numpy as np
 
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap, load_joint_map
-from hri_predict.recording.recording import Recording, scenes_of_one
-from hri_predict.scene import Bools, Floats
+from hri_predict.recording.recording import Recording, check_rate, recording_of_one
+from hri_predict.scene import Floats
 
 # What a damaged archive or header can raise.
 _BROKEN: tuple[type[Exception], ...] = (OSError, EOFError, ValueError, KeyError, SyntaxError)
 _BROKEN += (NotImplementedError, MemoryError, zipfile.BadZipFile, zlib.error)
+
+_KEYS = ("positions_world", "world_ok", "floor_height", "rest_pose_frames")
+_KEYS += ("positions", "joint_names", "fps")
+MAX_BYTES = 2**30  # unpacked; two hours of 38 joints at 120 frames per second
 
 
 def read_npz(path: Path, person: int) -> Recording:
@@ -53,24 +57,44 @@ def _load(path: Path) -> dict[str, Any]:
                 f"numpy.savez and the documented keys"
             )
         with archive:
-            return {key: archive[key] for key in archive.files if key != "expmap"}
+            _check_size(path, archive.zip)
+            arrays = {key: archive[key] for key in archive.files if key in _KEYS}
+            return arrays or dict.fromkeys(archive.files)
     except _BROKEN as error:
         raise RecordingError(
             f"recording {path}: truncated or not a NumPy archive; copy it again"
         ) from error
 
 
+def _check_size(path: Path, archive: zipfile.ZipFile | None) -> None:
+    """Refuse an archive that would fill the memory; what is not read does not count."""
+    entries = [] if archive is None else archive.infolist()
+    size = sum(e.file_size for e in entries if e.filename.removesuffix(".npy") in _KEYS)
+    if size > MAX_BYTES:
+        raise RecordingError(
+            f"recording {path}: {size / 2**30:.3g} GiB when unpacked, at most "
+            f"{MAX_BYTES / 2**30:g} GiB are read; cut it into parts"
+        )
+
+
 def _whole_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
     joint_map = load_joint_map("cmu38")
     positions = _positions(path, arrays["positions_world"], len(joint_map.source_joints))
-    first = int(_number(path, arrays, "rest_pose_frames", 0.0))  # a pose, not motion
-    ok = np.asarray(arrays.get("world_ok", np.ones(len(positions))), dtype=bool)
-    if ok.shape != (len(positions),):
-        raise RecordingError(f"recording {path}: 'world_ok' does not fit 'positions_world'")
-    positions = positions.copy()
+    first = _number(path, arrays, "rest_pose_frames", 0.0)  # a pose, not motion
+    if first < 0 or first % 1 != 0:
+        raise RecordingError(
+            f"recording {path}: 'rest_pose_frames' is {first:g}; it must be a whole number from 0"
+        )
+    ok = np.asarray(arrays.get("world_ok", np.ones(len(positions), dtype=bool)))
+    if ok.shape != (len(positions),) or ok.dtype.kind not in "biu":
+        raise RecordingError(
+            f"recording {path}: 'world_ok' is {ok.dtype} of shape {ok.shape}; expected one truth "
+            f"value for each of the {len(positions)} frames"
+        )
     positions[..., 1] -= _number(path, arrays, "floor_height", 0.0)  # y is up
-    observed = np.isfinite(positions).all(axis=-1) & ok[:, None]
-    return _recording(path, "cmu", joint_map, positions[first:], observed[first:], arrays, person)
+    positions[ok == 0] = np.nan
+    begin = min(int(first), len(positions))
+    return _recording(path, "cmu", joint_map, positions[begin:], arrays, person)
 
 
 def _arms(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
@@ -86,8 +110,7 @@ def _arms(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
         )
     positions = _positions(path, arrays["positions"], len(names))
     positions = positions[:, [names.index(n) for n in joint_map.source_joints]]
-    observed: Bools = np.asarray(np.isfinite(positions).all(axis=-1))
-    return _recording(path, "assembly", joint_map, positions, observed, arrays, person)
+    return _recording(path, "assembly", joint_map, positions, arrays, person)
 
 
 def _recording(
@@ -95,17 +118,14 @@ def _recording(
     kind: str,
     joint_map: JointMap,
     positions: Floats,
-    observed: Bools,
     arrays: Mapping[str, Any],
     person: int,
 ) -> Recording:
     if len(positions) == 0:
         raise RecordingError(f"recording {path}: is empty (no frames); choose another")
     rate_hz = _number(path, arrays, "fps", None)
-    if not rate_hz > 0:
-        raise RecordingError(f"recording {path}: 'fps' is {rate_hz:g}; it must be above 0")
-    scenes = scenes_of_one(joint_map.to_metres_z_up(positions), observed, rate_hz, person)
-    return Recording(path, kind, joint_map, rate_hz, scenes, [s.capture_ns for s in scenes])
+    check_rate(path, "'fps'", rate_hz)
+    return recording_of_one(path, kind, joint_map, positions, rate_hz, person)
 
 
 def _positions(path: Path, array: Any, joints: int) -> Floats:

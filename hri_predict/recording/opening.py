@@ -1,5 +1,6 @@
 """Opens a recording of any kind that is known."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -32,10 +33,11 @@ def open_recording(
             line that names the file and the remedy.
     """
     path = Path(path)
-    if not path.exists():
+    if not os.path.exists(path):  # bears a name that is too long
         raise RecordingError(f"recording {path}: no such file; check the path")
     if not path.is_file():
-        raise RecordingError(f"recording {path}: is a folder; name a file in it; {ACCEPTED}")
+        what = "a folder; name a file in it" if path.is_dir() else "a device, not a file"
+        raise RecordingError(f"recording {path}: is {what}; {ACCEPTED}")
     ending = path.suffix.lower()
     try:
         if path.stat().st_size == 0:

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.link import Received
 from hri_predict.scene import Bools, Floats, Person, Scene
-from hri_predict.settings import Pose, transform
+from hri_predict.settings import MAX_COORDINATE_M, MAX_RATE_HZ, MIN_RATE_HZ, Pose, transform
 from hri_predict.skeleton import JOINTS
 
 # Heading of a recording's start: the way first travelled, if it is long enough to be one.
@@ -55,13 +56,41 @@ class Recording:
         return (self.arrival_ns[-1] - self.arrival_ns[0]) * 1e-9
 
 
-def scenes_of_one(positions: Floats, observed: Bools, rate_hz: float, person: int) -> list[Scene]:
-    """Scenes of one person from (F, J, 3) metres and (F, J); not observed becomes NaN."""
-    positions = np.where(observed[..., None], positions, np.nan)
-    return [
+def check_rate(path: Path, what: str, rate_hz: float) -> None:
+    """Refuse a rate at which nobody records people.
+
+    Raises:
+        RecordingError: ``what`` of the file gives a rate that is out of range, or NaN.
+    """
+    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        raise RecordingError(
+            f"recording {path}: {what} gives {rate_hz:g} frames per second; it must be "
+            f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}; correct it there"
+        )
+
+
+def recording_of_one(
+    path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, person: int
+) -> Recording:
+    """A recording of one person from (F, J, 3) in the source's units and axes.
+
+    Joints that are NaN, or farther than ``MAX_COORDINATE_M`` from the origin, are not observed; the
+    recording's ``note`` says in how many frames none is, or where the format knows no missing
+    joints ("bvh"), in how many some are not.
+    """
+    believed = np.abs(raw) <= MAX_COORDINATE_M / joint_map.scale_to_m  # NaN is not
+    observed = np.asarray(believed.all(axis=-1))
+    positions = joint_map.to_metres_z_up(np.where(observed[..., None], raw, np.nan))
+    scenes = [
         Scene(round(k * 1e9 / rate_hz), k, True, (Person(person, positions[k], observed[k]),))
         for k in range(len(positions))
     ]
+    whole = kind == "bvh"
+    poor = int(np.count_nonzero(~(observed.all(axis=1) if whole else observed.any(axis=1))))
+    what = "some joint is not a sane number" if whole else "no joint is known"
+    note = f"in {poor} of {len(scenes)} frames {what}" if poor else ""
+    times = [scene.capture_ns for scene in scenes]
+    return Recording(path, kind, joint_map, rate_hz, scenes, times, note=note)
 
 
 def placed(

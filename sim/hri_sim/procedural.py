@@ -14,7 +14,7 @@ from pydantic import Field
 from hri_predict.errors import ConfigError
 from hri_predict.joint_map import load_joint_map
 from hri_predict.scene import Bools, Floats, Person, Scene
-from hri_predict.settings import Pose, Region, transform, validated
+from hri_predict.settings import MIN_RATE_HZ, Pose, Region, transform, validated
 from hri_predict.source import SourceSettings
 from hri_sim.script import PersonSettings, Timeline
 
@@ -49,7 +49,7 @@ class ProceduralSettings(SourceSettings):
     people: list[PersonSettings] = Field(
         [validated(PersonSettings, person, "demo") for person in DEMO], max_length=16
     )
-    rate_hz: float = Field(30.0, gt=0, le=240)
+    rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240)
     seed: int = Field(0, ge=0)
     latency_s: float = Field(0.0, ge=0, le=2, description="from capture to arrival")
     noise_m: float = Field(0.0, ge=0, le=0.2, description="standard deviation per axis")

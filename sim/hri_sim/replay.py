@@ -8,6 +8,7 @@ import bisect
 import itertools
 import logging
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from hri_predict.errors import ConfigError
 from hri_predict.link import Received
 from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.scene import Bools, Floats, Scene
-from hri_predict.settings import Pose
+from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose, Vector3
 from hri_predict.source import SourceSettings
 
 log = logging.getLogger(__name__)
@@ -32,7 +33,7 @@ class RecordingSettings(SourceSettings):
     kind: Literal["recording"]
     room_from_source: Pose = Pose()
     path: str = Field(min_length=1, description=".npz, .bvh or .mcap")
-    place: Annotated[list[float], Field(min_length=3, max_length=3)] | None = Field(
+    place: Vector3 | None = Field(
         None, description="[x, y, yaw] in the room of the recording's start"
     )
     start_s: float = Field(0.0, ge=0, description="skip what is before")
@@ -42,12 +43,17 @@ class RecordingSettings(SourceSettings):
         1.0, ge=0, le=60, description="the room is seen empty for so long between two loops"
     )
     rate_hz: float | None = Field(
-        None, gt=0, description="leave frames out to play at this rate; default the file's own"
+        None,
+        ge=MIN_RATE_HZ,
+        le=MAX_RATE_HZ,
+        description="leave frames out to play at this rate; default the file's own",
     )
     person: int = Field(1, ge=0, le=65535, description="id of the person in a motion file")
     noise_m: float = Field(0.0, ge=0, le=0.2, description="added; standard deviation per axis")
     seed: int = Field(0, ge=0, description="of the noise")
-    unit_m: float | None = Field(None, gt=0, description="metres per unit of a BVH; default 0.01")
+    unit_m: float | None = Field(
+        None, gt=0, le=1000, description="metres per unit of a BVH; default 0.01"
+    )
     axes: Annotated[list[str], Field(min_length=3, max_length=3)] | None = Field(
         None, description="a BVH's axes that are forward, left, up; default [z, x, y]"
     )
@@ -197,7 +203,7 @@ class RecordingSource:
 def _find(path: str, base_dir: Path | None) -> Path:
     """A relative path starts at the configuration's folder, or else where the user is."""
     beside = base_dir / path if base_dir is not None else Path(path)
-    return beside if beside.exists() else Path(path)
+    return beside if os.path.exists(beside) else Path(path)  # bears a name that is too long
 
 
 def _zero(kind: str, first: Scene, arrival_ns: int) -> int:
