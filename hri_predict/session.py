@@ -1,7 +1,9 @@
 """One run from start to end: node, links, and where simulated, the cell at their other ends."""
 
+import contextlib
+import logging
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -145,17 +147,21 @@ class _Session:
         """The file to record into.
 
         Raises:
-            ConfigError: it is the recording that is played.
+            ConfigError: it is the recording that is played, or the configuration.
         """
         config = self.config
         path = self.options.record or (
             config.base_dir / config.node.record if config.node.record else None
         )
         played = getattr(config.source, "path", None)
-        if path is not None and isinstance(played, str) and path.exists():
-            played_path = config.base_dir / played
-            if played_path.exists() and path.samefile(played_path):
-                raise ConfigError(f"record {path}: is the recording that is played; name another")
+        if path is None:
+            return None
+        if _same(path, config.path):
+            raise ConfigError(f"record {path}: is the configuration; name another file")
+        if isinstance(played, str) and any(
+            _same(path, there) for there in (config.base_dir / played, Path(played))
+        ):  # a relative one may be found in either place
+            raise ConfigError(f"record {path}: is the recording that is played; name another")
         return path
 
     def _recording_info(self, source: Source) -> RecordingInfo:
@@ -213,6 +219,24 @@ class _Session:
             self.recorder.close()
 
 
+def _same(a: Path, b: Path) -> bool:
+    """Whether two names are of one file that is there."""
+    try:
+        return a.samefile(b)
+    except OSError:  # one is not there, or its name is too long
+        return False
+
+
+@contextlib.contextmanager
+def _said_already() -> Iterator[None]:
+    """No warnings: what a copy of the source would say, the source has said."""
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)
+
+
 class _Referee:
     """Compares true people (a clean copy of the source) with the true robot (from the cell).
 
@@ -221,7 +245,8 @@ class _Referee:
 
     def __init__(self, config: Config, assembly: assemble.Assembly, cell: Any) -> None:
         self._cell = cell
-        source = assemble.build_source(config, with_faults=False)
+        with _said_already():
+            source = assemble.build_source(config, with_faults=False)
         self._people = cell.true_people(source)
         self._referee = cell.referee(assembly.robots)
         self._opened = False

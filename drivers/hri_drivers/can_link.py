@@ -32,7 +32,9 @@ class CanLinkSettings(LinkSettings):
     kind: str = "can"
     interface: str = Field(description="any that python-can knows: socketcan, slcan, pcan, ...")
     channel: str | None = Field(
-        None, description="can0, /dev/ttyACM0, 239.74.163.2, ...; not needed with 'simulate'"
+        None,
+        min_length=1,
+        description="can0, /dev/ttyACM0, 239.74.163.2, ...; not needed with 'simulate'",
     )
     bitrate: int = Field(500_000, ge=10_000, le=1_000_000)
     fd: bool = Field(False, description="CAN FD; the only kind that carries Zone and Pose")

@@ -25,7 +25,9 @@ class SerialLinkSettings(LinkSettings):
 
     kind: str = "serial"
     port: str | None = Field(
-        None, description="device path or any URL of pyserial's; not needed with 'simulate'"
+        None,
+        min_length=1,
+        description="device path or any URL of pyserial's; not needed with 'simulate'",
     )
     baudrate: int = Field(115_200, ge=1200, le=12_000_000)
     rtscts: bool = Field(False, description="hardware handshake")

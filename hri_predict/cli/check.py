@@ -60,14 +60,16 @@ def examine(config: Config) -> dict[str, Any]:
     clock = MonotonicClock()
     source = assemble.build_source(config)
     transports = {link.name: object() for link in config.links}  # nothing is opened
-    plain = config.without_faults()
-    assembly = assemble.build(plain, clock, source=source, transports=transports)
+    assembly = assemble.build(config, clock, source=source, transports=transports)
     loads = [
         registry.load("links", link.kind).load(
             link, config.node.rate_hz, [0] * len(assembly.robots)
         )
         for link in config.links
     ]
+    simulated = [link for link in config.links if link.simulate is not None]
+    if simulated:  # not started: to be built, its settings must be right
+        registry.load("cells", "mock")(simulated, config.node.robots, config.base_dir, clock, 1.0)
     budget = assemble.build_budget(config, source)
     stops = {
         model.name: model.stopping(settings.max_speed_m_s)

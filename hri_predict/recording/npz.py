@@ -23,8 +23,8 @@ from hri_predict.scene import Floats
 _BROKEN: tuple[type[Exception], ...] = (OSError, EOFError, ValueError, KeyError, SyntaxError)
 _BROKEN += (NotImplementedError, MemoryError, zipfile.BadZipFile, zlib.error)
 
-_KEYS = ("positions_world", "world_ok", "floor_height", "rest_pose_frames")
-_KEYS += ("positions", "joint_names", "fps")
+_KEYS = {"positions_world", "world_ok", "floor_height", "rest_pose_frames"}
+_KEYS |= {"positions", "joint_names", "fps"}
 MAX_BYTES = 2**30  # unpacked; two hours of 38 joints at 120 frames per second
 
 

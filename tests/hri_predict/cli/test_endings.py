@@ -7,9 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from hri_predict import cli
 from hri_predict.cli import commands, run
+from hri_predict.settings import data_path
 from hri_predict.summary import Summary
 
 HRI_PREDICT = [sys.executable, "-m", "hri_predict"]
@@ -88,3 +90,27 @@ def test_a_failure_of_ours_keeps_its_trace(monkeypatch):
     monkeypatch.setattr(commands, "app", broken)
     with pytest.raises(ValueError, match="ours"):
         cli.main()
+
+
+@pytest.mark.parametrize(
+    ("link", "changes", "said"),
+    [
+        (0, {"simulate": {"role": "drive", "perod_s": 0.01}}, "did you mean 'period_s'"),
+        (0, {"simulate": {"role": "monitor"}}, "0 simulated drives"),
+        (0, {"faults": [{"kind": "dropp"}]}, "did you mean 'drop'"),
+        (0, {"simulate": None, "port": ""}, "links.0: port: "),
+        (1, {"simulate": None, "channel": ""}, "links.1: channel: "),
+    ],
+)
+def test_check_refuses_what_a_run_would_refuse(monkeypatch, capsys, tmp_path, link, changes, said):
+    data = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
+    data["links"][link] |= changes
+    path = tmp_path / "cell.yaml"
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["hri-predict", "check", str(path)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    error = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert len(error.splitlines()) == 1
+    assert said in error
