@@ -80,6 +80,7 @@ def examine(config: Config) -> dict[str, Any]:
         "path": str(config.path),
         "delay_budget_s": budget.terms(),
         "reaction_s": reaction,
+        "refuse_advice_older_than_s": reaction - budget.terms()["reaction"],
         "stopping": {name: {"time_s": t, "distance_m": d} for name, (t, d) in stops.items()},
         "until_stopped_s": {name: reaction + t for name, (t, _) in stops.items()},
         "horizon_s": assembly.prediction.predictor.horizon_steps
@@ -107,6 +108,11 @@ def _delay_table(found: dict[str, Any]) -> Table:
     for name, seconds in found["delay_budget_s"].items():
         table.add_row(name.replace("_", " "), f"{seconds * 1e3:.0f} ms")
     table.add_row("reaction, T_r", f"{found['reaction_s'] * 1e3:.0f} ms", end_section=True)
+    table.add_row(
+        "controllers: refuse advice older than",
+        f"{found['refuse_advice_older_than_s'] * 1e3:.0f} ms",
+        end_section=True,
+    )
     for robot, stop in found["stopping"].items():
         table.add_row(
             f"{robot}: stopping at full speed, T_s",
