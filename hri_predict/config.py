@@ -95,14 +95,6 @@ class Config:
             ),
         )
 
-    def without_faults(self) -> "Config":
-        """The same configuration with no fault injected."""
-        return replace(
-            self,
-            source=self.source.model_copy(update={"faults": []}),
-            links=tuple(link.model_copy(update={"faults": []}) for link in self.links),
-        )
-
     def without_links(self) -> "Config":
         """The same configuration, and delays, with its links left closed."""
         return replace(self, mute=True)

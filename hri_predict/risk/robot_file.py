@@ -19,6 +19,9 @@ MAX_JOINTS = 7  # what RobotState carries
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 
 
+Stopping = Annotated[float, Field(le=100)]  # seconds, metres, m/s: no robot needs more
+
+
 class DhRow(Settings):
     """Classic (distal) Denavit-Hartenberg row: Rz(theta + q) Tz(d) Tx(a) Rx(alpha); m, rad."""
 
@@ -46,7 +49,7 @@ class JointFile(Settings):
     origin: Origin | None = None
     axis: Vector3 | None = None
     position: Annotated[list[float], Field(min_length=2, max_length=2)]
-    velocity: float = Field(gt=0)
+    velocity: float = Field(gt=0, le=1000)
 
     @model_validator(mode="after")
     def _placed_once(self) -> Self:
@@ -89,8 +92,8 @@ class StoppingRow(Settings):
     """Stopping time and distance by speed, for loads up to ``payload_kg``."""
 
     payload_kg: float = Field(ge=0)
-    time_s: Annotated[list[float], Field(min_length=1)]
-    distance_m: Annotated[list[float], Field(min_length=1)]
+    time_s: Annotated[list[Stopping], Field(min_length=1)]
+    distance_m: Annotated[list[Stopping], Field(min_length=1)]
 
 
 class StoppingFile(Settings):
@@ -100,7 +103,7 @@ class StoppingFile(Settings):
     """
 
     source: str = Field(min_length=1)
-    speed_m_s: Annotated[list[float], Field(min_length=1)]
+    speed_m_s: Annotated[list[Stopping], Field(min_length=1)]
     rows: Annotated[list[StoppingRow], Field(min_length=1)]
 
     @model_validator(mode="after")
