@@ -1,5 +1,6 @@
 """Every command of the README runs, in an empty folder, with what the README tells to put there."""
 
+import json
 import os
 import re
 import shlex
@@ -87,6 +88,24 @@ def test_command(command, folder):
         assert (folder / "alerts.jsonl").exists()
     if "--record" in words:
         assert (folder / words[words.index("--record") + 1]).stat().st_size > 1000
+
+
+def test_an_unknown_fault_lists_those_there_are(folder):
+    assert "`hri-predict demo --fault nothing`" in README
+    command = [sys.executable, "-m", "hri_predict", "demo", "--fault", "nothing"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert "vanish" in done.stderr
+    assert "bit_errors" in done.stderr
+
+
+def test_memory_stays_flat(folder):
+    """A tenth of the hour that the README's command takes."""
+    assert "`hri-predict bench memory`" in README
+    command = [sys.executable, "-m", "hri_predict", "bench", "memory", "--hours", "0.1", "--json"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=170)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["growth_percent"] < 5
 
 
 def test_the_predictor_that_the_readme_shows_keeps_the_contract():
