@@ -142,7 +142,12 @@ class Node:
         if message.latch_id == 0:
             self._people.acknowledge()
         elif not self._risk.acknowledge(message.latch_id):
-            log.warning("link %s: acknowledge of latch %d refused", link, message.latch_id)
+            log.warning(
+                "link %s: acknowledge of latch %d refused: its cause has not cleared, or no stop "
+                "is latched under this id",
+                link,
+                message.latch_id,
+            )
 
     def _state_of(
         self,
