@@ -99,11 +99,12 @@ def test_an_unknown_fault_lists_those_there_are(folder):
     assert "bit_errors" in done.stderr
 
 
+@pytest.mark.timeout(600)
 def test_memory_stays_flat(folder):
-    """A tenth of the hour that the README's command takes."""
+    """A fifth of the hour that the README's command takes; half of it is warming up."""
     assert "`hri-predict bench memory`" in README
-    command = [sys.executable, "-m", "hri_predict", "bench", "memory", "--hours", "0.1", "--json"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=170)
+    command = [sys.executable, "-m", "hri_predict", "bench", "memory", "--hours", "0.2", "--json"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=580)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["growth_percent"] < 5
 
