@@ -1,0 +1,140 @@
+"""What every trained predictor's network is given, must give, and how its error is counted.
+
+A network sees a window in the person's own frame (``body_frame``), with what was not observed
+filled in and marked, and returns the future joints in that frame, in metres. It knows nothing of
+rooms, recordings or training runs.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from hri_predict.predictors.body_frame import (
+    BodyFrame,
+    body_frame,
+    fill,
+    neighbour_table,
+    no_frame,
+)
+from hri_predict.settings import Settings
+from hri_predict.skeleton import Skeleton
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What a network works on: joints, T history steps, H horizon steps, steps per second.
+
+    Attributes:
+        framed: positions come in a frame of the body already, as the benchmark's do; they are
+            neither moved nor turned then.
+    """
+
+    skeleton: Skeleton
+    history_steps: int
+    horizon_steps: int
+    rate_hz: float
+    framed: bool = False
+
+    @property
+    def joints(self) -> int:
+        """J."""
+        return len(self.skeleton.joints)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A batch of histories in the body frame.
+
+    Attributes:
+        positions: (B, T, J, 3) metres, filled everywhere.
+        observed: (B, T, J) bool; false where ``positions`` was filled in.
+    """
+
+    positions: Tensor
+    observed: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What really followed, in the same body frame: (B, H, J, 3), and where it is known."""
+
+    positions: Tensor
+    observed: Tensor
+
+
+class NetworkOptions(Settings):
+    """Sizes and switches of a network (``options:`` of a training configuration)."""
+
+
+class Network(nn.Module):
+    """Base of the five networks.
+
+    Attributes:
+        shape: what it works on.
+        rest: (J, 3) mean pose of its training data in the body frame; part of the weights.
+    """
+
+    options_model: ClassVar[type[NetworkOptions]] = NetworkOptions
+    rest: Tensor
+    nearest: Tensor
+
+    def __init__(self, shape: Shape) -> None:
+        super().__init__()
+        self.shape = shape
+        self.register_buffer("rest", torch.zeros(shape.joints, 3))
+        self.register_buffer("nearest", neighbour_table(shape.skeleton), persistent=False)
+
+    def forward(self, window: Window) -> Tensor:
+        """Predict (B, H, J, 3) in the body frame."""
+        raise NotImplementedError
+
+    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+        """Training loss of a batch, a scalar.
+
+        Args:
+            window: the histories.
+            target: what followed.
+            progress: how much of the training is done, 0 to 1; for losses that come in stages.
+        """
+        return mpjpe(self(window), target)
+
+    def critic_loss(self, window: Window, target: Target, progress: float) -> Tensor | None:
+        """Loss of the adversary, if the method has one and it is at work; it moves only its own."""
+        return None
+
+    def critic_parameters(self) -> Iterator[nn.Parameter]:
+        """The adversary's parameters: optimised by ``critic_loss``, not shipped."""
+        return iter(())
+
+    def model_parameters(self) -> Iterator[nn.Parameter]:
+        """All other parameters, optimised by ``loss``."""
+        critic = {id(p) for p in self.critic_parameters()}
+        return (p for p in self.parameters() if id(p) not in critic)
+
+    def enter(self, positions: Tensor, observed: Tensor) -> tuple[Window, BodyFrame]:
+        """Bring histories (B, T, J, 3) in the room, and ``observed`` (B, T, J), into body frames.
+
+        Computed in the type of ``positions``; the window is in the network's.
+        """
+        if self.shape.framed:
+            frame = no_frame(positions)
+        else:
+            frame = body_frame(positions, observed, self.shape.skeleton)
+        clean = torch.where(observed[..., None], frame.enter(positions), 0.0)
+        filled = fill(clean, observed, self.rest.to(clean.dtype), self.nearest)
+        return Window(filled.to(self.rest.dtype), observed), frame
+
+
+def last_pose(window: Window) -> Tensor:
+    """(B, 1, J, 3) the newest step of the window."""
+    return window.positions[:, -1:]
+
+
+def mpjpe(predicted: Tensor, target: Target) -> Tensor:
+    """Mean per joint position error over what is known of the future, metres."""
+    error = (predicted - target.positions).square().sum(-1).add(1e-12).sqrt()
+    known = target.observed
+    return (error * known).sum() / known.sum().clamp(min=1)

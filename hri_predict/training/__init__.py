@@ -1,0 +1,1 @@
+"""Training the predictors and judging them on recorded motion."""
