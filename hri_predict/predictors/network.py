@@ -74,10 +74,12 @@ class Network(nn.Module):
 
     Attributes:
         shape: what it works on.
+        options: what it was built with; every network sets it, for its weights' file keeps it.
         rest: (J, 3) mean pose of its training data in the body frame; part of the weights.
     """
 
     options_model: ClassVar[type[NetworkOptions]] = NetworkOptions
+    options: NetworkOptions
     rest: Tensor
     nearest: Tensor
 
