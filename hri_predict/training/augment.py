@@ -1,4 +1,4 @@
-"""What is done to training windows, so that few minutes of motion stand for more people and sensors.
+"""What is done to training windows: few minutes of motion stand for more people and sensors.
 
 Everything is drawn per window from one generator, in the room's frame. Geometry (mirror, scale,
 yaw) changes history and future alike, time warp is drawn before the window is cut (``motion``);
