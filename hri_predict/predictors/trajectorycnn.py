@@ -1,0 +1,166 @@
+"""TrajectoryCNN: convolutions over joints and coordinates, with the frames as channels.
+
+Source: Liu, Yin, Liu, Ding, Liu and Liu, "TrajectoryCNN: A New Spatio-Temporal Feature Learning
+Network for Human Motion Prediction", IEEE TCSVT 31(6), 2021; Sec. III-C and Fig. 2.
+
+Where this differs from the paper, or the paper leaves it open:
+
+- The observed mask enters as further input channels (broadcast over the coordinates), so unobserved
+  joints come filled in *and* marked. The paper knows whole bodies only.
+- The frames enter as displacements from the last pose, and the last pose itself
+  (``relative: true``): an invertible linear change of the paper's raw positions before a linear
+  layer, so the same network, but one that trains faster. Lengths are in decimetres inside.
+- Where the 1x1 branches leave and join isn't legible in the text: here around the second and third,
+  and around the fourth and fifth layer of each block.
+- The rate of dropout isn't given.
+- Eq. 5 prints a squared norm but is named, and evaluated, as MPJPE; the loss is MPJPE.
+"""
+
+from typing import Literal
+
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+
+from hri_predict.predictors.network import Network, NetworkOptions, Shape, Window, last_pose
+from hri_predict.skeleton import Skeleton
+
+PART_ORDER = ("right_arm", "left_arm", "torso", "right_leg", "left_leg")
+"""Sec. III-C: joints of a part are adjacent rows; right arm, left arm, trunk, right and left leg."""
+
+_DECIMETRES = 10.0
+_KERNELS = {"3x3": (3, 3), "1x3": (1, 3), "1x1": (1, 1)}
+_LAYERS = 5  # of a trajectory block
+
+
+class TrajectoryCNNOptions(NetworkOptions):
+    """Sizes and switches of TrajectoryCNN; the defaults are the paper's 64 channels, 4 blocks.
+
+    Attributes:
+        kernel: Table VI: ``1x1`` (w/o C-ST #1) sees one coordinate of one joint, ``1x3`` (#2) one
+            joint; everywhere in the network.
+        layout: Table VII: ``trajectory`` has the frames as channels; ``pose`` (w/o GTC) the frames
+            as width, the joints as height, the coordinates as channels.
+        residual: Table VIII: the 1x1 branches of the blocks (w/o DLG without).
+        relative: feed displacements from the last pose, not raw positions.
+    """
+
+    channels: int = Field(64, ge=1, le=1024)
+    blocks: int = Field(4, ge=1, le=32)
+    dropout: float = Field(0.05, ge=0, lt=1)
+    kernel: Literal["3x3", "1x3", "1x1"] = "3x3"
+    layout: Literal["trajectory", "pose"] = "trajectory"
+    residual: bool = True
+    relative: bool = True
+
+
+class TrajectoryCNN(Network):
+    """TrajectoryCNN (Fig. 2): trajectory space, encoder of trajectory blocks, decoder."""
+
+    options_model = TrajectoryCNNOptions
+    order: Tensor
+    place: Tensor
+
+    def __init__(self, shape: Shape, options: TrajectoryCNNOptions) -> None:
+        super().__init__(shape)
+        self.options = options
+        order = torch.tensor(part_order(shape.skeleton))
+        self.register_buffer("order", order, persistent=False)
+        self.register_buffer("place", order.argsort(), persistent=False)
+        kernel = _KERNELS[options.kernel]
+        if options.layout == "trajectory":
+            inputs, outputs = 2 * shape.history_steps, shape.horizon_steps
+        else:
+            inputs, outputs = 4, 3  # coordinates and the mask; coordinates
+        width = options.channels
+        self.trajectory_space = _convolution(inputs, width)  # Eq. 1
+        self.encoder = nn.Sequential(  # Eq. 3
+            *(
+                TrajectoryBlock(width, kernel, options.dropout, options.residual)
+                for _ in range(options.blocks)
+            )
+        )
+        self.decoder = nn.Sequential(  # Eq. 4: a layer of the local joints, then of single points
+            _convolution(width, outputs, kernel), nn.LeakyReLU(), _convolution(outputs, outputs)
+        )
+
+    def forward(self, window: Window) -> Tensor:
+        """Predict (B, H, J, 3) metres in the body frame: the last frame repeated, plus a change."""
+        last = last_pose(window)
+        observed = window.observed[:, :, self.order].to(last.dtype)
+        positions = window.positions[:, :, self.order] * _DECIMETRES
+        if self.options.relative:
+            newest = positions[:, -1:]
+            positions = torch.cat([positions[:, :-1] - newest, newest], dim=1)
+        if self.options.layout == "trajectory":
+            change = self._by_trajectory(positions, observed)
+        else:
+            change = self._by_pose(positions, observed)
+        return last + change[:, :, self.place] / _DECIMETRES
+
+    def _by_trajectory(self, positions: Tensor, observed: Tensor) -> Tensor:
+        """(B, T, J, 3) and (B, T, J) to (B, H, J, 3): frames are channels already."""
+        mask = observed[..., None].expand_as(positions)
+        return self._convolve(torch.cat([positions, mask], dim=1))
+
+    def _by_pose(self, positions: Tensor, observed: Tensor) -> Tensor:
+        """The same with an image of joints by frames (Table VII).
+
+        Such a network gives as many frames as it gets; a history shorter than the horizon is
+        continued by its last frame, and the last H columns are the future.
+        """
+        image = torch.cat([positions, observed[..., None]], dim=3).permute(0, 3, 2, 1)
+        missing = max(0, self.shape.horizon_steps - image.shape[3])
+        image = torch.cat([image, image[..., -1:].expand(-1, -1, -1, missing)], dim=3)
+        change = self._convolve(image)[..., -self.shape.horizon_steps :]
+        return change.permute(0, 3, 2, 1)
+
+    def _convolve(self, image: Tensor) -> Tensor:
+        # Channels last is nearly twice as fast on a CPU.
+        image = image.contiguous(memory_format=torch.channels_last)
+        decoded: Tensor = self.decoder(self.encoder(self.trajectory_space(image)))
+        return decoded
+
+
+class TrajectoryBlock(nn.Module):
+    """Five convolutions, each with LeakyReLU and dropout; 1x1 branches join lower to deeper ones.
+
+    The branches carry point-level features past the layers that mix neighbours (Sec. III-C, Dynamic
+    local-global features).
+    """
+
+    def __init__(self, width: int, kernel: tuple[int, int], dropout: float, residual: bool) -> None:
+        super().__init__()
+        self.layers = nn.ModuleList(
+            nn.Sequential(_convolution(width, width, kernel), nn.LeakyReLU(), nn.Dropout(dropout))
+            for _ in range(_LAYERS)
+        )
+        self.branches = nn.ModuleList(
+            _convolution(width, width) for _ in range((_LAYERS - 1) // 2 if residual else 0)
+        )
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(B, C, J, W) to the same."""
+        first, *deeper = self.layers
+        features = first(features)
+        for i in range(0, len(deeper), 2):
+            lower = features
+            features = deeper[i + 1](deeper[i](features))
+            if self.branches:
+                features = features + self.branches[i // 2](lower)
+        return features
+
+
+def _convolution(inputs: int, outputs: int, kernel: tuple[int, int] = (1, 1)) -> nn.Conv2d:
+    layer = nn.Conv2d(inputs, outputs, kernel, padding="same")
+    nn.init.xavier_uniform_(layer.weight)  # what TensorFlow, the paper's framework, starts from
+    assert layer.bias is not None
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+def part_order(skeleton: Skeleton) -> list[int]:
+    """Joints sorted by part (Sec. III-C), joints of no part last; every joint once."""
+    parts = [skeleton.parts.get(name, ()) for name in PART_ORDER]
+    parts.append(tuple(range(len(skeleton.joints))))
+    return list(dict.fromkeys(joint for part in parts for joint in part))
