@@ -1,0 +1,181 @@
+"""The CMU benchmark's train recordings as batches for the training loop.
+
+All windows of stride 1 of every train file, as the papers have it; but 70 % of them are of two
+actions, while the benchmark's mean weighs the actions equally, so batches may draw the action
+first. Nothing is augmented, and the pack's ``walking_extra`` takes no part.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.network import Shape
+from hri_predict.scene import Floats
+from hri_predict.settings import Settings, read_yaml
+from hri_predict.training.cmu_benchmark import (
+    ACTIONS,
+    RATE_HZ,
+    Clip,
+    action_of,
+    all_windows,
+    benchmark_names,
+    data_root,
+    read_clip,
+)
+from hri_predict.training.cmu_skeleton import CMU25, CMU38, MOVING
+from hri_predict.training.samples import Samples
+
+_AXES = (2, 0, 1)  # the benchmark's left, up, forward to forward, left, up
+_BATCH = 64
+
+
+class BenchmarkData(Settings):
+    """Which windows of the benchmark to train on (``data:`` of a training configuration)."""
+
+    kind: Literal["benchmark"] = "benchmark"
+    directory: Path = Field(description="the folder that holds the pack's train and test")
+    splits: Path = Field(description="YAML file with the lists fit and validation")
+    refit: bool = Field(
+        False, description="fit all train recordings, once the epoch has been chosen"
+    )
+    space: Literal["positions", "rotations"] = Field(
+        "positions", description="25 joints in benchmark metres, or 38 exponential maps"
+    )
+    history_steps: int = Field(10, ge=1, le=50, description="50 for exponential maps")
+    horizon_steps: int = Field(25, ge=1, le=25)
+    balanced: bool = Field(True, description="draw the action first, then a window of it")
+    validation_windows: int = Field(
+        64, ge=1, description="of each action, evenly spread; they weigh alike in the error"
+    )
+
+
+class BenchmarkSamples:
+    """A ``SampleSource`` over the benchmark.
+
+    Positions are (25, 3) of ``CMU25`` in benchmark metres (its mm / 1000), x forward, y left, z up;
+    rotations are (38, 3) exponential maps of ``CMU38`` as stored, radians, the root's included and
+    its translation dropped. Either comes in the body's frame already: ``shape.framed``.
+
+    Attributes:
+        shape: of the windows.
+        actions: names of the actions that there are train recordings of.
+        window_count: how many windows batches are drawn from.
+
+    Raises:
+        ConfigError: a list of the splits is missing, or names no recording of the benchmark.
+        RecordingError: a recording cannot be read.
+    """
+
+    def __init__(self, data: BenchmarkData) -> None:
+        root = data_root(data.directory)
+        everything = benchmark_names(root, "train")
+        validation = _listed(data.splits, "validation")
+        fitted = everything if data.refit else _listed(data.splits, "fit")
+        self.actions = tuple(a for a in ACTIONS if any(action_of(n) == a for n in everything))
+        skeleton = CMU25 if data.space == "positions" else CMU38
+        self.shape = Shape(skeleton, data.history_steps, data.horizon_steps, RATE_HZ, framed=True)
+        self._data = data
+        self._fit = self._windows(root, fitted)
+        self._validation = self._windows(root, validation)
+        self._validation.thin(data.validation_windows)
+        self.window_count = sum(len(starts) for starts in self._fit.starts)
+
+    def _windows(self, root: Path, names: Sequence[str]) -> "_Windows":
+        clips = [read_clip(root, name) for name in names]
+        return _Windows(clips, self.actions, self.shape, self._data.space)
+
+    def rest(self) -> Tensor:
+        """(J, 3) mean pose of what is fitted; mean exponential map where rotations are."""
+        return self._fit.frames.mean(0)
+
+    def batch(self, rng: np.random.Generator, size: int) -> Samples:
+        """Draw ``size`` windows with replacement."""
+        counts = np.array([len(starts) for starts in self._fit.starts])
+        weights = (counts > 0) if self._data.balanced else counts
+        actions = rng.choice(len(counts), size, p=weights / weights.sum())
+        chosen = [self._fit.starts[a][rng.integers(counts[a])] for a in actions]
+        return self._fit.samples(np.array(chosen), actions)
+
+    def validation(self) -> Iterator[Samples]:
+        """Yield the validation recordings' windows, as many of each action, evenly spread."""
+        starts = np.concatenate(self._validation.starts)
+        counts = [len(s) for s in self._validation.starts]
+        actions = np.repeat(np.arange(len(counts)), counts)
+        for i in range(0, len(starts), _BATCH):
+            yield self._validation.samples(starts[i : i + _BATCH], actions[i : i + _BATCH])
+
+
+class _Windows:
+    """Frames of several recordings in one tensor, and where windows begin in it.
+
+    Attributes:
+        frames: (F, J, 3).
+        starts: of each action, the first frames of its windows.
+    """
+
+    def __init__(
+        self, clips: Sequence[Clip], actions: Sequence[str], shape: Shape, space: str
+    ) -> None:
+        self._shape = shape
+        values = [model_values(clip, space) for clip in clips]
+        self.frames = torch.from_numpy(np.concatenate(values)).float()
+        offsets = np.cumsum([0, *(len(v) for v in values[:-1])])
+        found: list[list[np.ndarray]] = [[np.empty(0, np.intp)] for _ in actions]
+        for clip, first, value in zip(clips, offsets, values, strict=True):
+            windows = all_windows(len(value), shape.history_steps, shape.horizon_steps)
+            found[actions.index(clip.action)].append(first + windows)
+        self.starts = [np.concatenate(windows) for windows in found]
+
+    def thin(self, most: int) -> None:
+        """Keep at most so many windows of each action, evenly spread."""
+        for i, windows in enumerate(self.starts):
+            if len(windows) > most:
+                self.starts[i] = windows[np.linspace(0, len(windows) - 1, most).round().astype(int)]
+
+    def samples(self, starts: np.ndarray, actions: np.ndarray) -> Samples:
+        """Cut windows that begin at ``starts``."""
+        steps = self._shape.history_steps + self._shape.horizon_steps
+        windows = self.frames[torch.from_numpy(starts[:, None] + np.arange(steps))]
+        history = windows[:, : self._shape.history_steps]
+        future = windows[:, self._shape.history_steps :]
+        return Samples(
+            history,
+            torch.ones(history.shape[:3], dtype=torch.bool),
+            future,
+            torch.ones(future.shape[:3], dtype=torch.bool),
+            torch.from_numpy(np.asarray(actions)),
+        )
+
+
+def model_values(clip: Clip, space: str) -> Floats:
+    """What a network sees of a clip: (n, 25, 3) benchmark metres or (n, 38, 3) maps."""
+    if space == "rotations":
+        return clip.expmaps
+    return to_model(clip.positions()[:, MOVING])
+
+
+def to_model(millimetres: Floats) -> Floats:
+    """Benchmark mm (..., 3) with axes left, up, forward to metres with forward, left, up."""
+    return np.asarray(millimetres[..., _AXES]) / 1000.0
+
+
+def from_model(metres: Floats) -> Floats:
+    """The way back."""
+    return 1000.0 * np.asarray(metres)[..., np.argsort(_AXES)]
+
+
+def _listed(path: Path, key: str) -> list[str]:
+    """The benchmark's recordings in one list of the splits file."""
+    names = read_yaml(path, "splits").get(key)
+    if not isinstance(names, list):
+        raise ConfigError(f"splits {path}: '{key}' is missing or no list; add it")
+    found = [str(name) for name in names if action_of(str(name)) in ACTIONS]
+    if not found:
+        raise ConfigError(f"splits {path}: '{key}' names no recording of the CMU benchmark")
+    return found
