@@ -76,9 +76,11 @@ class Network(nn.Module):
         shape: what it works on.
         options: what it was built with; every network sets it, for its weights' file keeps it.
         rest: (J, 3) mean pose of its training data in the body frame; part of the weights.
+        any_horizon: its parameters do not depend on H; it can predict further than it was trained.
     """
 
     options_model: ClassVar[type[NetworkOptions]] = NetworkOptions
+    any_horizon: ClassVar[bool] = False
     options: NetworkOptions
     rest: Tensor
     nearest: Tensor

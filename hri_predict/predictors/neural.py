@@ -1,0 +1,176 @@
+"""The node's side of every trained predictor: from the room to its network and back.
+
+Each method's module derives its predictor from ``NeuralPredictor``, names its network, and that is
+all. Networks compute in single precision about the person's own origin, which is subtracted in
+double precision; a forecast is as good anywhere in the room.
+"""
+
+import logging
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import torch
+from pydantic import Field
+
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.base import Forecast, PredictorSettings
+from hri_predict.predictors.body import (
+    BODY,
+    SHARED_BODY,
+    SHARED_CANONICAL,
+    from_canonical,
+)
+from hri_predict.predictors.masked import at_step, last_observed, steps_to_cover
+from hri_predict.predictors.network import Network
+from hri_predict.predictors.weights import Header, load_weights, read_header
+from hri_predict.scene import Bools, Floats
+from hri_predict.skeleton import CANONICAL, Skeleton
+
+log = logging.getLogger(__name__)
+
+_WARM_UP_CALLS = 2  # the first calls of a network allocate and choose kernels
+# Canonical joints that the body lacks, and the joints of the body that they move with.
+_CARRIED = {
+    "waist": ("l_hip", "r_hip"),
+    "neck": ("l_shoulder", "r_shoulder"),
+    "head_top": ("head",),
+}
+
+
+class NeuralSettings(PredictorSettings):
+    """Settings of the trained predictors."""
+
+    weights: str | None = Field(
+        None, min_length=1, description="file of weights; by default the shipped one"
+    )
+    threads: int = Field(1, ge=1, le=64, description="CPU threads that torch may use")
+
+
+def shipped_weights(method: str) -> Path:
+    """Where the weights of a method are that come with the project; there may be none."""
+    return Path(__file__).resolve().parent.parent / "weights" / f"{method}.safetensors"
+
+
+class NeuralPredictor:
+    """Base of the trained predictors; see ``base.Predictor`` for the attributes.
+
+    Works on ``CANONICAL``, as the node does, or on ``BODY``. Of the canonical joints, waist, neck
+    and head_top are not the network's: each goes along with the mean displacement of the joints it
+    lies between (hips, shoulders) or upon (head) from where it was last observed, so their turning
+    about those is left out; never observed, each is put where those are. All other joints never
+    observed are the network's to guess from their neighbours. It gives no standard deviation.
+
+    Attributes:
+        network: the network, in inference mode.
+        card: what the file of weights says of itself.
+    """
+
+    method: ClassVar[str]
+    network_class: ClassVar[type[Network]]
+    settings_model: type[NeuralSettings] = NeuralSettings
+
+    def __init__(self, settings: NeuralSettings, skeleton: Skeleton = CANONICAL) -> None:
+        """Load the weights and warm the network up.
+
+        Sets the number of threads of torch, for the whole process.
+
+        Raises:
+            ConfigError: no such weights, or they are of another method, rate or skeleton.
+            PredictorError: the weights are broken.
+        """
+        path = Path(settings.weights) if settings.weights else shipped_weights(self.method)
+        header = read_header(path)
+        self._check(header, settings, skeleton, path)
+        wanted = steps_to_cover(settings.horizon_s, settings.rate_hz)
+        any_horizon = self.network_class.any_horizon
+        loaded = load_weights(path, horizon_steps=wanted if any_horizon else None)
+        self.network = loaded.network
+        self.card = loaded.card
+        self.skeleton = skeleton
+        self.rate_hz = settings.rate_hz
+        self.history_steps = self.network.shape.history_steps
+        self.horizon_steps = min(wanted, self.network.shape.horizon_steps)
+        if self.horizon_steps < wanted:
+            log.warning(
+                "predictor %s: its weights reach %.3g s, not predictor.horizon_s %.3g s",
+                self.method,
+                self.horizon_steps / self.rate_hz,
+                settings.horizon_s,
+            )
+        torch.set_num_threads(settings.threads)
+        self._warm_up()
+
+    def predict(self, history: Floats, observed: Bools) -> Forecast:
+        """Predict by the network; see ``base.Predictor.predict``."""
+        if len(history) == 0:
+            shape = (0, self.horizon_steps, len(self.skeleton.joints), 3)
+            return Forecast(np.zeros(shape), None)
+        if self.skeleton is BODY:
+            return Forecast(self._run(history, observed)[1], None)
+        window, forecast = self._run(*from_canonical(history, observed))
+        return Forecast(_to_canonical(window, forecast, history, observed), None)
+
+    def _run(self, history: Floats, observed: Bools) -> tuple[Floats, Floats]:
+        """Of histories (P, T, 28, 3): those with the gaps filled, and what follows (P, H, 28, 3).
+
+        Both in the room.
+        """
+        with torch.inference_mode():
+            window, frame = self.network.enter(
+                torch.from_numpy(np.ascontiguousarray(history, dtype=np.float64)),
+                torch.from_numpy(np.ascontiguousarray(observed)),
+            )
+            predicted = self.network(window)[:, : self.horizon_steps]
+            filled = frame.leave(window.positions.double())
+            return filled.numpy(), frame.leave(predicted.double()).numpy()
+
+    def _check(
+        self, header: Header, settings: NeuralSettings, skeleton: Skeleton, path: Path
+    ) -> None:
+        if header.method != self.method:
+            raise ConfigError(
+                f"predictor {self.method}: weights {path} are of '{header.method}'; "
+                f"give the file of this predictor"
+            )
+        if skeleton not in (BODY, CANONICAL):
+            raise ConfigError(
+                f"predictor {self.method}: works on skeleton '{BODY.name}' or '{CANONICAL.name}', "
+                f"not on '{skeleton.name}'"
+            )
+        if header.shape.skeleton != BODY.name or header.shape.framed:
+            raise ConfigError(
+                f"predictor {self.method}: weights {path} are for skeleton "
+                f"'{header.shape.skeleton}'{' in a frame of its own' * header.shape.framed}; "
+                f"give some that are for '{BODY.name}' in the room"
+            )
+        if header.shape.rate_hz != settings.rate_hz:
+            raise ConfigError(
+                f"predictor {self.method}: rate_hz is {settings.rate_hz:g}, but its weights {path} "
+                f"are for {header.shape.rate_hz:g}; set predictor.rate_hz to that"
+            )
+
+    def _warm_up(self) -> None:
+        """Predict for one person and for two, so that the first tick is not late."""
+        for people in range(1, _WARM_UP_CALLS + 1):
+            shape = (people, self.history_steps, len(self.skeleton.joints))
+            observed = np.ones(shape, dtype=bool)
+            observed[:, 0] = False  # so that the filling has run, too
+            self.predict(np.zeros((*shape, 3)), observed)
+
+
+def _to_canonical(window: Floats, forecast: Floats, history: Floats, observed: Bools) -> Floats:
+    """(P, H, 21, 3) canonical joints from the body's window (P, T, 28, 3) and (P, H, 28, 3)."""
+    result = np.empty((*forecast.shape[:2], len(CANONICAL.joints), 3))
+    result[:, :, SHARED_CANONICAL] = forecast[:, :, SHARED_BODY]
+    step, seen = last_observed(observed)
+    newest = at_step(history, step)
+    person = np.arange(len(history))
+    for name, carriers in _CARRIED.items():
+        joint = CANONICAL.joints.index(name)
+        carry = [BODY.joints.index(carrier) for carrier in carriers]
+        ahead = forecast[:, :, carry].mean(axis=2)
+        then = window[person, step[:, joint]][:, carry].mean(axis=1)
+        offset = np.where(seen[:, joint, np.newaxis], newest[:, joint] - then, 0.0)
+        result[:, :, joint] = ahead + offset[:, np.newaxis]
+    return result
