@@ -26,7 +26,7 @@ from hri_predict.predictors.network import Network, NetworkOptions, Shape, Windo
 from hri_predict.skeleton import Skeleton
 
 PART_ORDER = ("right_arm", "left_arm", "torso", "right_leg", "left_leg")
-"""Sec. III-C: joints of a part are adjacent rows; right arm, left arm, trunk, right and left leg."""
+"""Sec. III-C: right arm, left arm, trunk, right and left leg; joints of a part are adjacent rows."""
 
 _DECIMETRES = 10.0
 _KERNELS = {"3x3": (3, 3), "1x3": (1, 3), "1x1": (1, 1)}
@@ -58,6 +58,7 @@ class TrajectoryCNN(Network):
     """TrajectoryCNN (Fig. 2): trajectory space, encoder of trajectory blocks, decoder."""
 
     options_model = TrajectoryCNNOptions
+    options: TrajectoryCNNOptions
     order: Tensor
     place: Tensor
 
