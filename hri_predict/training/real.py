@@ -1,0 +1,205 @@
+"""The Real judgement: forecasts against what people really did, in true seconds and metres.
+
+Errors are distances between predicted and true joints in the room, the person's travel included, on
+the pelvis and the 25 joints of the CMU benchmark, wherever the truth is known. A mean is over all
+joint-frames of an action's windows; the headline is the mean over five actions, each weighing the
+same. ``running`` (too short for 1 s), ``walking_extra`` and the seated arms are judged apart.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.errors import PredictorError
+from hri_predict.predictors.base import Predictor, checked
+from hri_predict.predictors.body import BODY
+from hri_predict.recording.recording import Recording
+from hri_predict.scene import Floats
+from hri_predict.training.corruption import Corruption
+from hri_predict.training.real_windows import (
+    FUTURE_STEPS,
+    HORIZON_STEPS,
+    HORIZONS_MS,
+    ORIGIN_STEPS,
+    RATE_HZ,
+    Batch,
+    Motion,
+    batches,
+    read_motions,
+    scored_joints,
+)
+
+MEAN_ACTIONS = ("basketball", "jumping", "soccer", "walking", "washwindow")
+"""The actions of the headline mean: those with a test recording long enough for 1 s."""
+_SCORED = scored_joints()
+
+
+@dataclass(slots=True, eq=False)
+class Errors:
+    """Sums over one action's windows.
+
+    Attributes:
+        windows: how many.
+        total_m: (25, 28) sum of errors by step and joint, metres.
+        count: (25, 28) of how many.
+    """
+
+    windows: int = 0
+    total_m: Floats = field(default_factory=lambda: np.zeros((FUTURE_STEPS, len(BODY.joints))))
+    count: Floats = field(default_factory=lambda: np.zeros((FUTURE_STEPS, len(BODY.joints))))
+
+    def by_step(self) -> Floats:
+        """(25,) mean error in millimetres 40, 80, ... ms ahead; NaN where nothing is known."""
+        return _mean_mm(self.total_m.sum(axis=1), self.count.sum(axis=1))
+
+    def by_joint(self) -> Floats:
+        """(25, 28) mean error in millimetres; NaN where nothing is known, and at the hips."""
+        return _mean_mm(self.total_m, self.count)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RealResult:
+    """How one predictor did under one condition.
+
+    Attributes:
+        predictor: its name.
+        corruption: what was done to its input; ``None`` if nothing.
+        actions: of each action its errors, in the order of the recordings.
+    """
+
+    predictor: str
+    corruption: Corruption | None
+    actions: Mapping[str, Errors]
+
+    @property
+    def averaged(self) -> tuple[str, ...]:
+        """Those of ``MEAN_ACTIONS`` that were judged."""
+        return tuple(a for a in MEAN_ACTIONS if a in self.actions)
+
+    def action_mm(self, action: str) -> Floats:
+        """(6,) mean error in millimetres at ``HORIZONS_MS``; NaN beyond the recording's end."""
+        return _at_horizons(self.actions[action].by_step())
+
+    def mean_by_step(self) -> Floats:
+        """(25,) mean over ``averaged``, each action weighing the same; NaN if there is none."""
+        if not self.averaged:
+            return np.full(FUTURE_STEPS, np.nan)
+        result: Floats = np.mean([self.actions[a].by_step() for a in self.averaged], axis=0)
+        return result
+
+    def mean_mm(self) -> Floats:
+        """(6,) the headline: ``mean_by_step`` at ``HORIZONS_MS``."""
+        return _at_horizons(self.mean_by_step())
+
+    def mean_by_joint(self) -> Floats:
+        """(25, 28) mean over ``averaged`` by joint, millimetres."""
+        if not self.averaged:
+            return np.full((FUTURE_STEPS, len(BODY.joints)), np.nan)
+        result: Floats = np.mean([self.actions[a].by_joint() for a in self.averaged], axis=0)
+        return result
+
+
+def _mean_mm(total_m: Floats, count: Floats) -> Floats:
+    return np.where(count > 0, 1000.0 * total_m / np.maximum(count, 1), np.nan)
+
+
+def _at_horizons(by_step: Floats) -> Floats:
+    return by_step[np.array(HORIZON_STEPS) - 1]
+
+
+def judge_real(
+    predictor: Predictor,
+    recordings: Sequence[Path | Recording | Motion],
+    corruption: Corruption | None = None,
+    name: str | None = None,
+) -> RealResult:
+    """Judge one predictor; see ``judge_all``."""
+    name = name or type(predictor).__name__
+    return judge_all({name: predictor}, recordings, corruption)[0]
+
+
+def judge_all(
+    predictors: Mapping[str, Predictor],
+    recordings: Sequence[Path | Recording | Motion],
+    corruption: Corruption | None = None,
+    on_windows: Callable[[int], None] = lambda _: None,
+) -> list[RealResult]:
+    """Judge predictors on the same windows.
+
+    Args:
+        predictors: by name; on ``BODY`` and at 25 Hz. Beyond a horizon of its own, one has no
+            errors (NaN).
+        recordings: files, recordings, or what ``read_motions`` made of them.
+        corruption: done to every history.
+        on_windows: told how many windows were finished, for a progress bar.
+
+    Raises:
+        PredictorError: a predictor works on other joints or another rate, or breaks its contract.
+        RecordingError: a file cannot be read.
+    """
+    for name, predictor in predictors.items():
+        _check(name, predictor)
+    sums: dict[str, dict[str, Errors]] = {name: {} for name in predictors}
+    longest = max([ORIGIN_STEPS, *(p.history_steps for p in predictors.values())])
+    for motion in _read(recordings):
+        for batch in batches(motion, longest):
+            disturbed = _disturbed(batch, corruption)
+            for name, predictor in predictors.items():
+                _score(predictor, disturbed, sums[name].setdefault(motion.action, Errors()))
+            on_windows(len(batch.history))
+    return [RealResult(name, corruption, sums[name]) for name in predictors]
+
+
+def _read(recordings: Sequence[Path | Recording | Motion]) -> Iterable[Motion]:
+    for entry in recordings:
+        yield from [entry] if isinstance(entry, Motion) else read_motions([entry])
+
+
+def _check(name: str, predictor: Predictor) -> None:
+    if predictor.skeleton.joints != BODY.joints or predictor.rate_hz != RATE_HZ:
+        raise PredictorError(
+            f"predictor {name}: works on skeleton {predictor.skeleton.name} at "
+            f"{predictor.rate_hz:g} Hz; the Real judgement needs {BODY.name} at {RATE_HZ:g} Hz"
+        )
+
+
+def _disturbed(batch: Batch, corruption: Corruption | None) -> Batch:
+    if corruption is None:
+        return batch
+    history, observed = corruption.apply(
+        batch.history, batch.observed, batch.motion.name, batch.index, ORIGIN_STEPS
+    )
+    return Batch(batch.motion, batch.index, history, observed, batch.future, batch.known)
+
+
+def forecast(predictor: Predictor, batch: Batch) -> Floats:
+    """(N, H, 28, 3) what ``predictor`` makes of a batch's histories: its own newest steps."""
+    steps = predictor.history_steps
+    history = np.ascontiguousarray(batch.history[:, -steps:])
+    observed = np.ascontiguousarray(batch.observed[:, -steps:])
+    result = predictor.predict(history, observed)
+    return checked(result, len(history), predictor).positions
+
+
+def _score(predictor: Predictor, batch: Batch, errors: Errors) -> None:
+    predicted = forecast(predictor, batch)
+    steps = min(FUTURE_STEPS, predicted.shape[1])
+    distance = np.linalg.norm(predicted[:, :steps] - batch.future[:, :steps], axis=-1)
+    scored = np.zeros_like(batch.known[:, :steps])
+    scored[..., _SCORED] = batch.known[:, :steps][..., _SCORED]
+    errors.windows += len(batch.history)
+    errors.total_m[:steps] += np.where(scored, distance, 0.0).sum(axis=0)
+    errors.count[:steps] += scored.sum(axis=0)
+
+
+def relative_loss(clean: RealResult, disturbed: RealResult) -> Floats:
+    """(7,) by how much the mean grew: as a share at each of ``HORIZONS_MS``, then over them all.
+
+    0.1 says that the predictor loses 10 % where its input was disturbed.
+    """
+    before, after = clean.mean_mm(), disturbed.mean_mm()
+    before, after = np.append(before, before.mean()), np.append(after, after.mean())
+    result: Floats = after / before - 1
+    return result

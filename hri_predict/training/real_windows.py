@@ -1,0 +1,210 @@
+"""Forecast origins and their windows, as the running node would have had them.
+
+An origin is a capture: a window ends at a person's newest one. Origins lie on a grid of 25 Hz that
+starts with the recording, each at the capture nearest to its grid position, so that each rests on
+15 steps of history and is followed by as much future as is judged. They are the same for every
+predictor: one with a longer history finds its earlier steps unobserved where the recording has
+none. (The oldest of the 15 steps of a recording's first origin may lie half a capture before its
+start, and is unobserved then.)
+
+The history is the node's ring buffer's: captures up to the origin and no later, resampled at 25 Hz.
+The truth is the recording itself, at capture + k/25 s, interpolated between adjacent captures.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.predictors.body import BODY
+from hri_predict.recording.opening import open_recording
+from hri_predict.recording.recording import Recording
+from hri_predict.ring_buffer import resample
+from hri_predict.scene import Bools, Floats
+from hri_predict.training.tracks import Track, tracks_of
+
+RATE_HZ = 25.0
+ORIGIN_STEPS = 15
+"""Steps of history that every origin rests on, whatever a predictor reads."""
+HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
+HORIZON_STEPS = tuple(round(ms * RATE_HZ / 1000) for ms in HORIZONS_MS)
+FUTURE_STEPS = HORIZON_STEPS[-1]
+ARMS = "arms"
+"""Action of the recordings of seated people's arms."""
+BATCH = 256
+
+_STEP_NS = round(1e9 / RATE_HZ)
+_MAX_GAP_S = 0.1  # as the node's people stage bridges it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """One person's unbroken presence in a recording.
+
+    Attributes:
+        name: the recording's file name without its ending.
+        action: what is done in it: its name without the number; "arms" of the assembly recordings.
+        stamps_ns: (F,) captures in which some joint was observed, strictly increasing.
+        positions: (F, 28, 3) metres, the recording's frame with z up, ``BODY`` joints; 0 where not
+            observed.
+        observed: (F, 28).
+        max_gap_ns: longest gap that the ring buffer bridges.
+        period_ns: nominal time between captures.
+    """
+
+    name: str
+    action: str
+    stamps_ns: NDArray[np.int64]
+    positions: Floats
+    observed: Bools
+    max_gap_ns: int
+    period_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """Windows of one motion.
+
+    Attributes:
+        motion: where they are from.
+        index: number of this batch within its motion.
+        history: (N, T, 28, 3) metres, finite; anything where not observed.
+        observed: (N, T, 28).
+        future: (N, 25, 28, 3) what really followed.
+        known: (N, 25, 28) where that is known.
+    """
+
+    motion: Motion
+    index: int
+    history: Floats
+    observed: Bools
+    future: Floats
+    known: Bools
+
+
+def read_motions(recordings: Sequence[Path | Recording]) -> list[Motion]:
+    """Read recordings as motions; one per person and unbroken presence.
+
+    A frame in which no joint is observed is none (the CMU recordings' ``world_ok`` is such); where
+    they leave a gap that the node does not bridge, a new motion starts, as a new track does there.
+
+    Raises:
+        RecordingError: a file cannot be read.
+    """
+    motions = []
+    for entry in recordings:
+        recording = entry if isinstance(entry, Recording) else open_recording(entry)
+        for track in tracks_of(recording):
+            motions.extend(_motions(recording, track))
+    return motions
+
+
+def _motions(recording: Recording, track: Track) -> Iterator[Motion]:
+    period_s = 1 / recording.rate_hz
+    gap_ns = round(1e9 * max(_MAX_GAP_S, 2.5 * period_s))
+    action = ARMS if recording.kind == "assembly" else track.action
+    seen = np.flatnonzero(track.observed.any(axis=1))
+    breaks = np.flatnonzero(np.diff(track.stamps_ns[seen]) > gap_ns) + 1
+    for frames in np.split(seen, breaks):
+        if frames.size:
+            yield Motion(
+                track.name,
+                action,
+                track.stamps_ns[frames],
+                track.positions[frames],
+                track.observed[frames],
+                gap_ns,
+                round(1e9 * period_s),
+            )
+
+
+def origins(motion: Motion) -> NDArray[np.int64]:
+    """(N,) captures from which is forecast, nanoseconds.
+
+    Each is followed by the whole longest horizon. A motion too short for a single such origin is
+    judged to the longest horizon that leaves it one, as ``running`` is to 600 ms.
+    """
+    stamps = motion.stamps_ns
+    length = int(stamps[-1] - stamps[0])
+    grid = stamps[0] + _STEP_NS * np.arange(ORIGIN_STEPS - 1, length // _STEP_NS + 1)
+    after = np.minimum(stamps.searchsorted(grid), len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    nearer = np.where(stamps[after] - grid < grid - stamps[before], after, before)
+    captures = np.unique(stamps[nearer])
+    earliest = stamps[0] + (ORIGIN_STEPS - 1) * _STEP_NS - motion.period_ns // 2
+    for steps in reversed(HORIZON_STEPS):
+        possible: NDArray[np.int64] = captures[
+            (captures + steps * _STEP_NS <= stamps[-1]) & (captures >= earliest)
+        ]
+        if possible.size:
+            return possible
+    return captures[:0]
+
+
+def batches(motion: Motion, history_steps: int) -> Iterator[Batch]:
+    """Yield all windows of a motion, at most ``BATCH`` at a time, in order.
+
+    Args:
+        motion: see ``read_motions``.
+        history_steps: T. The newest steps are the same whatever it is.
+    """
+    times = origins(motion)
+    for index, start in enumerate(range(0, len(times), BATCH)):
+        windows = [_window(motion, int(t), history_steps) for t in times[start : start + BATCH]]
+        history, observed, future, known = (np.stack(part) for part in zip(*windows, strict=True))
+        yield Batch(motion, index, history, observed, future, known)
+
+
+def _window(motion: Motion, origin_ns: int, steps: int) -> tuple[Floats, Bools, Floats, Bools]:
+    """History and truth of one origin."""
+    stamps = motion.stamps_ns
+    now = int(stamps.searchsorted(origin_ns, side="right"))
+    oldest = origin_ns - steps * _STEP_NS - motion.max_gap_ns
+    held = slice(int(stamps.searchsorted(oldest)), now)
+    past = resample(
+        stamps[held],
+        motion.positions[held],
+        motion.observed[held],
+        origin_ns,
+        steps,
+        RATE_HZ,
+        motion.max_gap_ns,
+    )
+    end_ns = origin_ns + FUTURE_STEPS * _STEP_NS
+    # a capture beyond the end is needed to interpolate up to it: this is the truth, not the input
+    ahead = slice(now - 1, int(stamps.searchsorted(end_ns)) + 1)
+    future, known = _interpolated(
+        stamps[ahead],
+        motion.positions[ahead],
+        motion.observed[ahead],
+        origin_ns + _STEP_NS * np.arange(1, FUTURE_STEPS + 1),
+        motion.period_ns * 3 // 2,  # adjacent captures, however they jitter
+    )
+    return past.positions, past.observed, future, known
+
+
+def _interpolated(
+    stamps: NDArray[np.int64],
+    positions: Floats,
+    observed: Bools,
+    times: NDArray[np.int64],
+    adjacent_ns: int,
+) -> tuple[Floats, Bools]:
+    """Positions (H, J, 3) at ``times``, known (H, J) where both adjacent captures have the joint."""
+    last = len(stamps) - 1
+    before = np.clip(stamps.searchsorted(times, side="right") - 1, 0, last)
+    after = np.clip(stamps.searchsorted(times), 0, last)
+    gap = stamps[after] - stamps[before]
+    inside = (times <= stamps[last]) & (gap <= adjacent_ns)
+    weight = (times - stamps[before]) / np.maximum(gap, 1)
+    start = positions[before]
+    result = start + weight[:, None, None] * (positions[after] - start)
+    known = observed[before] & observed[after] & inside[:, None]
+    return np.where(known[..., None], result, 0.0), known
+
+
+def scored_joints() -> tuple[int, ...]:
+    """Joints on which errors are counted: the pelvis and the benchmark's 25, not the hips."""
+    return tuple(i for i, name in enumerate(BODY.joints) if name not in ("l_hip", "r_hip"))
