@@ -5,6 +5,7 @@ actions, while the benchmark's mean weighs the actions equally, so batches may d
 first. Nothing is augmented, and the pack's ``walking_extra`` takes no part.
 """
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal
@@ -17,7 +18,7 @@ from torch import Tensor
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.network import Shape
 from hri_predict.scene import Floats
-from hri_predict.settings import Settings, read_yaml
+from hri_predict.settings import Settings
 from hri_predict.training.cmu_benchmark import (
     ACTIONS,
     RATE_HZ,
@@ -29,6 +30,7 @@ from hri_predict.training.cmu_benchmark import (
     read_clip,
 )
 from hri_predict.training.cmu_skeleton import CMU25, CMU38, MOVING
+from hri_predict.training.motion import split
 from hri_predict.training.samples import Samples
 
 _AXES = (2, 0, 1)  # the benchmark's left, up, forward to forward, left, up
@@ -36,23 +38,18 @@ _BATCH = 64
 
 
 class BenchmarkData(Settings):
-    """Which windows of the benchmark to train on (``data:`` of a training configuration)."""
+    """``data:`` of a training configuration for the benchmark: which of its windows."""
 
-    kind: Literal["benchmark"] = "benchmark"
-    directory: Path = Field(description="the folder that holds the pack's train and test")
-    splits: Path = Field(description="YAML file with the lists fit and validation")
+    root: Path = Field(Path("../shared/data"), description="folder of the CMU pack")
+    splits: str = Field("splits.yaml", description="file that lists the pack's recordings by use")
     refit: bool = Field(
         False, description="fit all train recordings, once the epoch has been chosen"
     )
     space: Literal["positions", "rotations"] = Field(
         "positions", description="25 joints in benchmark metres, or 38 exponential maps"
     )
-    history_steps: int = Field(10, ge=1, le=50, description="50 for exponential maps")
-    horizon_steps: int = Field(25, ge=1, le=25)
     balanced: bool = Field(True, description="draw the action first, then a window of it")
-    validation_windows: int = Field(
-        64, ge=1, description="of each action, evenly spread; they weigh alike in the error"
-    )
+    validation_windows: int = Field(64, ge=1, description="of each action, evenly spread")
 
 
 class BenchmarkSamples:
@@ -62,29 +59,42 @@ class BenchmarkSamples:
     rotations are (38, 3) exponential maps of ``CMU38`` as stored, radians, the root's included and
     its translation dropped. Either comes in the body's frame already: ``shape.framed``.
 
+    A refit on all recordings has no validation windows: none are left that were not fitted.
+
     Attributes:
         shape: of the windows.
         actions: names of the actions that there are train recordings of.
         window_count: how many windows batches are drawn from.
+        fingerprint: identifies the fitted windows.
 
     Raises:
         ConfigError: a list of the splits is missing, or names no recording of the benchmark.
         RecordingError: a recording cannot be read.
     """
 
-    def __init__(self, data: BenchmarkData) -> None:
-        root = data_root(data.directory)
+    def __init__(self, data: BenchmarkData, history_steps: int, horizon_steps: int) -> None:
+        root = data_root(data.root)
         everything = benchmark_names(root, "train")
-        validation = _listed(data.splits, "validation")
         fitted = everything if data.refit else _listed(data.splits, "fit")
+        validation = [] if data.refit else _listed(data.splits, "validation")
         self.actions = tuple(a for a in ACTIONS if any(action_of(n) == a for n in everything))
         skeleton = CMU25 if data.space == "positions" else CMU38
-        self.shape = Shape(skeleton, data.history_steps, data.horizon_steps, RATE_HZ, framed=True)
+        self.shape = Shape(skeleton, history_steps, horizon_steps, RATE_HZ, framed=True)
         self._data = data
         self._fit = self._windows(root, fitted)
-        self._validation = self._windows(root, validation)
-        self._validation.thin(data.validation_windows)
-        self.window_count = sum(len(starts) for starts in self._fit.starts)
+        self._validation = self._windows(root, validation) if validation else None
+        if self._validation is not None:
+            self._validation.thin(data.validation_windows)
+        self._counts = np.array([len(starts) for starts in self._fit.starts])
+        self.window_count = int(self._counts.sum())
+        if self.window_count == 0:
+            raise ConfigError(
+                f"data.root {data.root}: no train recording of {history_steps + horizon_steps} "
+                f"frames at the nominal rate; check the folder"
+            )
+        digest = hashlib.sha256(" ".join(fitted).encode())
+        digest.update(self._fit.frames.numpy().tobytes())
+        self.fingerprint = digest.hexdigest()[:16]
 
     def _windows(self, root: Path, names: Sequence[str]) -> "_Windows":
         clips = [read_clip(root, name) for name in names]
@@ -96,14 +106,15 @@ class BenchmarkSamples:
 
     def batch(self, rng: np.random.Generator, size: int) -> Samples:
         """Draw ``size`` windows with replacement."""
-        counts = np.array([len(starts) for starts in self._fit.starts])
-        weights = (counts > 0) if self._data.balanced else counts
-        actions = rng.choice(len(counts), size, p=weights / weights.sum())
-        chosen = [self._fit.starts[a][rng.integers(counts[a])] for a in actions]
+        weights = (self._counts > 0) if self._data.balanced else self._counts
+        actions = rng.choice(len(weights), size, p=weights / weights.sum())
+        chosen = [self._fit.starts[a][rng.integers(self._counts[a])] for a in actions]
         return self._fit.samples(np.array(chosen), actions)
 
     def validation(self) -> Iterator[Samples]:
-        """Yield the validation recordings' windows, as many of each action, evenly spread."""
+        """Yield windows of the validation recordings: of each action, evenly spread."""
+        if self._validation is None:
+            return
         starts = np.concatenate(self._validation.starts)
         counts = [len(s) for s in self._validation.starts]
         actions = np.repeat(np.arange(len(counts)), counts)
@@ -170,12 +181,9 @@ def from_model(metres: Floats) -> Floats:
     return 1000.0 * np.asarray(metres)[..., np.argsort(_AXES)]
 
 
-def _listed(path: Path, key: str) -> list[str]:
+def _listed(file: str, key: str) -> list[str]:
     """The benchmark's recordings in one list of the splits file."""
-    names = read_yaml(path, "splits").get(key)
-    if not isinstance(names, list):
-        raise ConfigError(f"splits {path}: '{key}' is missing or no list; add it")
-    found = [str(name) for name in names if action_of(str(name)) in ACTIONS]
+    found = [name for name in split(key, file) if action_of(name) in ACTIONS]
     if not found:
-        raise ConfigError(f"splits {path}: '{key}' names no recording of the CMU benchmark")
+        raise ConfigError(f"splits {file}: '{key}' names no recording of the CMU benchmark")
     return found
