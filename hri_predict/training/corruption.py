@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hri_predict.predictors.body import BODY, BODY_PARTS
 from hri_predict.scene import Bools, Floats
@@ -75,8 +76,9 @@ class Corruption:
         else:
             hidden = np.zeros_like(observed)
             occluded = total if self.share >= 1 else max(1, round(self.share * steps))
-            for window, limb in enumerate(rng.integers(len(LIMBS), size=count)):
-                hidden[window, total - occluded :, LIMBS[limb]] = True
+            chosen: NDArray[np.int64] = rng.integers(len(LIMBS), size=count)
+            for window in range(count):
+                hidden[window, total - occluded :, LIMBS[chosen[window]]] = True
         return history.copy(), observed & ~hidden
 
 

@@ -21,7 +21,6 @@ from hri_predict.training.corruption import Corruption
 from hri_predict.training.real_windows import (
     FUTURE_STEPS,
     HORIZON_STEPS,
-    HORIZONS_MS,
     ORIGIN_STEPS,
     RATE_HZ,
     Batch,

@@ -93,7 +93,7 @@ def read_motions(recordings: Sequence[Path | Recording]) -> list[Motion]:
     Raises:
         RecordingError: a file cannot be read.
     """
-    motions = []
+    motions: list[Motion] = []
     for entry in recordings:
         recording = entry if isinstance(entry, Recording) else open_recording(entry)
         for track in tracks_of(recording):
@@ -192,7 +192,7 @@ def _interpolated(
     times: NDArray[np.int64],
     adjacent_ns: int,
 ) -> tuple[Floats, Bools]:
-    """Positions (H, J, 3) at ``times``, known (H, J) where both adjacent captures have the joint."""
+    """(H, J, 3) at ``times``; known (H, J) where the captures on both sides have the joint."""
     last = len(stamps) - 1
     before = np.clip(stamps.searchsorted(times, side="right") - 1, 0, last)
     after = np.clip(stamps.searchsorted(times), 0, last)
