@@ -1,0 +1,141 @@
+"""Training windows are cut where and when they say, from real recordings and a user's own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.body import BODY, CMU38
+from hri_predict.predictors.network import Shape
+from hri_predict.training.augment import AugmentSettings
+from hri_predict.training.motion import DataSettings, MotionSamples, split
+from hri_predict.training.tracks import action_of, read_tracks
+
+DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data"
+SHAPE = Shape(BODY, 15, 25, 25.0)
+PLAIN = AugmentSettings(
+    mirror=0, yaw=False, scale=0, warp=0, truncate=0, noise=0, outliers=0, missing=0, limb=0,
+    frames=0, sparse=0, arms=0,
+)  # fmt: skip
+
+
+def write_line(folder: Path, name: str, frames: int = 300, fps: float = 120.0) -> Path:
+    """Everything moves at (1, 2, 3) m/s (forward, left, up): any resampling must show that."""
+    start = np.random.default_rng(5).normal(size=(1, 38, 3))
+    time = np.arange(frames)[:, None, None] / fps
+    positions = start + time * np.array([2.0, 3.0, 1.0])  # the file's axes: left, up, forward
+    path = folder / f"{name}.npz"
+    np.savez(
+        path, positions_world=positions.astype(np.float32), fps=np.float32(fps),
+        world_ok=np.ones(frames, bool), rest_pose_frames=np.int32(0), floor_height=np.float32(0),
+    )  # fmt: skip
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    write_line(tmp_path, "line_1")
+    write_line(tmp_path, "line_2", frames=400)
+    write_line(tmp_path, "check_1", frames=250, fps=50.0)
+    return tmp_path
+
+
+def samples(folder: Path, augment: AugmentSettings = PLAIN) -> MotionSamples:
+    settings = DataSettings(root=folder, fit=["line_*.npz"], validation=["check_1.npz"])
+    return MotionSamples(settings.model_copy(update={"augment": augment}), SHAPE)
+
+
+def test_steps_are_a_25th_of_a_second_apart(folder):
+    batch = samples(folder).batch(np.random.default_rng(1), 64)
+    whole = torch.cat([batch.history, batch.future], 1)
+    seen = torch.cat([batch.observed, batch.known], 1)
+    step = whole.diff(dim=1)[seen[:, 1:] & seen[:, :-1]]
+    torch.testing.assert_close(
+        step, torch.tensor([1.0, 2.0, 3.0]).expand_as(step) / 25, rtol=0, atol=2e-5
+    )
+    assert seen[:, SHAPE.history_steps - 1].all()  # a window ends at something observed
+
+
+def test_outside_the_recording_nothing_is_known(folder):
+    batch = samples(folder).batch(np.random.default_rng(2), 256)
+    assert not batch.known.all()
+    assert not batch.observed.all()
+    assert (batch.history[~batch.observed] == 0).all()
+    assert batch.known.any(2).sum(1).min() >= 9
+
+
+def test_warp_changes_the_speed_by_at_most_its_share(folder):
+    augment = PLAIN.model_copy(update={"warp": 0.15})
+    batch = samples(folder, augment).batch(np.random.default_rng(3), 256)
+    both = batch.observed[:, 1:] & batch.observed[:, :-1]
+    speed = (batch.history.diff(dim=1).norm(dim=-1) * 25)[both] / np.sqrt(14)
+    assert 1 / 1.16 < float(speed.min()) < 0.95
+    assert 1.05 < float(speed.max()) < 1.16
+
+
+def test_the_same_seed_draws_the_same_windows(folder):
+    source = samples(folder, AugmentSettings())
+    one, two = (source.batch(np.random.default_rng(4), 16) for _ in range(2))
+    assert torch.equal(one.history, two.history)
+    assert torch.equal(one.observed, two.observed)
+
+
+def test_validation_is_always_the_same_and_names_its_action(folder):
+    source = samples(folder)
+    one, two = (list(source.validation()) for _ in range(2))
+    assert sum(len(b.history) for b in one) > 40
+    for a, b in zip(one, two, strict=True):
+        assert torch.equal(a.history, b.history)
+        assert {source.actions[int(i)] for i in a.actions} == {"check"}
+        assert a.observed.all()
+
+
+def test_missing_recordings_are_refused_in_one_line(tmp_path):
+    with pytest.raises(ConfigError, match=r"has no cmu_mocap/train/basketball_1\.npz"):
+        MotionSamples(DataSettings(root=tmp_path), SHAPE)
+    with pytest.raises(ConfigError, match="nothing matches 'x"):
+        MotionSamples(DataSettings(root=tmp_path, fit=["x*.npz"], validation=["y.npz"]), SHAPE)
+
+
+def test_recordings_too_short_to_learn_from_are_refused(tmp_path):
+    write_line(tmp_path, "short_1", frames=40)
+    settings = DataSettings(root=tmp_path, fit=["short_1.npz"], validation=["short_1.npz"])
+    with pytest.raises(ConfigError, match="longer ones"):
+        MotionSamples(settings, SHAPE)
+
+
+def test_action_is_the_name_without_its_number():
+    assert action_of("walking_extra_12") == "walking_extra"
+    assert action_of("task1_human2_trial1") == "task1_human2_trial1"
+
+
+def test_no_recording_is_used_twice():
+    lists = [split(use) for use in ("fit", "validation", "calibration", "test")]
+    names = [name for part in lists for name in part]
+    assert len(names) == len(set(names)) == 96
+    assert all(name.startswith("test/") for name in lists[3])
+    assert all(name.startswith("train/") for part in lists[:3] for name in part)
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="needs ../shared/data")
+class TestPack:
+    def test_tracks_are_the_files_joints_with_z_up(self):
+        path = DATA / "cmu_mocap" / "test" / "walking_1.npz"
+        (track,) = read_tracks(path)
+        raw = np.load(path)
+        expected = raw["positions_world"][1:, CMU38].astype(np.float64)
+        expected[..., 1] -= raw["floor_height"]
+        np.testing.assert_allclose(track.positions, expected[..., [2, 0, 1]], atol=1e-6)
+        assert track.action == "walking"
+
+    def test_every_recording_of_the_split_is_in_the_pack(self):
+        for use in ("fit", "validation", "calibration", "test"):
+            assert all(path.exists() for path in DataSettings(root=DATA).files(use))
+
+    def test_assembly_arms_are_partly_observed_bodies(self):
+        path = DATA / "assembly" / "task1_human1_trial1.npz"
+        (track,) = read_tracks(path)
+        seen = {BODY.joints[j] for j in np.flatnonzero(track.observed.any(0))}
+        assert seen == {s + j for s in ("l_", "r_") for j in ("shoulder", "elbow", "wrist")}
