@@ -1,0 +1,293 @@
+"""AuxFormer: a transformer over coordinates that also learns to fill in and to clean its input.
+
+Xu, Tan, Tan, Chen, Wang, Wang: "Auxiliary Tasks Benefit 3D Skeleton-based Human Motion Prediction",
+ICCV 2023. Every coordinate (a joint at a step) is one token. Layers alternate attention among the
+observed tokens with attention among all, each in space (the joints of a step), then in time (the
+steps of a joint). Beside the future, the network learns to recover hidden coordinates and to clean
+noisy ones; both tasks fall away when it predicts.
+
+Unobserved joints are the method's strength: their tokens hold a learnt vector in place of a
+coordinate, and observed-only attention passes them by. What was filled in for them is not read.
+
+Where this differs from the paper, and why:
+
+- As printed, the softmax is taken over all keys, multiplied by the mask, and not normalised again,
+  so weights would no longer sum to one and hidden tokens would still steal weight. Here the softmax
+  is taken over the observed keys. Tokens that are not observed keep their features in it.
+- The paper names neither normalisation nor activation: features are normalised before each
+  attention (pre-norm), and the FFN has one hidden layer with ReLU.
+- Heads give the difference from the filled-in input (for the future: from its last pose), so that
+  an untrained network predicts zero velocity; the encoder sees a coordinate and its difference from
+  that last pose. The paper's give and see coordinates.
+- ``future_stride`` steps of the future share a token whose head gives them all, and the auxiliary
+  tasks leave the future out; both for speed. ``future_stride: 1`` and ``auxiliary_future: true``
+  are the paper's.
+"""
+
+import math
+from typing import Literal, Self, cast
+
+import torch
+from pydantic import Field, model_validator
+from torch import Tensor, nn
+from torch.nn import functional
+
+from hri_predict.predictors.body_frame import fill
+from hri_predict.predictors.network import Network, NetworkOptions, Shape, Target, Window, mpjpe
+from hri_predict.predictors.neural import NeuralPredictor
+
+_PER_METRE = 10.0  # the input is divided by 100 mm (section 5.2)
+
+
+class AuxFormerOptions(NetworkOptions):
+    """Sizes and switches; the paper's are 96 features (CMU), 8 heads and 3 or 4 layers."""
+
+    features: int = Field(32, ge=4, description="F, of a token")
+    heads: int = Field(2, ge=1, description="of each attention; divides features")
+    layers: int = Field(3, ge=1, description="L, of observed-only and full attention each")
+    hidden: int = Field(32, ge=1, description="units of the FFN after each attention")
+    future_stride: int = Field(5, ge=1, description="future steps per token; the paper's is 1")
+    observed_attention: bool = Field(True, description="Table 7: false leaves full attention alone")
+    order: Literal["iterative", "separate"] = Field(
+        "iterative", description="Table 7: separate has all observed-only attention come first"
+    )
+    masking: bool = Field(True, description="Tables 5 and 6: learn to recover hidden coordinates")
+    denoising: bool = Field(True, description="Tables 5 and 6: learn to clean noisy coordinates")
+    mask_ratio: float = Field(0.5, ge=0, le=1, description="share of coordinates hidden")
+    noise_ratio: float = Field(0.3, ge=0, le=1, description="share of coordinates with noise")
+    noise_m: float = Field(0.05, ge=0, description="its standard deviation per axis, metres")
+    mask_weight: float = Field(1.0, ge=0, description="alpha_1, of the masking loss")
+    denoise_weight: float = Field(1.0, ge=0, description="alpha_2, of the denoising loss")
+    auxiliary_share: float = Field(1.0, gt=0, le=1, description="share of windows in these tasks")
+    auxiliary_future: bool = Field(
+        False, description="these tasks, too, have future tokens, and masking predicts the future"
+    )
+
+    @model_validator(mode="after")
+    def _heads_divide(self) -> Self:
+        if self.features % self.heads:
+            raise ValueError(f"features ({self.features}) must be a multiple of heads")
+        return self
+
+
+class Attention(nn.Module):
+    """Mask-aware attention and FFN with a residual (section 4.2)."""
+
+    def __init__(self, features: int, heads: int, hidden: int, over: Literal["joints", "steps"]):
+        super().__init__()
+        self.heads, self.over = heads, over
+        self.norm = nn.LayerNorm(features)
+        self.query = nn.Linear(features, features)
+        self.key = nn.Linear(features, features, bias=False)  # a key's bias cancels in the softmax
+        self.value = nn.Linear(features, features)
+        self.ffn = nn.Sequential(
+            nn.Linear(features, hidden), nn.ReLU(inplace=True), nn.Linear(hidden, features)
+        )
+
+    def forward(self, tokens: Tensor, observed: Tensor | None) -> Tensor:
+        """Update tokens (N, T, J, F) among those that ``observed`` (N, T, J) marks, or among all.
+
+        H <- H + FFN(heads of softmax(Q K' / sqrt(F / heads)) V), the softmax over observed keys.
+        """
+        normed = self.norm(tokens)
+        q, k, v = (self._split(f(normed)) for f in (self.query, self.key, self.value))
+        keys = None if observed is None else self._keys(observed)
+        mixed = functional.scaled_dot_product_attention(q, k, v, attn_mask=keys)
+        change = self.ffn(mixed.transpose(1, 2).reshape(tokens.shape))
+        if observed is not None:
+            change = change * observed[..., None]
+        return tokens + change
+
+    def _split(self, x: Tensor) -> Tensor:
+        """(N, T, J, F) as (sequences, heads, length, F / heads), without a copy."""
+        n, steps, joints, features = x.shape
+        depth = features // self.heads
+        if self.over == "joints":
+            return x.view(n * steps, joints, self.heads, depth).transpose(1, 2)
+        return x.view(n, steps, joints * self.heads, depth).transpose(1, 2)
+
+    def _keys(self, observed: Tensor) -> Tensor:
+        """The mask of keys that fits ``_split``; nothing observed opens all (its queries lapse)."""
+        if self.over == "joints":
+            keys = observed.flatten(0, 1)[:, None, None]
+        else:
+            keys = observed.transpose(1, 2).repeat_interleave(self.heads, 1)[:, :, None]
+        return keys | ~keys.any(-1, keepdim=True)
+
+
+class AuxFormer(Network):
+    """Auxiliary-adapted transformer (section 4) with its three heads (Eq. 1)."""
+
+    options_model = AuxFormerOptions
+
+    def __init__(self, shape: Shape, options: AuxFormerOptions) -> None:
+        super().__init__(shape)
+        self.options = options
+        size, stride = options.features, options.future_stride
+        self.future_tokens = -(-shape.horizon_steps // stride)
+        self.coordinate = nn.Linear(6, size)  # Eq. 2a
+        self.joint = _dictionary(shape.joints, size)  # Eq. 2b
+        self.step = _dictionary(shape.history_steps + self.future_tokens, 1, size)
+        self.hidden = _dictionary(size)
+        observed_only = options.layers if options.observed_attention else 0
+        self.observed_layers = nn.ModuleList(_Layer(options) for _ in range(observed_only))
+        self.full_layers = nn.ModuleList(_Layer(options) for _ in range(options.layers))
+        self.norm = nn.LayerNorm(size)
+        self.predict = _head(size, 3 * stride)
+        self.unmask = _head(size, 3) if options.masking else None
+        self.denoise = _head(size, 3) if options.denoising else None
+        masks_future = options.masking and options.auxiliary_future
+        self.unmask_future = _head(size, 3 * stride) if masks_future else None
+
+    def forward(self, window: Window) -> Tensor:
+        """Predict (B, H, J, 3) in the body frame; only observed coordinates are read."""
+        filled = self._filled(window)
+        tokens = self._features(filled, window.observed, future=True)
+        return self._future(self.predict, tokens, filled)
+
+    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+        """L = L_prediction + alpha_1 L_mask + alpha_2 L_denoise (section 3.3).
+
+        Each is a mean distance in metres: over the known future, the hidden coordinates, and all
+        observed past ones (of which some got noise). Draws from torch's global generator.
+        """
+        options = self.options
+        tasks = int(options.masking) + int(options.denoising)
+        if not tasks:
+            return mpjpe(self(window), target)
+        size = len(window.observed)
+        share = math.ceil(size * options.auxiliary_share)
+        inputs = [Window(window.positions[:share], window.observed[:share])] * tasks
+        if options.masking:
+            inputs[0] = self._masked(inputs[0])
+        if options.denoising:
+            inputs[-1] = self._noisy(inputs[-1])
+        filled = [self._filled(w) for w in (window, *inputs)]
+        if options.auxiliary_future:  # one batch of three, as printed
+            observed = torch.cat([window.observed, *(w.observed for w in inputs)])
+            tokens = self._features(torch.cat(filled), observed, future=True)
+            main, *others = tokens.split([size] + [share] * tasks)
+        else:
+            observed = torch.cat([w.observed for w in inputs])
+            main = self._features(filled[0], window.observed, future=True)
+            others = list(
+                self._features(torch.cat(filled[1:]), observed, future=False).chunk(tasks)
+            )
+        loss = mpjpe(self._future(self.predict, main, filled[0]), target)
+        truth = window.positions[:share], window.observed[:share]
+        if self.unmask is not None:
+            loss = loss + options.mask_weight * self._mask_loss(
+                others[0], filled[1], inputs[0], truth, target
+            )
+        if self.denoise is not None:
+            cleaned = self._past(self.denoise, others[-1], filled[-1])
+            loss = loss + options.denoise_weight * mpjpe(cleaned, Target(*truth))
+        return loss
+
+    def _mask_loss(
+        self,
+        tokens: Tensor,
+        filled: Tensor,
+        masked: Window,
+        truth: tuple[Tensor, Tensor],
+        target: Target,
+    ) -> Tensor:
+        """Mean distance over hidden coordinates: of the past, and of the future as printed."""
+        positions, observed = truth
+        hidden = observed & ~masked.observed
+        recovered = self._past(cast(nn.Module, self.unmask), tokens, filled)
+        if self.unmask_future is None:
+            return mpjpe(recovered, Target(positions, hidden))
+        share = len(positions)
+        recovered = torch.cat([recovered, self._future(self.unmask_future, tokens, filled)], 1)
+        positions = torch.cat([positions, target.positions[:share]], 1)
+        return mpjpe(recovered, Target(positions, torch.cat([hidden, target.observed[:share]], 1)))
+
+    def _masked(self, window: Window) -> Window:
+        kept = torch.rand(window.observed.shape) >= self.options.mask_ratio
+        return Window(window.positions, window.observed & kept)
+
+    def _noisy(self, window: Window) -> Window:
+        chosen = torch.rand(window.observed.shape) < self.options.noise_ratio
+        noise = self.options.noise_m * torch.randn(window.positions.shape)
+        return Window(window.positions + noise * chosen[..., None], window.observed)
+
+    def _filled(self, window: Window) -> Tensor:
+        """(N, T, J, 3) filled anew: hiding a coordinate must hide what was filled in from it."""
+        clean = torch.where(window.observed[..., None], window.positions, 0.0)
+        return fill(clean, window.observed, self.rest, self.nearest)
+
+    def _features(self, filled: Tensor, observed: Tensor, *, future: bool) -> Tensor:
+        """Tokens (N, T + future tokens, J, F) after all layers, Eqs. 2a-2d.
+
+        Observed-only attention leaves future tokens as they are, so it is not computed for them.
+        """
+        past = filled.shape[1]
+        coordinates = torch.cat([filled, filled - filled[:, -1:]], -1) * _PER_METRE
+        seen = observed[..., None]
+        places = self.step + self.joint
+        tokens = torch.where(seen, self.coordinate(coordinates), self.hidden) + places[:past]
+        if future:
+            ahead = (self.hidden + places[past:]).expand(len(filled), -1, -1, -1)
+            tokens = torch.cat([tokens, ahead], 1)
+        mask = None if bool(observed.all()) else observed
+        for layer, observed_only in self._order():
+            if not observed_only:
+                tokens = layer(tokens, None)
+            elif future:
+                tokens = torch.cat([layer(tokens[:, :past], mask), tokens[:, past:]], 1)
+            else:
+                tokens = layer(tokens, mask)
+        return cast(Tensor, self.norm(tokens))
+
+    def _order(self) -> list[tuple[nn.Module, bool]]:
+        """Layers in turn, and whether each is among the observed alone (Table 7)."""
+        observed = [(layer, True) for layer in self.observed_layers]
+        full = [(layer, False) for layer in self.full_layers]
+        if self.options.order == "separate" or not observed:
+            return observed + full
+        return [pair for both in zip(observed, full, strict=True) for pair in both]
+
+    def _past(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
+        """(N, T, J, 3) metres: the filled input and what the head adds to it."""
+        return filled + cast(Tensor, head(tokens[:, : filled.shape[1]])) / _PER_METRE
+
+    def _future(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
+        """(N, H, J, 3) metres: the last filled pose and what the head adds to it."""
+        count, past, joints, _ = filled.shape
+        change = head(tokens[:, past:]).view(count, self.future_tokens, joints, -1, 3)
+        change = change.transpose(2, 3).flatten(1, 2)[:, : self.shape.horizon_steps]
+        return filled[:, -1:] + change / _PER_METRE
+
+
+class _Layer(nn.Module):
+    """Spatial, then temporal attention."""
+
+    def __init__(self, options: AuxFormerOptions) -> None:
+        super().__init__()
+        sizes = options.features, options.heads, options.hidden
+        self.spatial = Attention(*sizes, over="joints")
+        self.temporal = Attention(*sizes, over="steps")
+
+    def forward(self, tokens: Tensor, observed: Tensor | None) -> Tensor:
+        return cast(Tensor, self.temporal(self.spatial(tokens, observed), observed))
+
+
+def _dictionary(*shape: int) -> nn.Parameter:
+    """Learnable codes."""
+    return nn.Parameter(0.1 * torch.randn(*shape))
+
+
+def _head(features: int, out: int) -> nn.Linear:
+    """A linear head that gives zero before training."""
+    head = nn.Linear(features, out)
+    nn.init.zeros_(head.weight)
+    nn.init.zeros_(head.bias)
+    return head
+
+
+class AuxFormerPredictor(NeuralPredictor):
+    """The node's AuxFormer."""
+
+    method = "auxformer"
+    network_class = AuxFormer
