@@ -23,10 +23,11 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from hri_predict.predictors.network import Network, NetworkOptions, Shape, Window, last_pose
+from hri_predict.predictors.neural import NeuralPredictor
 from hri_predict.skeleton import Skeleton
 
 PART_ORDER = ("right_arm", "left_arm", "torso", "right_leg", "left_leg")
-"""Sec. III-C: right arm, left arm, trunk, right and left leg; joints of a part are adjacent rows."""
+"""Sec. III-C; joints of one part are adjacent rows."""
 
 _DECIMETRES = 10.0
 _KERNELS = {"3x3": (3, 3), "1x3": (1, 3), "1x1": (1, 1)}
@@ -165,3 +166,10 @@ def part_order(skeleton: Skeleton) -> list[int]:
     parts = [skeleton.parts.get(name, ()) for name in PART_ORDER]
     parts.append(tuple(range(len(skeleton.joints))))
     return list(dict.fromkeys(joint for part in parts for joint in part))
+
+
+class TrajectoryCNNPredictor(NeuralPredictor):
+    """TrajectoryCNN in the node."""
+
+    method = "trajectorycnn"
+    network_class = TrajectoryCNN

@@ -1,0 +1,211 @@
+"""STB: a temporal and a spatial branch of graph convolutions on motion increments.
+
+Source: Wang, Zhou, Qiang, Ba, Su and Wen, "Spatio-Temporal Branching for Motion Prediction using
+Motion Increments", ACM Multimedia 2023; Sec. 3 and 4, Fig. 4.
+
+Where this differs from the paper, or the paper leaves it open:
+
+- Eq. 4's increment x(t+1) - x(t) holds, at the last observed frame, the first future one. Here it
+  is causal, x(t) - x(t-1), 0 at the first frame. Padded frames repeat the last pose: 0, too.
+- Unobserved joints: increments go across filled-in values, and the observed mask enters beside
+  them (0 for padded frames). The past's loss counts observed joints alone.
+- Eqs. 12-15 want one value per joint where the output has three coordinates: it is the length of
+  the joint's change, in decimetres, as all lengths inside, the losses of Eq. 19 among them.
+- Neither side of Eq. 16 is detached: each branch is teacher and student of the other.
+- Eqs. 17-18 print a squared norm but are called the average L2 distance: they are MPJPE here.
+- The inside of a layer isn't given. A graph layer is (learnt adjacency) x features x weights; a
+  block of two, with ReLU between, is added to its input, which is normalised before.
+"""
+
+from typing import Literal
+
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+
+from hri_predict.predictors.network import (
+    Network,
+    NetworkOptions,
+    Shape,
+    Target,
+    Window,
+    last_pose,
+    mpjpe,
+)
+from hri_predict.predictors.neural import NeuralPredictor
+
+_DECIMETRES = 10.0
+
+
+class STBOptions(NetworkOptions):
+    """Sizes and switches of STB; 512 channels and 6 blocks make it as large as the paper's.
+
+    Attributes:
+        width: C, channels of a frame (temporal branch) or of a coordinate (spatial branch).
+        blocks: of each branch's encoder.
+        inputs: Table 5: increments, or the positions themselves; ``both`` isn't in the paper.
+        branches: Table 5: one branch alone, or the mean of both.
+        distillation: lambda of Eq. 19 (Table 6); 0 leaves the distillation out (Table 5).
+    """
+
+    width: int = Field(256, ge=1, le=2048)
+    blocks: int = Field(6, ge=1, le=64)
+    dropout: float = Field(0.1, ge=0, lt=1)
+    inputs: Literal["increments", "positions", "both"] = "increments"
+    branches: Literal["both", "temporal", "spatial"] = "both"
+    distillation: float = Field(0.1, ge=0, le=1000)
+
+
+class STB(Network):
+    """The two branches, each from the padded sequence to all its T + H frames."""
+
+    options_model = STBOptions
+    options: STBOptions
+
+    def __init__(self, shape: Shape, options: STBOptions) -> None:
+        super().__init__(shape)
+        self.options = options
+        frames, coordinates = shape.history_steps + shape.horizon_steps, 3 * shape.joints
+        kinds = 3 if options.inputs == "both" else 2  # of features, the mask among them
+        size = (options.width, options.blocks, options.dropout)
+        self.branches = nn.ModuleDict()
+        if options.branches != "spatial":
+            features = (kinds - 1) * coordinates + shape.joints
+            self.branches["temporal"] = Branch(frames, features, coordinates, *size)
+        if options.branches != "temporal":
+            self.branches["spatial"] = Branch(coordinates, kinds * frames, frames, *size)
+
+    def forward(self, window: Window) -> Tensor:
+        """Predict (B, H, J, 3) metres in the body frame: the mean of the branches (Eq. 20)."""
+        changes = torch.stack(list(self._changes(window).values())).mean(0)
+        return last_pose(window) + changes[:, self.shape.history_steps :] / _DECIMETRES
+
+    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+        """Eq. 19, brought from decimetres to metres."""
+        padded = self._padded(window)
+        sequence = Target(
+            torch.cat([window.positions, target.positions], dim=1) * _DECIMETRES,
+            torch.cat([window.observed, target.observed], dim=1),
+        )
+        changes = self._changes(window)
+        losses = [mpjpe(padded + change, sequence) for change in changes.values()]  # Eqs. 17, 18
+        if len(changes) == 2 and self.options.distillation > 0:
+            divergence = distillation(changes["temporal"], changes["spatial"])
+            losses.append(self.options.distillation * divergence)
+        return torch.stack(losses).sum() / _DECIMETRES
+
+    def _padded(self, window: Window) -> Tensor:
+        """X of Sec. 3.1: (B, T + H, J, 3) decimetres, the last pose repeated H times."""
+        future = last_pose(window).expand(-1, self.shape.horizon_steps, -1, -1)
+        return torch.cat([window.positions, future], dim=1) * _DECIMETRES
+
+    def _changes(self, window: Window) -> dict[str, Tensor]:
+        """Of each branch what it adds to the padded sequence, (B, T + H, J, 3) decimetres."""
+        features = self._features(window)
+        mask = window.observed.to(features[0].dtype)
+        mask = nn.functional.pad(mask, (0, 0, 0, self.shape.horizon_steps))
+        changes = {}
+        if "temporal" in self.branches:
+            changes["temporal"] = self._by_time(features, mask)
+        if "spatial" in self.branches:
+            changes["spatial"] = self._by_space(features, mask)
+        return changes
+
+    def _features(self, window: Window) -> list[Tensor]:
+        """What the options ask for, each (B, T + H, J, 3)."""
+        padded = self._padded(window)
+        if self.options.inputs == "positions":
+            return [padded]
+        # Eq. 4 made causal: nothing of frame t + 1 is in the increment at t.
+        increments = nn.functional.pad(padded[:, 1:] - padded[:, :-1], (0, 0, 0, 0, 1, 0))
+        return [increments] if self.options.inputs == "increments" else [increments, padded]
+
+    def _by_time(self, features: list[Tensor], mask: Tensor) -> Tensor:
+        """Nodes are frames (Eqs. 7-9)."""
+        nodes = torch.cat([*(f.flatten(2) for f in features), mask], dim=2).transpose(0, 1)
+        changes: Tensor = self.branches["temporal"](nodes)
+        return changes.transpose(0, 1).unflatten(2, (-1, 3))
+
+    def _by_space(self, features: list[Tensor], mask: Tensor) -> Tensor:
+        """Nodes are the coordinates of the joints (Eqs. 10-11)."""
+        seen = mask[..., None].expand_as(features[0])
+        nodes = torch.cat([*features, seen], dim=1).flatten(2).permute(2, 0, 1)
+        changes: Tensor = self.branches["spatial"](nodes)
+        return changes.permute(1, 2, 0).unflatten(2, (-1, 3))
+
+
+class Branch(nn.Module):
+    """Embedding (Eq. 7), encoder (Eqs. 8, 10) and one-layer decoder (Eqs. 9, 11) of one domain."""
+
+    def __init__(
+        self, nodes: int, inputs: int, outputs: int, width: int, blocks: int, dropout: float
+    ) -> None:
+        super().__init__()
+        self.embedding = nn.Sequential(nn.Linear(inputs, width), nn.ReLU(), nn.Linear(width, width))
+        self.encoder = nn.Sequential(*(GraphBlock(nodes, width, dropout) for _ in range(blocks)))
+        self.norm = nn.LayerNorm(width)
+        self.decoder = GraphLayer(nodes, width, outputs)
+
+    def forward(self, nodes: Tensor) -> Tensor:
+        """(N, B, inputs) to (N, B, outputs)."""
+        decoded: Tensor = self.decoder(self.norm(self.encoder(self.embedding(nodes))))
+        return decoded
+
+
+class GraphBlock(nn.Module):
+    """Two graph layers around a residual connection."""
+
+    def __init__(self, nodes: int, width: int, dropout: float) -> None:
+        super().__init__()
+        self.norm = nn.LayerNorm(width)
+        self.first = GraphLayer(nodes, width, width)
+        self.second = GraphLayer(nodes, width, width)
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(N, B, C) to the same."""
+        inner = self.dropout(self.first(self.norm(features)).relu())
+        return features + self.dropout(self.second(inner))
+
+
+class GraphLayer(nn.Module):
+    """A x W of a graph whose connectivity A (N, N) is learnt; it starts near the identity."""
+
+    def __init__(self, nodes: int, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.adjacency = nn.Parameter(torch.eye(nodes) + torch.randn(nodes, nodes) / nodes**0.5)
+        self.weights = nn.Linear(inputs, outputs)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(N, B, inputs) to (N, B, outputs); nodes come first so that both products are plain."""
+        weighted = self.weights(features)
+        return (self.adjacency @ weighted.flatten(1)).view_as(weighted)
+
+
+def distillation(temporal: Tensor, spatial: Tensor) -> Tensor:
+    """L_KL of Eq. 16, a mean over the batch, from two (B, N, J, 3) changes.
+
+    A joint's motion energy is the length of its change. It is made a distribution over the joints
+    of each frame (Eqs. 12, 14), where the temporal branch is compared to the spatial, and over the
+    frames of each joint (Eqs. 13, 15), where the spatial is compared to the temporal.
+    """
+    t, s = _energy(temporal), _energy(spatial)
+    over_joints = _divergence(t.log_softmax(2), s.log_softmax(2))
+    over_frames = _divergence(s.log_softmax(1), t.log_softmax(1))
+    return (over_joints + over_frames) / len(t)
+
+
+def _energy(change: Tensor) -> Tensor:
+    return change.square().sum(-1).add(1e-12).sqrt()
+
+
+def _divergence(p: Tensor, q: Tensor) -> Tensor:
+    """KL(p || q), summed, of logarithms."""
+    return (p.exp() * (p - q)).sum()
+
+
+class STBPredictor(NeuralPredictor):
+    """STB in the node."""
+
+    method = "stb"
+    network_class = STB
