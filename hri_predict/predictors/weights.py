@@ -71,7 +71,8 @@ def save_weights(path: Path, method: str, network: Network, card: dict[str, Any]
         path: where to, by custom ``*.safetensors``.
         method: name of the predictor that the network is of.
         network: has ``options`` set.
-        card: what a person should know: data, configuration, commit, errors. Must be JSON; NaN becomes null.
+        card: what a person should know: data, configuration, commit, errors. JSON; NaN becomes
+            null.
 
     Raises:
         PredictorError: the file cannot be written, a weight is not a finite number or too large for
