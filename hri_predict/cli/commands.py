@@ -1,8 +1,8 @@
-"""The commands: ``hri-predict demo | run | check | replay | listen | predictors | bench``."""
+"""The commands: ``hri-predict demo | run | check | replay | listen | predictors | train | ...``."""
 
 import typer
 
-from hri_predict.cli import bench, check, listen, run
+from hri_predict.cli import bench, check, listen, run, train
 
 app = typer.Typer(
     help="Predicts where people near a robot will be, and advises the robot's controller in time.",
@@ -17,4 +17,5 @@ app.command()(check.check)
 app.command()(run.replay)
 app.command()(listen.listen)
 app.command()(check.predictors)
+app.command()(train.train)
 app.add_typer(bench.app, name="bench")

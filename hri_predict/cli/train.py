@@ -1,0 +1,110 @@
+"""``train``: find a predictor's weights on recorded motion."""
+
+import json
+import shlex
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hri_predict.training.config import load_training_config
+
+if TYPE_CHECKING:
+    from hri_predict.training.loop import Result
+
+
+def train(
+    config: Annotated[Path, typer.Argument(help="A YAML of configs/training, or your own.")],
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the run's last checkpoint.")
+    ] = False,
+    data: Annotated[Path | None, typer.Option(help="Folder of the recordings.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run.")] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="key.key=value: change a key of the YAML. Repeatable."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")
+    ] = False,
+) -> None:
+    """Train a predictor; Ctrl-C saves, and --resume goes on to the same numbers.
+
+    The run's folder gets the best weights, checkpoints and a TensorBoard log. In more processes:
+    torchrun --nproc-per-node 2 -m hri_predict train CONFIG
+
+    Example: hri-predict train configs/training/trajectorycnn_real.yaml --set train.epochs=20
+    """
+    settings = load_training_config(config, _changes(changes, data, out))
+    # torch takes seconds to import, which the other commands need not wait for
+    from hri_predict.cli.train_view import training_view
+    from hri_predict.training.building import build_network, open_samples
+    from hri_predict.training.loop import train as run_training
+    from hri_predict.training.processes import Processes
+
+    with ExitStack() as leaving:
+        processes = Processes.join()
+        leaving.callback(processes.leave)
+        source = open_samples(settings)
+        network = build_network(settings, source)
+        view = leaving.enter_context(training_view(settings))
+        stop = leaving.enter_context(_told_to_stop())
+        result = run_training(
+            settings, source, network, view, resume=resume, stop=stop, processes=processes
+        )
+    if processes.rank == 0:
+        _show(result, as_json)
+    if result.ending == "interrupted":
+        if processes.rank == 0:
+            again = [a for a in sys.argv[1:] if a != "--resume"] + ["--resume"]
+            print(f"saved; go on with: hri-predict {shlex.join(again)}", file=sys.stderr)
+        raise typer.Exit(130)
+
+
+def _changes(changes: list[str] | None, data: Path | None, out: Path | None) -> list[str]:
+    """All flags as changes of the configuration."""
+    found = list(changes or [])
+    if data is not None:
+        found.append(f"data.root={json.dumps(str(data))}")
+    if out is not None:
+        found.append(f"out={json.dumps(str(out))}")
+    return found
+
+
+@contextmanager
+def _told_to_stop() -> Iterator[Callable[[], bool]]:
+    """While inside, Ctrl-C and SIGTERM are noted; the second ends the program at once."""
+    told = False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal told
+        if told:
+            raise KeyboardInterrupt
+        told = True
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: told
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _show(result: "Result", as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(result.as_dict()))
+        return
+    print(f"{result.ending}: {result.epochs} epochs in {result.minutes:.1f} minutes")
+    if not result.weights.exists():
+        print("no weights yet")
+        return
+    if result.validation is not None:
+        print(
+            f"best validation: {result.validation['mpjpe_mm']:.1f} mm in epoch {result.best_epoch}"
+        )
+    print(f"weights: {result.weights}")

@@ -1,0 +1,55 @@
+"""A training run's state on disk: written whole or not at all, read without unpickling code."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from hri_predict.errors import ConfigError
+
+
+def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
+    """Write ``state`` (tensors, numbers, strings, lists and dicts of them) in place of ``path``.
+
+    A reader finds the old file or the new one, never a part, even after a crash or power cut.
+
+    Raises:
+        ConfigError: the folder cannot be written.
+    """
+    part = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with part.open("wb") as file:
+            torch.save(state, file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except (OSError, RuntimeError) as error:  # torch's writer turns a full disk into RuntimeError
+        part.unlink(missing_ok=True)
+        reason = (error.strerror if isinstance(error, OSError) else None) or "it was cut short"
+        raise ConfigError(
+            f"checkpoint {path}: cannot be written: {reason}; free some room, or choose another "
+            f"'out'"
+        ) from error
+
+
+def load_checkpoint(path: Path) -> dict[str, Any]:
+    """Read what ``save_checkpoint`` wrote.
+
+    Raises:
+        ConfigError: the file is missing, damaged, or holds anything but plain data.
+    """
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except FileNotFoundError as error:
+        raise ConfigError(
+            f"checkpoint {path}: not there; start the run without --resume"
+        ) from error
+    except Exception as error:  # torch.load's failures have no common base
+        raise ConfigError(
+            f"checkpoint {path}: cannot be read; remove it and start the run anew"
+        ) from error
+    if not isinstance(state, dict):
+        raise ConfigError(f"checkpoint {path}: not a training run's; start the run anew")
+    return state

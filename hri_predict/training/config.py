@@ -1,0 +1,100 @@
+"""What ``hri-predict train`` is told: one YAML file per predictor and judgement."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import Field
+
+from hri_predict.errors import ConfigError
+from hri_predict.settings import Settings, read_yaml, validated
+from hri_predict.yaml_text import load_yaml
+
+
+class ShapeSettings(Settings):
+    """Steps of history and horizon, and how many make a second (``shape:``)."""
+
+    history_steps: int = Field(ge=2, le=1000)
+    horizon_steps: int = Field(ge=1, le=1000)
+    rate_hz: float = Field(25.0, gt=0, le=200)
+
+
+class TrainSettings(Settings):
+    """How the weights are found (``train:``)."""
+
+    epochs: int = Field(50, ge=1, description="that the learning rate's schedule spans")
+    stop_after: int | None = Field(None, ge=1, description="end after so many of these epochs")
+    windows_per_epoch: int = Field(4096, ge=1)
+    batch: int = Field(64, ge=1, description="windows per step, over all processes")
+    learning_rate: float = Field(1e-3, gt=0)
+    critic_learning_rate: float = Field(1e-4, gt=0, description="of an adversary, where there is")
+    weight_decay: float = Field(0.01, ge=0)
+    warmup_steps: int = Field(200, ge=0, description="steps over which the learning rate rises")
+    schedule: Literal["cosine", "constant"] = "cosine"
+    ema_decay: float = Field(
+        0.999, ge=0, lt=1, description="of the averaged weights, which are shipped; 0: no average"
+    )
+    clip_norm: float = Field(1.0, gt=0, description="largest norm of a step's gradient")
+    seed: int = Field(0, ge=0)
+    patience: int = Field(
+        0, ge=0, description="stop after so many epochs without a better validation; 0: never"
+    )
+    threads: int = Field(1, ge=1, le=256)
+    device: Literal["cpu", "cuda"] = "cpu"
+    max_minutes: float | None = Field(
+        None, gt=0, description="of training, resumed runs included; the best weights are kept"
+    )
+    checkpoint_minutes: float = Field(5.0, gt=0, description="between checkpoints in an epoch")
+
+    @property
+    def steps_per_epoch(self) -> int:
+        """Whole batches in an epoch, at least one."""
+        return max(1, self.windows_per_epoch // self.batch)
+
+    @property
+    def total_steps(self) -> int:
+        """Steps that the schedule spans."""
+        return self.epochs * self.steps_per_epoch
+
+
+class TrainingConfig(Settings):
+    """A whole training run."""
+
+    predictor: str
+    judgement: Literal["real", "benchmark"]
+    shape: ShapeSettings
+    options: dict[str, Any] = Field({}, description="the network's own sizes and switches")
+    data: dict[str, Any] = Field({}, description="see motion.DataSettings")
+    train: TrainSettings = TrainSettings()
+    initial_weights: Path | None = Field(None, description="weights to start from (fine-tuning)")
+    out: Path = Field(description="folder of the run: checkpoints, log, weights")
+
+
+def load_training_config(path: Path, changes: list[str] | None = None) -> TrainingConfig:
+    """Read a training configuration; ``changes`` are ``key.key=value`` that override it.
+
+    Raises:
+        ConfigError: the file, a key or a change is wrong; one line with the remedy.
+    """
+    data = read_yaml(path, "training configuration")
+    for change in changes or []:
+        _apply(data, change)
+    return validated(TrainingConfig, data, str(path))
+
+
+def _apply(data: dict[str, Any], change: str) -> None:
+    """Set one ``key.key=value``, its value written as in YAML."""
+    keys, equals, text = change.partition("=")
+    path = keys.strip().split(".")
+    if not equals or not all(path):
+        raise ConfigError(f"--set {change}: write it as key=value, such as train.epochs=20")
+    try:
+        value = load_yaml(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ConfigError(f"--set {change}: its value is not valid YAML; quote it") from error
+    at = data
+    for key in path[:-1]:
+        at = at.setdefault(key, {})
+        if not isinstance(at, dict):
+            raise ConfigError(f"--set {change}: '{key}' holds no keys; see the configuration")
+    at[path[-1]] = value

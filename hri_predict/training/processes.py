@@ -1,0 +1,86 @@
+"""The processes that share one training run: alone, or started by torchrun."""
+
+import os
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, distributed
+
+from hri_predict.errors import ConfigError
+from hri_predict.training.samples import Samples
+
+
+@dataclass(frozen=True, slots=True)
+class Processes:
+    """This process's place, ``rank`` of ``count``. All draw the same batch and take a slice."""
+
+    rank: int = 0
+    count: int = 1
+
+    @classmethod
+    def join(cls) -> "Processes":
+        """Join the run that torchrun's environment describes (gloo), or be alone.
+
+        Raises:
+            ConfigError: the environment is half set, or the others cannot be reached.
+        """
+        if int(os.environ.get("WORLD_SIZE", "1")) == 1:
+            return cls()
+        try:
+            if not distributed.is_initialized():
+                distributed.init_process_group("gloo")
+        except (ValueError, RuntimeError) as error:
+            raise ConfigError(
+                f"WORLD_SIZE={os.environ['WORLD_SIZE']}: the processes cannot meet; start them "
+                f"with torchrun ({str(error).splitlines()[0]})"
+            ) from error
+        return cls(distributed.get_rank(), distributed.get_world_size())
+
+    def leave(self) -> None:
+        """Say goodbye to the others."""
+        if self.count > 1:
+            distributed.destroy_process_group()
+
+    def add(self, tensors: list[Tensor]) -> None:
+        """Replace each tensor, in place, by its sum over all processes."""
+        if self.count == 1:
+            return
+        flat = torch.cat([t.reshape(-1).to("cpu", torch.float64) for t in tensors])
+        distributed.all_reduce(flat)
+        parts = flat.split([t.numel() for t in tensors])
+        for tensor, part in zip(tensors, parts, strict=True):
+            tensor.copy_(part.view_as(tensor))
+
+    def same(self, tensors: list[Tensor]) -> None:
+        """Replace each tensor, in place, by the first process's."""
+        if self.count > 1:
+            for tensor in tensors:
+                distributed.broadcast(tensor, 0)
+
+    def every(self, tensor: Tensor) -> list[Tensor]:
+        """Return the tensor of each process, by rank."""
+        if self.count == 1:
+            return [tensor]
+        found = [torch.empty_like(tensor) for _ in range(self.count)]
+        distributed.all_gather(found, tensor)
+        return found
+
+    def share(self, batch: Samples) -> tuple[Samples, float]:
+        """This process's slice of ``batch`` and its share of the batch's loss.
+
+        Losses are means over what is known of the future; a slice of which more is known counts
+        for more, so that the processes' sum is the whole batch's mean.
+        """
+        if self.count == 1:
+            return batch, 1.0
+        size = len(batch.actions)
+        part = slice(self.rank * size // self.count, (self.rank + 1) * size // self.count)
+        mine = Samples(
+            batch.history[part],
+            batch.observed[part],
+            batch.future[part],
+            batch.known[part],
+            batch.actions[part],
+        )
+        known = float(batch.known.sum())
+        return mine, float(mine.known.sum()) / known if known else 1.0 / self.count
