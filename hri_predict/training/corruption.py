@@ -76,7 +76,7 @@ class Corruption:
         else:
             hidden = np.zeros_like(observed)
             occluded = total if self.share >= 1 else max(1, round(self.share * steps))
-            chosen: NDArray[np.int64] = rng.integers(len(LIMBS), size=count)
+            chosen: NDArray[np.int64] = rng.integers(len(LIMBS), size=(count,))
             for window in range(count):
                 hidden[window, total - occluded :, LIMBS[chosen[window]]] = True
         return history.copy(), observed & ~hidden

@@ -14,7 +14,14 @@ import numpy as np
 
 from hri_predict.errors import PredictorError
 from hri_predict.predictors.base import Predictor, checked
+from hri_predict.predictors.baselines import (
+    ConstantVelocity,
+    ConstantVelocitySettings,
+    ZeroVelocity,
+    ZeroVelocitySettings,
+)
 from hri_predict.predictors.body import BODY
+from hri_predict.predictors.kalman import ConstantAccelerationKalman, KalmanSettings
 from hri_predict.recording.recording import Recording
 from hri_predict.scene import Floats
 from hri_predict.training.corruption import Corruption
@@ -191,6 +198,21 @@ def _score(predictor: Predictor, batch: Batch, errors: Errors) -> None:
     errors.windows += len(batch.history)
     errors.total_m[:steps] += np.where(scored, distance, 0.0).sum(axis=0)
     errors.count[:steps] += scored.sum(axis=0)
+
+
+def baselines() -> dict[str, Predictor]:
+    """What is judged beside every trained predictor."""
+    common = {"horizon_s": FUTURE_STEPS / RATE_HZ, "rate_hz": RATE_HZ}
+    return {
+        "zero_velocity": ZeroVelocity(ZeroVelocitySettings(name="zero_velocity", **common), BODY),
+        **{
+            f"constant_velocity {ms} ms": ConstantVelocity(
+                ConstantVelocitySettings(name="constant_velocity", span_s=ms / 1000, **common), BODY
+            )
+            for ms in (120, 40)
+        },
+        "kalman": ConstantAccelerationKalman(KalmanSettings(name="kalman", **common), BODY),
+    }
 
 
 def relative_loss(clean: RealResult, disturbed: RealResult) -> Floats:

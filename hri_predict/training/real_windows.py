@@ -120,8 +120,8 @@ def _motions(recording: Recording, track: Track) -> Iterator[Motion]:
             )
 
 
-def origins(motion: Motion) -> NDArray[np.int64]:
-    """(N,) captures from which is forecast, nanoseconds.
+def origins(motion: Motion) -> tuple[NDArray[np.int64], int]:
+    """(N,) captures from which is forecast, nanoseconds, and for how many steps.
 
     Each is followed by the whole longest horizon. A motion too short for a single such origin is
     judged to the longest horizon that leaves it one, as ``running`` is to 600 ms.
@@ -134,13 +134,12 @@ def origins(motion: Motion) -> NDArray[np.int64]:
     nearer = np.where(stamps[after] - grid < grid - stamps[before], after, before)
     captures = np.unique(stamps[nearer])
     earliest = stamps[0] + (ORIGIN_STEPS - 1) * _STEP_NS - motion.period_ns // 2
+    captures = captures[captures >= earliest]
     for steps in reversed(HORIZON_STEPS):
-        possible: NDArray[np.int64] = captures[
-            (captures + steps * _STEP_NS <= stamps[-1]) & (captures >= earliest)
-        ]
+        possible: NDArray[np.int64] = captures[captures + steps * _STEP_NS <= stamps[-1]]
         if possible.size:
-            return possible
-    return captures[:0]
+            return possible, steps
+    return captures[:0], 0
 
 
 def batches(motion: Motion, history_steps: int) -> Iterator[Batch]:
@@ -150,10 +149,11 @@ def batches(motion: Motion, history_steps: int) -> Iterator[Batch]:
         motion: see ``read_motions``.
         history_steps: T. The newest steps are the same whatever it is.
     """
-    times = origins(motion)
+    times, reach = origins(motion)
     for index, start in enumerate(range(0, len(times), BATCH)):
         windows = [_window(motion, int(t), history_steps) for t in times[start : start + BATCH]]
         history, observed, future, known = (np.stack(part) for part in zip(*windows, strict=True))
+        known[:, reach:] = False  # all horizons are judged on the same windows
         yield Batch(motion, index, history, observed, future, known)
 
 
