@@ -43,6 +43,7 @@ from hri_predict.predictors.network import (
     last_pose,
     mpjpe,
 )
+from hri_predict.predictors.neural import NeuralPredictor
 from hri_predict.predictors.symplectic import (
     Critic,
     Operator,
@@ -89,6 +90,7 @@ class SINN(Network):
     """SINN (Fig. 2): representation, symplectic operator, temporal aggregation."""
 
     options_model = SINNOptions
+    any_horizon = True  # with aggregation
 
     def __init__(self, shape: Shape, options: SINNOptions) -> None:
         super().__init__(shape)
@@ -205,3 +207,10 @@ class SINN(Network):
 def _generator(progress: float) -> torch.Generator:
     """Chance that is the same in all processes of a run, and in a resumed one."""
     return torch.Generator().manual_seed(int(progress * 2**40))
+
+
+class SINNPredictor(NeuralPredictor):
+    """SINN in the node."""
+
+    method = "sinn"
+    network_class = SINN
