@@ -1,0 +1,242 @@
+"""From the room to a network and back: geometry, what the network lacks, settings, start-up."""
+
+import logging
+import subprocess
+import sys
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from hri_predict import registry
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.body import BODY, SHARED_BODY, SHARED_CANONICAL, from_canonical
+from hri_predict.predictors.network import Network, NetworkOptions, Shape, Window, last_pose
+from hri_predict.predictors.neural import NeuralPredictor, NeuralSettings, shipped_weights
+from hri_predict.predictors.weights import save_weights
+from hri_predict.settings import validated
+from hri_predict.skeleton import CANONICAL, make_skeleton
+
+
+class Drift(Network):
+    """Every joint goes on in a straight line that depends on the whole pose and its mask."""
+
+    options_model = NetworkOptions
+    any_horizon: ClassVar[bool] = True
+    calls = 0
+
+    def __init__(self, shape: Shape, options: NetworkOptions) -> None:
+        super().__init__(shape)
+        self.options = options
+        self.mix = nn.Linear(shape.joints * 4, shape.joints * 3)
+
+    def forward(self, window: Window) -> torch.Tensor:
+        Drift.calls += 1
+        seen = window.observed[..., None].to(window.positions.dtype)
+        features = torch.cat([window.positions, seen], -1).mean(1).flatten(1)
+        velocity = 0.1 * self.mix(features).view(-1, 1, self.shape.joints, 3)
+        ahead = torch.arange(1.0, self.shape.horizon_steps + 1).view(1, -1, 1, 1)
+        return last_pose(window) + velocity * ahead
+
+
+class FixedDrift(Drift):
+    any_horizon: ClassVar[bool] = False
+
+
+class DriftPredictor(NeuralPredictor):
+    """Goes on."""
+
+    method = "drift"
+    network_class = Drift
+
+
+class FixedDriftPredictor(NeuralPredictor):
+    """Goes on for as long as it was trained."""
+
+    method = "drift"
+    network_class = FixedDrift
+
+
+@pytest.fixture(autouse=True)
+def _registered(monkeypatch):
+    known, load = registry.names, registry.load
+    monkeypatch.setattr(registry, "names", lambda kind: [*known(kind), "drift"])
+    monkeypatch.setattr(
+        registry, "load", lambda kind, name: DriftPredictor if name == "drift" else load(kind, name)
+    )
+
+
+@pytest.fixture
+def weights(tmp_path, random_network):
+    path = tmp_path / "drift.safetensors"
+    save_weights(path, "drift", random_network(Drift), {"data": "none"})
+    return path
+
+
+@pytest.fixture
+def predictor(weights):
+    return drift(weights)
+
+
+def drift(weights, cls=DriftPredictor, skeleton=CANONICAL, **settings) -> NeuralPredictor:
+    return cls(NeuralSettings(name="drift", weights=str(weights), **settings), skeleton)
+
+
+@pytest.fixture
+def walk(standing):
+    """(2, 15, 21, 3) two who walk, a little shaky, and what is seen of them."""
+    rng = np.random.default_rng(11)
+    ahead = np.arange(15)[:, None, None] * np.array([0.04, 0.01, 0.0])
+    history = standing + ahead + np.array([[1.0, 2.0, 0.0], [-2.0, 0.5, 0.0]])[:, None, None]
+    history = history + rng.normal(0, 0.01, history.shape)
+    return history, rng.random(history.shape[:3]) < 0.8
+
+
+def joint(*names: str) -> list[int]:
+    return [CANONICAL.index(name) for name in names]
+
+
+def test_canonical_joints_are_the_body_s(weights, predictor, walk):
+    body = drift(weights, skeleton=BODY).predict(*from_canonical(*walk)).positions
+    canonical = predictor.predict(*walk).positions
+    assert body.shape == (2, 25, 28, 3)
+    np.testing.assert_array_equal(canonical[:, :, SHARED_CANONICAL], body[:, :, SHARED_BODY])
+
+
+@pytest.mark.parametrize("move", [[900.0, -900.0, 3.0], [0.0, 1000.0, -1000.0]])
+def test_anywhere_in_the_room_is_the_same(predictor, walk, move):
+    history, observed = walk
+    near = predictor.predict(history, observed).positions
+    far = predictor.predict(history + np.array(move), observed).positions
+    np.testing.assert_allclose(far - np.array(move), near, rtol=0, atol=1e-5)
+
+
+def test_whichever_way_a_person_faces_is_the_same(predictor, walk):
+    history, observed = walk
+    c, s = np.cos(2.0), np.sin(2.0)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turned = predictor.predict(history @ turn.T, observed).positions
+    straight = predictor.predict(history, observed).positions
+    np.testing.assert_allclose(turned, straight @ turn.T, rtol=0, atol=1e-5)
+
+
+CARRIED = [
+    ("waist", ("l_hip", "r_hip")),
+    ("neck", ("l_shoulder", "r_shoulder")),
+    ("head_top", ("head",)),
+]
+
+
+@pytest.mark.parametrize(("name", "carriers"), CARRIED)
+def test_what_the_body_lacks_moves_with_its_neighbours(predictor, walk, name, carriers):
+    history, observed = walk
+    observed[:] = True
+    forecast = predictor.predict(history, observed).positions
+    moved = forecast[:, :, joint(*carriers)] - history[:, -1:, joint(*carriers)]
+    want = history[:, -1:, joint(name)[0]] + moved.mean(axis=2)
+    np.testing.assert_allclose(forecast[:, :, joint(name)[0]], want, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(("name", "carriers"), CARRIED)
+def test_what_was_last_seen_earlier_moves_on_from_then(predictor, walk, name, carriers):
+    history, observed = walk
+    observed[:] = True
+    observed[:, 6:, joint(name)] = False
+    forecast = predictor.predict(history, observed).positions
+    moved = forecast[:, :, joint(*carriers)] - history[:, 5:6, joint(*carriers)]
+    want = history[:, 5:6, joint(name)[0]] + moved.mean(axis=2)
+    np.testing.assert_allclose(forecast[:, :, joint(name)[0]], want, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(("name", "carriers"), CARRIED)
+def test_what_was_never_seen_is_where_its_neighbours_are(predictor, walk, name, carriers):
+    history, observed = walk
+    observed[:, :, joint(name)] = False
+    forecast = predictor.predict(history, observed).positions
+    want = forecast[:, :, joint(*carriers)].mean(axis=2)
+    np.testing.assert_allclose(forecast[:, :, joint(name)[0]], want, rtol=0, atol=1e-12)
+
+
+def test_a_shorter_horizon_is_the_beginning_of_the_longer(weights, walk):
+    whole = drift(weights).predict(*walk).positions
+    for cls in (DriftPredictor, FixedDriftPredictor):
+        short = drift(weights, cls, horizon_s=0.41)
+        assert short.horizon_steps == 11  # reaches at least so far
+        np.testing.assert_array_equal(short.predict(*walk).positions, whole[:, :11])
+
+
+def test_a_longer_horizon_only_where_the_network_can(weights, walk, caplog):
+    further = drift(weights, horizon_s=2.0)
+    assert further.horizon_steps == 50
+    assert further.predict(*walk).positions.shape == (2, 50, 21, 3)
+    with caplog.at_level(logging.WARNING):
+        capped = drift(weights, FixedDriftPredictor, horizon_s=2.0)
+    assert capped.horizon_steps == 25
+    assert capped.predict(*walk).positions.shape == (2, 25, 21, 3)
+    assert "its weights reach 1 s, not predictor.horizon_s 2 s" in caplog.text
+
+
+def test_rate_of_the_weights_is_the_only_one(weights):
+    with pytest.raises(ConfigError, match=r"rate_hz is 30, but its weights .* are for 25"):
+        drift(weights, rate_hz=30.0)
+
+
+def test_weights_of_another_method_are_refused(weights):
+    class Other(DriftPredictor):
+        method = "other"
+
+    with pytest.raises(ConfigError, match=r"are of 'drift'; give the file of this predictor"):
+        drift(weights, Other)
+
+
+@pytest.mark.parametrize("framed", [True, False])
+def test_weights_of_the_benchmark_do_not_serve_the_node(tmp_path, framed):
+    skeleton = BODY if framed else make_skeleton("own", ["a"], [-1])
+    network = Drift(Shape(skeleton, 10, 25, 25.0, framed=framed), NetworkOptions())
+    save_weights(tmp_path / "b.safetensors", "drift", network, {})
+    with pytest.raises(ConfigError, match="give some that are for 'body28' in the room"):
+        drift(tmp_path / "b.safetensors")
+
+
+def test_other_skeletons_are_refused(weights):
+    with pytest.raises(ConfigError, match="not on 'own'"):
+        drift(weights, skeleton=make_skeleton("own", ["a"], [-1]))
+
+
+def test_missing_weights_are_told(tmp_path):
+    with pytest.raises(ConfigError, match="there is no such file"):
+        drift(tmp_path / "none.safetensors")
+
+
+def test_by_default_the_shipped_file_is_read():
+    assert shipped_weights("drift").name == "drift.safetensors"
+    assert shipped_weights("drift").parent.is_dir()
+    with pytest.raises(ConfigError, match=r"weights/drift\.safetensors: there is no such file"):
+        DriftPredictor(NeuralSettings(name="drift"))
+
+
+@pytest.mark.parametrize("change", [{"threads": 0}, {"weights": ""}, {"std": 1}])
+def test_wrong_settings_are_refused(change):
+    with pytest.raises(ConfigError, match=next(iter(change))):
+        validated(NeuralSettings, {"name": "drift"} | change, "predictor")
+
+
+def test_is_warm_and_keeps_to_its_threads(weights):
+    before, Drift.calls = torch.get_num_threads(), 0
+    try:
+        drift(weights, threads=2)
+        assert torch.get_num_threads() == 2
+        assert Drift.calls >= 2
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_torch_is_not_imported_for_what_does_not_need_it():
+    script = (
+        "import sys; from hri_predict import assemble, config; from hri_predict.cli import check;"
+        "demo = config.load(config.shipped('demo.yaml')).with_predictor('kalman');"
+        "check.examine(demo); sys.exit('torch' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", script], timeout=60).returncode == 0
