@@ -29,6 +29,7 @@ except ImportError as error:  # an extra of its own
     ) from error
 
 SHOWN_MS = (200, 400, 600, 800, 1000)
+_BEFORE = (13, 9, 5)  # steps of the history that are drawn: 0.48, 0.32 and 0.16 s ago
 _TRUE = "#444444"
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7")
 _AZIMUTH, _ELEVATION = np.radians(35.0), np.radians(12.0)  # from the person's right, from above
@@ -103,7 +104,7 @@ def draw(scenes: Sequence[Scene]) -> Figure:
             _cell(axes, scene, view, ms)
         grid[row, 0].set_ylabel(scene.action, fontsize=11)
     for axes, ms in zip(grid[0], (0, *SHOWN_MS), strict=True):
-        axes.set_title(f"{ms} ms ahead" if ms else "now, and the 0.5 s before", fontsize=11)
+        axes.set_title(f"{ms} ms ahead" if ms else "now, and 0.5 s before", fontsize=11)
     names = {"what happened": _TRUE, **_colours(scenes[0].forecasts)}
     handles = [grid[0, 0].plot([], [], color=c, linewidth=2.5)[0] for c in names.values()]
     figure.legend(handles, list(names), loc="outside lower center", ncols=len(names), fontsize=11)
@@ -159,8 +160,10 @@ class _View:
         self._origin = now[seen].mean(axis=0)
         steps = [0, *(round(ms * RATE_HZ / 1000) for ms in SHOWN_MS)]
         shown = [now[seen], *(scene.future[s - 1][scene.known[s - 1]] for s in steps[1:])]
+        shown += [scene.history[-b][scene.observed[-b]] for b in _BEFORE]
         points = self.project(np.concatenate(shown))  # a forecast that runs away leaves the picture
         self.low, self.high = points.min(axis=0) - 0.15, points.max(axis=0) + 0.15
+        self.high[1] += 0.1  # room for the text
         lacking = 0.85 * (self.high - self.low)[1] - (self.high - self.low)[0]
         self.low[0] -= max(0.0, lacking) / 2  # no picture narrower than that
         self.high[0] += max(0.0, lacking) / 2
@@ -189,8 +192,8 @@ def _cell(axes: Any, scene: Scene, view: _View, ms: int) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     if ms == 0:
-        for back, shade in ((12, 0.15), (8, 0.25), (4, 0.4)):
-            _body(axes, view, scene.history[-1 - back], scene.observed[-1 - back], _TRUE, shade)
+        for back, shade in zip(_BEFORE, (0.15, 0.25, 0.4), strict=True):
+            _body(axes, view, scene.history[-back], scene.observed[-back], _TRUE, shade)
         _body(axes, view, scene.history[-1], scene.observed[-1], _TRUE, 1.0)
         return
     step = round(ms * RATE_HZ / 1000)

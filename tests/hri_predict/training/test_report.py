@@ -1,0 +1,149 @@
+"""Tables and pictures of the Real judgement say what was measured."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.body import BODY
+from hri_predict.training.corruption import Corruption
+from hri_predict.training.real import MEAN_ACTIONS, Errors, RealResult, baselines
+from hri_predict.training.real_windows import Motion
+from hri_predict.training.report import (
+    as_csv,
+    as_json,
+    as_markdown,
+    corruption_table,
+    judge_table,
+    loss_lines,
+    not_ahead,
+    write_report,
+)
+
+JOINTS = len(BODY.joints)
+MISSING = Corruption("missing", 0.3)
+
+
+def errors(mm_at_1s: float, steps: int = 25) -> Errors:
+    """Errors that grow evenly with the horizon, known for ``steps``."""
+    count = np.zeros((25, JOINTS))
+    count[:steps] = 4.0
+    grown = np.arange(1, 26)[:, None] / 25 * mm_at_1s / 1000
+    return Errors(4, count * grown, count)
+
+
+def result(name: str, mm: float, corruption: Corruption | None = None) -> RealResult:
+    actions = {action: errors(mm) for action in MEAN_ACTIONS}
+    return RealResult(name, corruption, {**actions, "running": errors(2 * mm, steps=15)})
+
+
+@pytest.fixture
+def results():
+    return [
+        result("zero_velocity", 800),
+        result("stb", 400),
+        result("zero_velocity", 1000, MISSING),
+        result("stb", 420, MISSING),
+    ]
+
+
+def test_the_headline_has_a_row_per_predictor_of_undisturbed_input(results):
+    table = judge_table(results)
+    assert table.rows[0] == ("zero_velocity", "96", "160", "320", "480", "640", "800")
+    assert table.rows[1] == ("stb", "48", "80", "160", "240", "320", "400")
+    assert "five actions" in table.title
+
+
+def test_markdown_has_every_table_and_dashes_where_nothing_is_known(results):
+    text = as_markdown(results)
+    assert "| stb | 96 | 160 | 320 | 480 | – | – |" in text  # running
+    assert "## walking (4 windows), mm" in text
+    assert "| l_wrist |" in text
+    assert "| l_hip |" not in text
+
+
+def test_losses_are_relative_to_each_predictors_own_undisturbed_error(results):
+    rows = {row[0]: row[1:] for row in corruption_table(results).rows}
+    assert rows["none"] == ("416", "208")
+    assert rows["30 % of joint-frames missing"] == ("520 (+25%)", "218 (+5%)")
+    assert any("stb loses 5.0 % over all horizons" in line for line in loss_lines(results))
+
+
+def test_not_ahead_lists_action_and_horizon(results):
+    assert not_ahead(results, "zero_velocity") == {"stb": []}
+    worse = result("sinn", 900)
+    worse.actions["walking"].total_m[:10] = 0
+    behind = not_ahead([*results, worse], "zero_velocity")["sinn"]
+    assert ("jumping", 120) in behind
+    assert [ms for action, ms in behind if action == "walking"] == [600, 800, 1000]
+    assert [ms for action, ms in behind if action == "running"] == [120, 200, 400, 600]
+    with pytest.raises(ConfigError, match="'kalman' was not judged"):
+        not_ahead(results, "kalman")
+
+
+def test_json_and_csv_agree(results):
+    data = json.loads(json.dumps(as_json(results), allow_nan=False))
+    stb = data["results"][1]
+    assert stb["mean_mm"] == [48, 80, 160, 240, 320, 400]
+    assert stb["actions"]["running"]["mm"] == [96, 160, 320, 480, None, None]
+    assert data["losses"][1]["overall"] == pytest.approx(0.05)
+    rows = list(csv.DictReader(io.StringIO(as_csv(results))))
+    found = [
+        float(r["error_mm"])
+        for r in rows
+        if (r["predictor"], r["disturbance"], r["action"], r["joint"]) == ("stb", "", "mean", "all")
+    ]
+    assert found == stb["mean_mm"]
+    assert not [r for r in rows if r["action"] == "running" and int(r["horizon_ms"]) > 600]
+
+
+def test_a_report_of_recordings_that_none_of_the_five_actions_is_in(tmp_path):
+    pytest.importorskip("matplotlib")
+    only = [RealResult("stb", None, {"arms": errors(20)})]
+    names = {path.name for path in write_report(only, tmp_path)}
+    assert "error_by_action.png" in names
+    assert "error_by_horizon.png" not in names
+
+
+def test_a_report_is_written_and_a_folder_that_cannot_be_is_the_users_to_mend(tmp_path, results):
+    pytest.importorskip("matplotlib")
+    files = write_report(results, tmp_path / "new" / "folder")
+    assert {f.suffix for f in files} == {".md", ".csv", ".json", ".png"}
+    assert all(f.stat().st_size > 500 for f in files)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match=r"--out .*file"):
+        write_report(results, tmp_path / "file")
+
+
+def wave(name: str) -> Motion:
+    """A body of which each joint swings by itself, at 25 Hz for 4 s."""
+    steps = np.arange(101)
+    rest = np.random.default_rng(5).normal(size=(JOINTS, 3))
+    swing = np.sin(steps[:, None, None] / 9 + rest) * (0.1 + steps[:, None, None] / 100)
+    seen = np.ones((101, JOINTS), bool)
+    action = name.rpartition("_")[0]
+    stamps = steps * 40_000_000
+    return Motion(name, action, stamps, rest + swing, seen, 100_000_000, 40_000_000)
+
+
+def test_the_filmstrip_shows_the_typical_window_of_each_action(tmp_path):
+    pytest.importorskip("matplotlib")
+    from hri_predict.training.filmstrip import typical, write_filmstrip
+    from hri_predict.training.real_windows import batches
+
+    predictors = {"zero_velocity": baselines()["zero_velocity"]}
+    motions = [wave("walking_1"), wave("soccer_1")]
+    scene = typical(predictors, motions[:1])
+    assert scene is not None
+    batch = next(batches(motions[0], 15))
+    scored = [j for j, name in enumerate(BODY.joints) if name[2:] != "hip"]
+    ends = np.linalg.norm(batch.history[:, -1] - batch.future[:, -1], axis=-1)[:, scored].mean(1)
+    shown = np.linalg.norm(scene.history[-1] - scene.future[-1], axis=-1)[scored].mean()
+    assert sorted(ends)[len(ends) // 2] == pytest.approx(shown)
+    path = write_filmstrip(predictors, motions, tmp_path / "film.png", ["soccer", "walking"])
+    assert path is not None
+    assert path.stat().st_size > 10_000
+    assert write_filmstrip(predictors, motions, tmp_path / "none.png", ["running"]) is None
