@@ -14,7 +14,7 @@ Where this differs from the paper, or the paper leaves it open:
 - Neither side of Eq. 16 is detached: each branch is teacher and student of the other.
 - Eqs. 17-18 print a squared norm but are called the average L2 distance: they are MPJPE here.
 - The inside of a layer isn't given. A graph layer is (learnt adjacency) x features x weights; a
-  block of two, with ReLU between, is added to its input, which is normalised before.
+  block of two, with ReLU and dropout between, is added to its input, which is normalised before.
 """
 
 from typing import Literal
@@ -48,7 +48,7 @@ class STBOptions(NetworkOptions):
         distillation: lambda of Eq. 19 (Table 6); 0 leaves the distillation out (Table 5).
     """
 
-    width: int = Field(256, ge=1, le=2048)
+    width: int = Field(320, ge=1, le=2048)
     blocks: int = Field(6, ge=1, le=64)
     dropout: float = Field(0.1, ge=0, lt=1)
     inputs: Literal["increments", "positions", "both"] = "increments"
@@ -164,8 +164,11 @@ class GraphBlock(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """(N, B, C) to the same."""
-        inner = self.dropout(self.first(self.norm(features)).relu())
-        return features + self.dropout(self.second(inner))
+        inner = self.first(self.norm(features)).relu()
+        if self.training:  # a channel drops out of all nodes: a hundredth of the random numbers
+            inner = inner * self.dropout(torch.ones_like(inner[:1]))
+        change: Tensor = self.second(inner)
+        return features + change
 
 
 class GraphLayer(nn.Module):

@@ -1,0 +1,191 @@
+"""TrajectoryCNN: its layout, its switches, and that it learns."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.body import BODY
+from hri_predict.predictors.network import Shape, Target, Window, last_pose
+from hri_predict.predictors.trajectorycnn import (
+    PART_ORDER,
+    TrajectoryCNN,
+    TrajectoryCNNOptions,
+    part_order,
+)
+from hri_predict.settings import validated
+from hri_predict.skeleton import make_skeleton
+
+SHAPE = Shape(BODY, 6, 9, 25.0)
+SMALL: dict[str, Any] = {"channels": 8, "blocks": 1}
+ELBOW = BODY.index("l_elbow")
+
+
+def network(shape: Shape = SHAPE, **options: Any) -> TrajectoryCNN:
+    torch.manual_seed(0)
+    return TrajectoryCNN(shape, TrajectoryCNNOptions(**options))
+
+
+def window(people: int = 3, shape: Shape = SHAPE) -> Window:
+    generator = torch.Generator().manual_seed(1)
+    size = (people, shape.history_steps, shape.joints)
+    positions = torch.randn(*size, 3, generator=generator)
+    return Window(positions, torch.rand(*size, generator=generator) > 0.1)
+
+
+def target(people: int = 3) -> Target:
+    generator = torch.Generator().manual_seed(2)
+    size = (people, SHAPE.horizon_steps, SHAPE.joints)
+    return Target(torch.randn(*size, 3, generator=generator), torch.ones(*size, dtype=torch.bool))
+
+
+def changed(net: TrajectoryCNN, coordinate: int) -> torch.Tensor:
+    """(J, 3): which outputs depend on one coordinate of the left elbow before the last step."""
+    net.eval()
+    before = window(1)
+    moved = before.positions.clone()
+    moved[:, :-1, ELBOW, coordinate] += 1.0
+    after = Window(moved, before.observed)
+    return ((net(after) - net(before)).abs().amax((0, 1)) > 1e-7).detach()
+
+
+def test_joints_are_sorted_by_part_as_in_the_paper() -> None:
+    order = part_order(BODY)
+    assert sorted(order) == list(range(28))
+    start = 0
+    for part in PART_ORDER:
+        joints = BODY.parts[part]
+        assert order[start : start + len(joints)] == list(joints)
+        start += len(joints)
+    assert start == 28
+
+
+def test_joints_of_no_part_come_last() -> None:
+    skeleton = make_skeleton("s", list("abcd"), [-1, 0, 1, 2], parts={"right_arm": (2,)})
+    assert part_order(skeleton) == [2, 0, 1, 3]
+
+
+def test_default_has_the_layers_of_the_paper() -> None:
+    net = network(Shape(BODY, 10, 25, 25.0))
+    sizes = [
+        tuple(layer.weight.shape) for layer in net.modules() if isinstance(layer, torch.nn.Conv2d)
+    ]
+    assert sizes.count((64, 64, 3, 3)) == 4 * 5
+    assert sizes[0] == (64, 20, 1, 1)  # ten frames and their mask
+    assert sizes[-2:] == [(25, 64, 3, 3), (25, 25, 1, 1)]
+
+
+def test_without_a_change_the_last_frame_is_repeated() -> None:
+    net = network(**SMALL).eval()
+    last_layer = net.decoder[-1]
+    assert isinstance(last_layer, torch.nn.Conv2d)
+    torch.nn.init.zeros_(last_layer.weight)
+    given = window()
+    assert torch.equal(net(given), last_pose(given).expand(-1, 9, -1, -1))
+
+
+def test_kernels_reach_as_far_as_table_vi_says() -> None:
+    single = torch.zeros(28, 3, dtype=torch.bool)
+    single[ELBOW, 1] = True
+    assert torch.equal(changed(network(**SMALL, kernel="1x1"), 1), single)
+    single[ELBOW] = True
+    assert torch.equal(changed(network(**SMALL, kernel="1x3"), 1), single)
+    around = changed(network(**SMALL), 1).any(1)
+    order = part_order(BODY)
+    rows = [order.index(j) for j in range(28) if around[j]]
+    reach = 5 + 1  # five layers and the decoder's, each a row further
+    middle = order.index(ELBOW)
+    assert sorted(rows) == [r for r in range(28) if abs(r - middle) <= reach]
+
+
+def test_residual_branches_are_two_point_wise_convolutions_a_block() -> None:
+    def count(net: TrajectoryCNN) -> int:
+        return sum(p.numel() for p in net.parameters())
+
+    assert count(network()) - count(network(residual=False)) == 4 * 2 * (64 * 64 + 64)
+
+
+def test_displacements_feed_the_same_network_as_raw_positions() -> None:
+    raw, relative = network(**SMALL, relative=False).eval(), network(**SMALL).eval()
+    relative.load_state_dict(raw.state_dict())
+    with torch.no_grad():  # a position is the last one plus the displacement from it
+        weight = relative.trajectory_space.weight
+        weight[:, 5] = weight[:, :6].sum(1)
+    given = window()
+    torch.testing.assert_close(relative(given), raw(given), rtol=0, atol=1e-5)
+
+
+def test_mask_matters_where_positions_are_the_same() -> None:
+    net, given = network(**SMALL).eval(), window()
+    seen = Window(given.positions, torch.ones_like(given.observed))
+    assert (net(seen) - net(given)).abs().max() > 1e-4
+
+
+@pytest.mark.parametrize("steps", [4, 9, 12])
+def test_pose_layout_takes_any_history(steps: int) -> None:
+    shape = replace(SHAPE, history_steps=steps)
+    net = network(shape, **SMALL, layout="pose").eval()
+    given = window(2, shape)
+    predicted = net(given)
+    assert predicted.shape == (2, 9, 28, 3)
+    moved = given.positions.clone()
+    moved[:, -2, ELBOW] += 1.0
+    assert (net(Window(moved, given.observed)) - predicted).abs().max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"kernel": "1x1"},
+        {"kernel": "1x3"},
+        {"layout": "pose"},
+        {"residual": False},
+        {"relative": False},
+        {"dropout": 0.5},
+    ],
+)
+def test_every_switch_takes_a_step(options: dict[str, Any]) -> None:
+    net = network(**SMALL, **options)
+    before = [p.detach().clone() for p in net.parameters()]
+    optimizer = torch.optim.SGD(net.parameters(), 0.1)
+    loss = net.loss(window(), target(), 0.0)
+    loss.backward()
+    optimizer.step()
+    assert loss.isfinite()
+    assert all(not torch.equal(a, b) for a, b in zip(before, net.parameters(), strict=True))
+
+
+def test_learns_a_constant_velocity() -> None:
+    net = network(channels=16, blocks=1, dropout=0.0)
+    generator = torch.Generator().manual_seed(3)
+    optimizer = torch.optim.Adam(net.parameters(), 3e-3)
+    losses = []
+    for _ in range(120):
+        start = torch.randn(16, 1, 28, 3, generator=generator)
+        speed = torch.randn(16, 1, 1, 3, generator=generator) * 0.05
+        path = start + speed * torch.arange(15).view(1, -1, 1, 1)
+        known = torch.ones(16, 15, 28, dtype=torch.bool)
+        given = Window(path[:, :6], known[:, :6])
+        loss = net.loss(given, Target(path[:, 6:], known[:, 6:]), 0.0)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss.detach()))
+    still = (speed * torch.arange(1, 10).view(1, -1, 1, 1)).norm(dim=-1).mean()
+    assert losses[-1] < 0.5 * float(still)
+
+
+def test_same_bytes_and_independent_of_the_batch() -> None:
+    net, given = network(**SMALL).eval(), window(5)
+    predicted = net(given)
+    assert torch.equal(net(given), predicted)
+    alone = net(Window(given.positions[2:3], given.observed[2:3]))
+    torch.testing.assert_close(alone, predicted[2:3], rtol=0, atol=1e-5)
+
+
+def test_unknown_kernel_is_refused_in_one_line() -> None:
+    with pytest.raises(ConfigError, match=r"x\.yaml: kernel: .*'3x3'"):
+        validated(TrajectoryCNNOptions, {"kernel": "5x5"}, "x.yaml")
