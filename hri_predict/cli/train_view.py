@@ -51,7 +51,7 @@ class TrainingView:
 
     def _left(self, epoch: Epoch) -> str:
         done = epoch.step / self._total
-        return f", {epoch.minutes / done - epoch.minutes:.0f} min left" if done < 1 else ""
+        return f", {epoch.minutes / done - epoch.minutes:.1f} min left" if done < 1 else ""
 
     def _write(self, epoch: Epoch) -> None:
         self._log.add_scalar("loss", epoch.loss, epoch.number)

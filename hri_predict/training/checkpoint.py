@@ -1,5 +1,6 @@
 """A training run's state on disk: written whole or not at all, read without unpickling code."""
 
+import contextlib
 import os
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,8 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
             os.fsync(file.fileno())
         os.replace(part, path)
     except (OSError, RuntimeError) as error:  # torch's writer turns a full disk into RuntimeError
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink()
         reason = (error.strerror if isinstance(error, OSError) else None) or "it was cut short"
         raise ConfigError(
             f"checkpoint {path}: cannot be written: {reason}; free some room, or choose another "

@@ -28,6 +28,7 @@ class Optimisation:
         self.network = network
         self._settings = settings
         self._processes = processes
+        processes.same([p.data for p in network.parameters()])
         self._model = list(network.model_parameters())
         self._critic = list(network.critic_parameters())
         self._adam = _adam(self._model, settings.learning_rate, settings.weight_decay)

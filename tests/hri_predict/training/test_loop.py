@@ -4,12 +4,11 @@ import json
 import os
 import subprocess
 import sys
-import textwrap
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 from torch import nn
 
 from hri_predict.errors import ConfigError, PredictorError
@@ -21,6 +20,7 @@ from hri_predict.predictors.network import (
     last_pose,
     mpjpe,
 )
+from hri_predict.predictors.weights import read_header
 from hri_predict.training import loop
 from hri_predict.training.config import TrainingConfig
 from hri_predict.training.samples import Samples
@@ -119,12 +119,13 @@ class Watcher:
 
 
 def make_config(out, options=None, **train):
-    settings = dict(epochs=4, windows_per_epoch=64, batch=16, learning_rate=0.02, warmup_steps=2)
+    settings = {"epochs": 4, "windows_per_epoch": 64, "batch": 16, "learning_rate": 0.02,
+                "warmup_steps": 2}  # fmt: skip
     return TrainingConfig.model_validate(
-        dict(
-            predictor="small", judgement="real", out=out, options=options or {},
-            shape=dict(history_steps=4, horizon_steps=3), train=settings | train,
-        )
+        {
+            "predictor": "small", "judgement": "real", "out": out, "options": options or {},
+            "shape": {"history_steps": 4, "horizon_steps": 3}, "train": settings | train,
+        }
     )  # fmt: skip
 
 
@@ -152,8 +153,210 @@ def test_it_learns_and_reports_validation_of_the_exported_weights(tmp_path):
     first, last = view.epochs[0].validation, view.epochs[-1].validation
     assert last.mm < 0.5 * first.mm
     assert result.ending == "epochs done"
-    assert result.epochs == 20 and result.steps == 80
+    assert result.epochs == 20
+    assert result.steps == 80
     best = min(view.epochs, key=lambda e: e.validation.mm)
     assert result.best_epoch == best.number
     assert result.validation == best.validation.as_dict()
     assert result.weights.exists()
+
+
+def test_it_exports_the_averaged_weights_without_the_adversary(tmp_path):
+    _, result, view = run(tmp_path, {"critic": True}, ema_decay=0.9)
+    assert view.epochs[-1].best
+    state = checkpoint(tmp_path)["optimisation"]
+    assert not same(state["averaged"], state["network"])
+    file = load_file(result.weights)
+    assert file.keys() == {k for k in state["averaged"] if not k.startswith("critic")}
+    for name, tensor in file.items():
+        torch.testing.assert_close(tensor.float(), state["averaged"][name], rtol=1e-3, atol=1e-4)
+    card = read_header(result.weights).card
+    assert card["config"]["train"]["ema_decay"] == 0.9
+    assert card["validation"] == result.validation
+    assert card["epoch"] == 4
+    assert card["steps"] == 16
+    assert len(card["data_fingerprint"]) == 64
+
+
+def test_the_adversary_moves_only_when_it_is_at_work(tmp_path):
+    # at work in the second half; its loss must not move the model, nor the model's loss it
+    run(tmp_path / "half", {"critic": True}, stop_after=2)
+    run(tmp_path / "whole", {"critic": True})
+    run(tmp_path / "none", {"critic": False}, ema_decay=0)
+    torch.manual_seed(0)
+    fresh = Small(SHAPE, Options(critic=True)).state_dict()
+    half, whole = (checkpoint(tmp_path / n)["optimisation"]["network"] for n in ("half", "whole"))
+    assert torch.equal(half["critic.weight"], fresh["critic.weight"])
+    assert not torch.equal(whole["critic.weight"], fresh["critic.weight"])
+    alone = checkpoint(tmp_path / "none")["optimisation"]["network"]
+    layers = [name for name in alone if name.startswith("layers")]
+    # `seen` counts the critic's forward passes, too; the model itself goes the same way
+    assert all(torch.equal(alone[n], whole[n]) for n in layers)
+
+
+RESUMED = {"dropout": 0.3, "critic": True}
+
+
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory):
+    out = tmp_path_factory.mktemp("straight")
+    return checkpoint(out) if run(out, RESUMED) else None
+
+
+def assert_same_run(out, straight):
+    resumed = checkpoint(out)
+    for part in ("network", "averaged"):
+        assert same(resumed["optimisation"][part], straight["optimisation"][part])
+    for adam in ("adam", "critic_adam"):
+        ours, theirs = (c["optimisation"][adam]["state"] for c in (resumed, straight))
+        assert ours.keys() == theirs.keys()
+        assert all(same(ours[k], theirs[k]) for k in ours)
+    assert resumed["numpy"] == straight["numpy"]
+    assert torch.equal(resumed["torch"][0], straight["torch"][0])
+    one, two = (json.loads(c["progress"]) for c in (resumed, straight))
+    assert one | {"seconds": 0} == two | {"seconds": 0}
+
+
+def test_two_epochs_and_two_resumed_are_four_to_the_bit(tmp_path, straight):
+    run(tmp_path, RESUMED, stop_after=2)
+    _, result, view = run(tmp_path, RESUMED, resume=True)
+    assert view.start == (8, 16)
+    assert result.epochs == 4
+    assert_same_run(tmp_path, straight)
+
+
+def test_an_interrupted_epoch_goes_on_to_the_bit(tmp_path, straight):
+    calls = iter(range(100))
+    _, result, view = run(tmp_path, RESUMED, stop=lambda: next(calls) == 5)
+    assert result.ending == "interrupted"
+    assert len(view.losses) == 6
+    run(tmp_path, RESUMED, resume=True)
+    assert_same_run(tmp_path, straight)
+
+
+def test_a_crash_within_an_epoch_costs_only_what_came_after_the_checkpoint(tmp_path, straight):
+    class Crash(Exception):
+        pass
+
+    calls = iter(range(100))
+
+    def crash():
+        if next(calls) == 6:
+            raise Crash
+        return False
+
+    with pytest.raises(Crash):
+        run(tmp_path, RESUMED, stop=crash, checkpoint_minutes=1e-9)
+    _, _, view = run(tmp_path, RESUMED, resume=True)
+    assert view.start == (6, 16)
+    assert_same_run(tmp_path, straight)
+
+
+def test_a_finished_run_resumed_does_nothing_more(tmp_path):
+    _, first, _ = run(tmp_path)
+    _, again, view = run(tmp_path, resume=True)
+    assert view.losses == []
+    assert again == first
+
+
+def test_a_run_is_not_overwritten(tmp_path):
+    run(tmp_path, stop_after=1)
+    with pytest.raises(ConfigError, match="holds a run; --resume"):
+        run(tmp_path)
+
+
+def test_another_run_is_not_resumed(tmp_path):
+    run(tmp_path, stop_after=1)
+    with pytest.raises(ConfigError, match=r"train.learning_rate 0.02, not 0.5"):
+        run(tmp_path, resume=True, learning_rate=0.5)
+    with pytest.raises(ConfigError, match=r"options.width None, not 9"):
+        run(tmp_path, {"width": 9}, resume=True)
+    other = Walkers()
+    other.rest = lambda: torch.zeros(28, 3)
+    with pytest.raises(ConfigError, match="other data"):
+        run(tmp_path, resume=True, source=other)
+    with pytest.raises(ConfigError, match="without --resume"):
+        run(tmp_path / "nowhere", resume=True)
+
+
+def test_a_loss_that_is_not_finite_names_its_step(tmp_path):
+    with pytest.raises(PredictorError, match=r"^training step 9: the loss is not finite") as error:
+        run(tmp_path, {"blow_up_at": 9 / 16})
+    assert "\n" not in str(error.value)
+
+
+def test_it_stops_when_validation_gets_no_better(tmp_path):
+    _, result, view = run(tmp_path, learning_rate=1e-30, ema_decay=0, patience=2)
+    assert result.ending == "no better validation"
+    assert len(view.epochs) == 3
+    assert result.best_epoch == 1
+
+
+def test_out_of_time_it_still_judges_and_exports(tmp_path):
+    _, result, view = run(tmp_path, max_minutes=1e-9)
+    assert result.ending == "out of time"
+    assert result.steps == 1
+    assert len(view.epochs) == 1
+    assert result.weights.exists()
+    _, longer, _ = run(tmp_path, resume=True)
+    assert longer.ending == "epochs done"
+
+
+def test_without_validation_windows_the_newest_weights_are_kept(tmp_path):
+    _, result, view = run(tmp_path, source=Walkers(validates=False), patience=1)
+    assert [e.best for e in view.epochs] == [True] * 4
+    assert result.validation is None
+    file = load_file(result.weights)
+    newest = checkpoint(tmp_path)["optimisation"]["averaged"]["layers.0.weight"]
+    torch.testing.assert_close(file["layers.0.weight"].float(), newest, rtol=1e-3, atol=1e-4)
+
+
+SCRIPT = """
+import importlib.util, sys
+from pathlib import Path
+
+import torch
+
+spec = importlib.util.spec_from_file_location("case", sys.argv[1])
+case = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(case)
+from hri_predict.training import loop
+from hri_predict.training.processes import Processes
+
+processes = Processes.join()
+assert processes.count == 2
+view = case.Watcher()
+config = case.make_config(Path(sys.argv[2]))
+torch.manual_seed(processes.rank)  # the first process's weights are everybody's
+network = case.Small(case.SHAPE, case.Options())
+network.rest.copy_(case.Walkers().rest())
+loop.train(config, case.Walkers(), network, view, processes=processes)
+if processes.rank == 0:
+    torch.save(view.losses, Path(sys.argv[2]) / "losses.pt")
+else:
+    assert view.losses == []
+processes.leave()
+"""
+
+
+def test_two_processes_go_one_process_s_way(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT, encoding="utf-8")
+    done = subprocess.run(
+        [
+            sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2",
+            "--master-addr", "127.0.0.1", "--master-port", "0", "--rdzv-backend", "c10d",
+            "--rdzv-endpoint", "127.0.0.1:0", str(script), __file__, str(tmp_path / "two"),
+        ],
+        env=os.environ | {"OMP_NUM_THREADS": "1"}, capture_output=True, text=True, timeout=120,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    _, _, view = run(tmp_path / "one")
+    losses = torch.load(tmp_path / "two" / "losses.pt", weights_only=True)
+    assert losses == pytest.approx(view.losses, rel=0, abs=1e-6)
+    one, two = (checkpoint(tmp_path / n) for n in ("one", "two"))
+    for name, value in one["optimisation"]["averaged"].items():
+        torch.testing.assert_close(two["optimisation"]["averaged"][name], value, rtol=0, atol=1e-6)
+    first, second = (json.loads(c["progress"])["best_mm"] for c in (one, two))
+    assert second == pytest.approx(first, abs=1e-2)

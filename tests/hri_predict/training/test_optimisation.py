@@ -1,0 +1,79 @@
+"""One step of training, on a network of one line."""
+
+import pytest
+import torch
+from torch import nn
+
+from hri_predict.predictors.body import BODY
+from hri_predict.predictors.network import Network, Shape, Target, Window
+from hri_predict.training.config import TrainSettings
+from hri_predict.training.optimisation import Optimisation, learning_rate_factor
+from hri_predict.training.processes import Processes
+
+
+class Line(Network):
+    def __init__(self):
+        super().__init__(Shape(BODY, 4, 3, 25.0))
+        self.line = nn.Linear(4, 3)
+        self.register_buffer("seen", torch.zeros(()))
+
+    def forward(self, window):
+        self.seen += 1
+        return self.line(window.positions.movedim(1, -1)).movedim(-1, 1)
+
+
+def settings(**changes):
+    """16 steps in all."""
+    base = {"epochs": 4, "windows_per_epoch": 64, "batch": 16, "learning_rate": 0.02}
+    return TrainSettings(**(base | changes))
+
+
+def batch():
+    generator = torch.Generator().manual_seed(1)
+    past, future = (torch.randn(8, n, 28, 3, generator=generator) for n in (4, 3))
+    return Window(past, past[..., 0] < 9), Target(future, future[..., 0] < 0.5)
+
+
+def test_the_average_follows_its_recurrence():
+    config = settings(ema_decay=0.5)
+    network = Line()
+    optimisation = Optimisation(network, config, Processes())
+    window, target = batch()
+    expected = network.line.weight.detach().clone()
+    for number in range(6):
+        optimisation.step(window, target, 1.0, number)
+        decay = min(0.5, (1 + number) / (10 + number))
+        expected = decay * expected + (1 - decay) * network.line.weight.detach()
+    torch.testing.assert_close(optimisation.averaged.line.weight, expected)
+    assert float(optimisation.settle().seen) == 6  # buffers are the newest, not averaged
+
+
+def test_without_a_decay_nothing_is_averaged():
+    network = Line()
+    chosen = settings(ema_decay=0)
+    assert Optimisation(network, chosen, Processes()).averaged is network
+
+
+def test_the_learning_rate_rises_then_falls_along_a_cosine():
+    chosen = settings(warmup_steps=4)  # 16 steps
+    factors = [learning_rate_factor(n, chosen) for n in range(16)]
+    assert factors[0] == pytest.approx(0.2)
+    assert factors[8] == pytest.approx(0.5)
+    assert factors[4:] == sorted(factors[4:], reverse=True)
+    assert 0 < factors[-1] < 0.02
+    steady = settings(warmup_steps=0, schedule="constant")
+    assert {learning_rate_factor(n, steady) for n in range(16)} == {1.0}
+
+
+def test_gradients_are_clipped():
+    def moved(clip_norm):
+        torch.manual_seed(0)
+        network = Line()
+        chosen = settings(clip_norm=clip_norm, warmup_steps=0)
+        optimisation = Optimisation(network, chosen, Processes())
+        window, target = batch()
+        optimisation.step(window, target, 1.0, 0)
+        return torch.cat([p.grad.flatten() for p in network.parameters()]).norm()
+
+    assert float(moved(1e-3)) == pytest.approx(1e-3, rel=1e-2)
+    assert float(moved(1e3)) > 1e-2
