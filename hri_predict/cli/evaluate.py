@@ -1,0 +1,278 @@
+"""``evaluate``: how good a predictor is, by the papers' benchmark or on real recordings."""
+
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table as ScreenTable
+
+from hri_predict import registry
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.settings import validated
+
+if TYPE_CHECKING:  # torch takes seconds to import, which the other commands need not wait for
+    from hri_predict.predictors.base import Predictor
+    from hri_predict.predictors.weights import LoadedWeights
+    from hri_predict.training.benchmark import Forecaster, Protocol
+    from hri_predict.training.report import Table
+
+_SPLITS = ("fit", "validation", "calibration", "test")
+_RECORDINGS = (".npz", ".bvh", ".mcap")
+
+
+def evaluate(
+    data: Annotated[
+        list[Path], typer.Option(help="Folder of the data pack, or recordings. Repeatable.")
+    ],
+    predictor: Annotated[str, typer.Option(help="Name of the predictor.")],
+    weights: Annotated[Path | None, typer.Option(help="Its weights, *.safetensors.")] = None,
+    benchmark: Annotated[
+        str | None, typer.Option(help="cmu or human36m: judge as the papers do.")
+    ] = None,
+    windows: Annotated[
+        str, typer.Option(help="Benchmark: all, 8-seeds or 80-seeds of each test recording.")
+    ] = "all",
+    n_out: Annotated[int, typer.Option(help="Benchmark: frames predicted, 10 or 25.")] = 25,
+    error: Annotated[
+        str | None,
+        typer.Option(help="Benchmark: mpjpe, or euler (KD-Former's own); else as the weights are."),
+    ] = None,
+    split: Annotated[
+        str, typer.Option(help="Which recordings of the data pack: validation, test, ...")
+    ] = "test",
+    disturb: Annotated[
+        bool, typer.Option("--disturb", help="Also with joints missing, noise, dropped frames.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for tables (Markdown, CSV, JSON) and plots.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
+) -> None:
+    """Judge a predictor: in true seconds and metres, or (--benchmark) as the papers do.
+
+    Example: hri-predict evaluate --benchmark cmu --data ../shared/data --predictor zero_velocity
+    """
+    if benchmark is None:
+        _real(data, predictor, weights, _one_of("--split", split, _SPLITS), disturb, out, as_json)
+    else:
+        _benchmark(data, predictor, weights, (benchmark, windows, n_out, error), out, as_json)
+
+
+def _one_of(flag: str, value: str, known: Sequence[str]) -> Any:
+    if value not in known:
+        raise ConfigError(f"{flag} {value}: unknown{nearest(value, known)} ({', '.join(known)})")
+    return value
+
+
+def _benchmark(
+    data: list[Path],
+    predictor: str,
+    weights: Path | None,
+    asked: tuple[str, str, int, str | None],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    from hri_predict.training import benchmark_report
+    from hri_predict.training.benchmark import Protocol, judge
+
+    benchmark, windows, n_out, error = asked
+    if len(data) != 1:
+        raise ConfigError("--data: a benchmark is read from one folder; give it once")
+    if n_out not in (10, 25):
+        raise ConfigError(f"--n-out {n_out}: the benchmark predicts 10 or 25 frames")
+    loaded = _load(predictor, weights)
+    if error is None:
+        maps = loaded is not None and loaded.network.shape.skeleton.name == "cmu38"
+        error = "euler" if maps else "mpjpe"
+    protocol = Protocol(
+        benchmark=_one_of("--benchmark", benchmark, ("cmu", "human36m")),
+        windows=_one_of("--windows", windows, ("all", "8-seeds", "80-seeds")),
+        n_out=n_out,
+        error=_one_of("--error", error, ("mpjpe", "euler")),
+    )
+    forecasters = _forecasters(protocol, predictor, loaded)
+    with _progress() as progress:
+        task = progress.add_task("judging", total=None)
+        scores = judge(
+            protocol, data[0], forecasters, lambda a: progress.update(task, description=a)
+        )
+    card = {} if loaded is None else loaded.card
+    result = benchmark_report.BenchmarkResult(protocol, scores, card)
+    if out is not None:
+        _tell(benchmark_report.write_report(result, out, _command()))
+    if as_json:
+        print(json.dumps(benchmark_report.as_json(result)))
+        return
+    _show(benchmark_report.tables(result), benchmark_report.notes(result))
+
+
+def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
+    """The network of a trained predictor; ``None`` of a baseline that the benchmark knows."""
+    from hri_predict.predictors.weights import load_weights
+
+    if predictor in ("zero_velocity", "constant_velocity"):
+        if weights is not None:
+            raise ConfigError(f"--weights: {predictor} has none; leave it out")
+        return None
+    trained = getattr(registry.load("predictors", predictor), "network_class", None)
+    if trained is None:
+        raise ConfigError(
+            f"--predictor {predictor}: the benchmark judges zero_velocity, constant_velocity and "
+            f"trained predictors; leave out --benchmark to judge it on recordings"
+        )
+    if weights is None:
+        raise ConfigError(
+            f"--predictor {predictor}: give --weights FILE, trained for the benchmark with "
+            f"hri-predict train (shipped weights are for real recordings)"
+        )
+    loaded = load_weights(weights)
+    if loaded.method != predictor:
+        raise ConfigError(
+            f"--weights {weights}: of '{loaded.method}', not of '{predictor}'; give its own"
+        )
+    return loaded
+
+
+def _forecasters(
+    protocol: "Protocol", predictor: str, loaded: "LoadedWeights | None"
+) -> "dict[str, Forecaster]":
+    """What was asked for first, and the baselines beside it."""
+    from hri_predict.training.benchmark import (
+        constant_velocity,
+        network_forecaster,
+        zero_velocity,
+    )
+
+    baselines = {"zero_velocity": zero_velocity(protocol.n_out)}
+    if protocol.error == "mpjpe":  # rotation vectors do not add up: no velocity of them
+        baselines["constant_velocity"] = constant_velocity(protocol.n_out)
+    if loaded is not None:
+        network = network_forecaster(protocol, loaded.network, f"--predictor {predictor}")
+        return {predictor: network, **baselines}
+    if predictor not in baselines:
+        raise ConfigError(
+            f"--predictor {predictor}: not with --error {protocol.error}; use zero_velocity"
+        )
+    return {predictor: baselines[predictor], **baselines}
+
+
+def _real(
+    data: list[Path],
+    predictor: str,
+    weights: Path | None,
+    split: str,
+    disturb: bool,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    from hri_predict.training import report
+    from hri_predict.training.corruption import standard
+    from hri_predict.training.real import baselines, judge_all
+    from hri_predict.training.real_windows import origins, read_motions
+
+    predictors = {predictor: _built(predictor, weights), **baselines()}
+    motions = read_motions([path for entry in data for path in recordings(entry, split)])
+    windows = sum(len(origins(motion)[0]) for motion in motions)
+    if windows == 0:
+        raise ConfigError("--data: no recording is long enough to judge; give longer ones")
+    conditions = (None, *(standard() if disturb else ()))
+    with _progress() as progress:
+        task = progress.add_task("judging", total=windows * len(conditions))
+        results = []
+        for condition in conditions:
+            text = "judging" if condition is None else condition.name
+            progress.update(task, description=text)
+            results += judge_all(
+                predictors, motions, condition, lambda n: progress.advance(task, n)
+            )
+    if out is not None:
+        _tell(report.write_report(results, out))
+    if as_json:
+        print(json.dumps(report.as_json(results)))
+        return
+    tables = [report.judge_table(results), *report.action_tables(results)]
+    if disturb:
+        tables.append(report.corruption_table(results))
+    _show(tables, [])
+
+
+def _built(predictor: str, weights: Path | None) -> "Predictor":
+    """The predictor as the node has it, on the joints that are judged."""
+    from hri_predict.predictors.body import BODY
+    from hri_predict.training.real_windows import FUTURE_STEPS, RATE_HZ
+
+    made = registry.load("predictors", predictor)
+    asked: dict[str, Any] = {"name": predictor, "rate_hz": RATE_HZ}
+    asked["horizon_s"] = FUTURE_STEPS / RATE_HZ
+    if weights is not None:
+        if "weights" not in made.settings_model.model_fields:
+            raise ConfigError(f"--weights: {predictor} has none; leave it out")
+        asked["weights"] = str(weights)
+    result: Predictor = made(
+        validated(made.settings_model, asked, f"--predictor {predictor}"), BODY
+    )
+    return result
+
+
+def recordings(entry: Path, split: str) -> list[Path]:
+    """The recordings that ``--data`` names: a file, those of the pack's split, or a folder's.
+
+    Raises:
+        ConfigError: there is no such file, or no recording in the folder.
+    """
+    from hri_predict.training.motion import RecordingsSettings
+
+    if not entry.exists():
+        raise ConfigError(f"--data {entry}: no such file or folder; check the path")
+    if entry.is_file():
+        return [entry]
+    if any((entry / pack / "test").is_dir() for pack in ("", "cmu_mocap")):
+        return RecordingsSettings(root=entry).files(split)
+    found = sorted(p for p in entry.rglob("*") if p.suffix.lower() in _RECORDINGS)
+    if not found:
+        raise ConfigError(
+            f"--data {entry}: no recording there ({', '.join(_RECORDINGS)}); give another folder"
+        )
+    return found
+
+
+def _progress() -> Progress:
+    console = Console(stderr=True)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+
+
+def _show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:
+    console = Console()
+    for table in tables:
+        shown = ScreenTable(title=table.title, title_justify="left")
+        shown.add_column(table.columns[0])
+        for column in table.columns[1:]:
+            shown.add_column(column, justify="right")
+        for row in table.rows:
+            shown.add_row(*row)
+        console.print(shown)
+    for note in notes:
+        console.print(f"- {note}", markup=False, highlight=False)
+
+
+def _tell(files: Sequence[Path]) -> None:
+    print("written: " + ", ".join(map(str, files)), file=sys.stderr)
+
+
+def _command() -> str:
+    """The command as it was given, for the report."""
+    return shlex.join(["hri-predict", *sys.argv[1:]])

@@ -1,0 +1,67 @@
+"""Plot of a benchmark as PNG: error by horizon, a panel per action, printed numbers as marks."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hri_predict.errors import ConfigError
+from hri_predict.training.benchmark import mean_over
+from hri_predict.training.benchmark_report import MEAN, BenchmarkResult, printed_at
+
+try:
+    from matplotlib.figure import Figure
+except ImportError as error:  # an extra of its own
+    raise ConfigError(
+        "plots need matplotlib; install it with pip install 'hri-predict[train]'"
+    ) from error
+
+# Okabe and Ito's colours, which the colour-blind can tell apart; baselines are grey
+_OURS = "#0072B2"
+_COLOURS = ("#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_BASELINES = {"zero_velocity": "-", "constant_velocity": "--"}
+_COLUMNS = 3
+
+
+def error_by_horizon(result: BenchmarkResult) -> Figure:
+    """Measured errors as lines, what papers print of the same protocol as marks."""
+    panels = (MEAN, *result.actions)
+    rows = math.ceil(len(panels) / _COLUMNS)
+    figure = Figure(figsize=(13, 3.2 * rows + 0.8), layout="constrained")
+    grid = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
+    handles: dict[str, Any] = {}
+    for axes, action in zip(grid, panels, strict=False):
+        _measured(axes, result, action)
+        _printed(axes, result, action)
+        axes.set_title(action, fontsize=10)
+        axes.set_xlabel("frames ahead", fontsize=8)
+        axes.set_ylabel(result.protocol.unit, fontsize=8)
+        axes.grid(alpha=0.3)
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    for axes in grid[len(panels) :]:
+        axes.set_visible(False)
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5)
+    return figure
+
+
+def _measured(axes: Any, result: BenchmarkResult, action: str) -> None:
+    top = 0.0
+    for name, scores in result.scores.items():
+        errors = mean_over(result.protocol, scores) if action == MEAN else scores[action].errors
+        line, colour = _BASELINES.get(name, "-"), "#888888" if name in _BASELINES else _OURS
+        axes.plot(np.arange(1, len(errors) + 1), errors, line, color=colour, label=name)
+        if name == "zero_velocity" and np.isfinite(errors).all():
+            top = float(errors.max())
+    if top > 0:
+        axes.set_ylim(0, 1.15 * top)  # one that runs away leaves the picture
+
+
+def _printed(axes: Any, result: BenchmarkResult, action: str) -> None:
+    for k, entry in enumerate(result.printed):
+        values = [printed_at(entry, action, frame, result.averaged) for frame in entry.columns]
+        known = [(f + 1, v) for f, v in zip(entry.columns, values, strict=True) if v is not None]
+        if known:
+            colour = _COLOURS[k % len(_COLOURS)]
+            label = f"{entry.method}, printed"
+            axes.plot(*zip(*known, strict=True), "o", markersize=4, color=colour, label=label)
