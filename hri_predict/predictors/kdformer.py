@@ -16,6 +16,10 @@ What differs from it, and why:
 - ``space: rotations`` (the benchmark): the window holds exponential maps of the 38 joints of CMU;
   the forces come from its one skeleton for everybody.
 - Quaternions q and -q are one rotation: Eq. 28 compares with the nearer of the two.
+- Each step's residual has a learnt gain, at first in proportion to how far ahead it is: the next
+  steps are near the last pose from the start.
+- Layers that normalise their input, as these do, leave their sum unbounded: it is normalised once
+  more before the last layer, as is usual since.
 - A joint that was not observed is filled in and marked by a learnt token; a step with no observed
   joint is never attended to.
 """
@@ -142,12 +146,14 @@ class Decoder(nn.Module):
             )
             for _ in range(stages)
         )
+        self.gain = nn.Parameter(torch.arange(1.0, steps + 1) / steps)
+        self.norm = nn.LayerNorm(width)
         self.out = nn.Linear(width, width // o.width * 3)
         nn.init.zeros_(self.out.weight)  # an untrained network repeats the last pose
         nn.init.zeros_(self.out.bias)
 
     def forward(self, y: Tensor, memories: list[Tensor], mask: Tensor | None) -> Tensor:
-        """Residuals (B, Q, J' 3) of queries (B, Q, J' d) that carry their places already.
+        """Residuals (B, Q, J', 3), before ``gain``, of queries (B, Q, J' d) that carry their places already.
 
         Args:
             y: the queries.
@@ -165,8 +171,8 @@ class Decoder(nn.Module):
             assert isinstance(layers, nn.ModuleList)
             for layer in layers:
                 y = layer(y, attended, mask)
-        residual: Tensor = self.out(y)
-        return residual
+        residual: Tensor = self.out(self.norm(y))
+        return residual.unflatten(2, (-1, 3))
 
 
 class KDFormer(Network):
@@ -250,17 +256,17 @@ class KDFormer(Network):
         if self.options.decoding == "autoregressive":
             return self._decode_stepwise(last, query, memories, mask)
         residual = self.decoder(self.decoder.place(query), memories, mask)  # Eq. 14
-        return last + residual.unflatten(2, (-1, 3))  # Eq. 26
+        return last + self.decoder.gain[:, None, None] * residual  # Eq. 26
 
     def _decode_stepwise(
         self, pose: Tensor, query: Tensor, memories: list[Tensor], mask: Tensor | None
     ) -> Tensor:
         """Each step's query is the pose predicted before it (Table 3, AR): (B, H, J', 3)."""
         future: list[Tensor] = []
-        for place in self.decoder.place.table:
+        for place, gain in zip(self.decoder.place.table, self.decoder.gain, strict=True):
             if future:
                 query = self.kinematic_spatial(pose, None)
-            pose = pose + self.decoder(query + place, memories, mask).unflatten(2, (-1, 3))
+            pose = pose + gain * self.decoder(query + place, memories, mask)
             future.append(pose)
         return torch.cat(future, 1)
 
