@@ -37,12 +37,13 @@ _DPI = 130
 def write_plots(results: Sequence[RealResult], out_dir: Path) -> list[Path]:
     """Write every plot of undisturbed results into a folder that exists; returns the files."""
     clean = [r for r in results if r.corruption is None]
-    if not clean:
+    if not clean or not clean[0].actions:
         return []
-    figures = {"error_by_action.png": error_by_action(clean)}
-    if clean[0].averaged:
-        figures["error_by_horizon.png"] = error_by_horizon(clean)
-        figures["error_by_joint.png"] = error_by_joint(clean)
+    figures = {
+        "error_by_action.png": error_by_action(clean),
+        "error_by_horizon.png": error_by_horizon(clean),
+        "error_by_joint.png": error_by_joint(clean),
+    }
     for name, figure in figures.items():
         figure.savefig(out_dir / name, dpi=_DPI)
     return [out_dir / name for name in figures]
@@ -117,10 +118,12 @@ def _limit(results: Sequence[RealResult], curves: Sequence[Floats]) -> float:
 
     One that runs away leaves the picture; the tables say how far.
     """
-    tops = {r.predictor: float(np.nanmax(c)) for r, c in zip(results, curves, strict=True)}
+    tops = {
+        r.predictor: float(np.nanmax(c, initial=0.0)) for r, c in zip(results, curves, strict=True)
+    }
     scale = tops.get("zero_velocity", max(tops.values()))
     trained = [top for name, top in tops.items() if name not in _BASELINES]
-    return 1.1 * min(3 * scale, max([scale, *trained]))
+    return 1.1 * min(3 * scale, max([scale, *trained])) or 1.0  # where nothing is known
 
 
 def _name_lines(axes: Any, results: Sequence[RealResult], curves: Sequence[Floats]) -> None:

@@ -6,6 +6,7 @@ joint-frames of an action's windows; the headline is the mean over five actions,
 same. ``running`` (too short for 1 s), ``walking_extra`` and the seated arms are judged apart.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -81,8 +82,8 @@ class RealResult:
 
     @property
     def averaged(self) -> tuple[str, ...]:
-        """Those of ``MEAN_ACTIONS`` that were judged."""
-        return tuple(a for a in MEAN_ACTIONS if a in self.actions)
+        """Those of ``MEAN_ACTIONS`` that were judged; of other recordings, all actions."""
+        return tuple(a for a in MEAN_ACTIONS if a in self.actions) or tuple(self.actions)
 
     def action_mm(self, action: str) -> Floats:
         """(6,) mean error in millimetres at ``HORIZONS_MS``; NaN beyond the recording's end."""
@@ -98,6 +99,11 @@ class RealResult:
     def mean_mm(self) -> Floats:
         """(6,) the headline: ``mean_by_step`` at ``HORIZONS_MS``."""
         return _at_horizons(self.mean_by_step())
+
+    def overall_mm(self) -> float:
+        """Mean of ``mean_mm`` over the horizons that all of ``averaged`` reach; NaN if none."""
+        reached = self.mean_mm()[np.isfinite(self.mean_mm())]
+        return float(reached.mean()) if reached.size else math.nan
 
     def mean_by_joint(self) -> Floats:
         """(25, 28) mean over ``averaged`` by joint, millimetres."""
@@ -218,9 +224,11 @@ def baselines() -> dict[str, Predictor]:
 def relative_loss(clean: RealResult, disturbed: RealResult) -> Floats:
     """(7,) by how much the mean grew: as a share at each of ``HORIZONS_MS``, then over them all.
 
-    0.1 says that the predictor loses 10 % where its input was disturbed.
+    0.1 says that the predictor loses 10 % where its input was disturbed. NaN where the recordings
+    do not reach.
     """
     before, after = clean.mean_mm(), disturbed.mean_mm()
-    before, after = np.append(before, before.mean()), np.append(after, after.mean())
-    result: Floats = after / before - 1
-    return result
+    result: Floats = np.append(after, disturbed.overall_mm()) / np.append(
+        before, clean.overall_mm()
+    )
+    return result - 1

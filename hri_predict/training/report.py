@@ -70,7 +70,7 @@ def corruption_table(results: Sequence[RealResult]) -> Table:
     Each cell: the mean error over actions and horizons, mm, and by how much it grew.
     """
     clean = {r.predictor: r for r in undisturbed(results)}
-    rows = [("none", *(f"{r.mean_mm().mean():.0f}" for r in clean.values()))]
+    rows = [("none", *(f"{r.overall_mm():.0f}" for r in clean.values()))]
     names = list(dict.fromkeys(r.corruption.name for r in results if r.corruption))
     for name in names:
         found = {r.predictor: r for r in results if r.corruption and r.corruption.name == name}
@@ -194,8 +194,8 @@ def as_markdown(results: Sequence[RealResult]) -> str:
         "Mean distance between predicted and true joints in the room, the person's travel "
         "included: true millimetres and seconds, on the pelvis and the 25 joints of the CMU "
         "benchmark where they are known. Origins at 25 Hz, each with 15 steps of history, the "
-        f"same for all predictors. The mean weighs its actions alike ({_and(MEAN_ACTIONS)}, as "
-        "far as judged). A dash: the recording or the predictor does not reach so far.\n"
+        f"same for all predictors. The five actions are {_and(MEAN_ACTIONS)}; a mean weighs its "
+        "actions alike. A dash: the recording or the predictor does not reach so far.\n"
     )
     return "\n".join([head, *(t.markdown() for t in tables)])
 
@@ -232,7 +232,7 @@ def _cells(values: Sequence[float] | np.ndarray) -> tuple[str, ...]:
 def _loss(clean: RealResult, disturbed: RealResult | None) -> str:
     if disturbed is None:
         return "–"
-    return f"{disturbed.mean_mm().mean():.0f} ({relative_loss(clean, disturbed)[-1]:+.0%})"
+    return f"{disturbed.overall_mm():.0f} ({relative_loss(clean, disturbed)[-1]:+.0%})"
 
 
 def _numbers(values: np.ndarray, digits: int = 2) -> list[float | None]:

@@ -100,12 +100,13 @@ def test_json_and_csv_agree(results):
     assert not [r for r in rows if r["action"] == "running" and int(r["horizon_ms"]) > 600]
 
 
-def test_a_report_of_recordings_that_none_of_the_five_actions_is_in(tmp_path):
+def test_a_report_of_recordings_that_end_early_and_of_none_of_the_five_actions(tmp_path):
     pytest.importorskip("matplotlib")
-    only = [RealResult("stb", None, {"arms": errors(20)})]
-    names = {path.name for path in write_report(only, tmp_path)}
-    assert "error_by_action.png" in names
-    assert "error_by_horizon.png" not in names
+    short = {"arms": errors(20, steps=10)}
+    results = [RealResult("stb", None, short), RealResult("stb", MISSING, short)]
+    assert len(write_report(results, tmp_path)) == 6
+    assert judge_table(results).title == "Mean over arms, mm"
+    assert corruption_table(results).rows[1] == ("30 % of joint-frames missing", "5 (+0%)")
 
 
 def test_a_report_is_written_and_a_folder_that_cannot_be_is_the_users_to_mend(tmp_path, results):
