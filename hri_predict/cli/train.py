@@ -58,7 +58,7 @@ def train(
             settings, source, network, view, resume=resume, stop=stop, processes=processes
         )
     if processes.rank == 0:
-        _show(result, as_json)
+        _show(result, settings.error_unit, as_json)
     if result.ending == "interrupted":
         if processes.rank == 0:
             again = [a for a in sys.argv[1:] if a != "--resume"] + ["--resume"]
@@ -95,7 +95,7 @@ def _told_to_stop() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def _show(result: "Result", as_json: bool) -> None:
+def _show(result: "Result", unit: str, as_json: bool) -> None:
     if as_json:
         print(json.dumps(result.as_dict()))
         return
@@ -105,6 +105,7 @@ def _show(result: "Result", as_json: bool) -> None:
         return
     if result.validation is not None:
         print(
-            f"best validation: {result.validation['mpjpe_mm']:.1f} mm in epoch {result.best_epoch}"
+            f"best validation: {result.validation['mpjpe_mm']:.1f} {unit} "
+            f"in epoch {result.best_epoch}"
         )
     print(f"weights: {result.weights}")

@@ -37,7 +37,9 @@ class TrainingView:
 
     def ended_epoch(self, epoch: Epoch) -> None:
         """Print a line and log the numbers."""
-        error = "" if epoch.validation is None else f"  validation {epoch.validation.mm:.1f} mm"
+        error = ""
+        if epoch.validation is not None:
+            error = f"  validation {epoch.validation.mm:.1f} {self._config.error_unit}"
         line = (
             f"epoch {epoch.number}  loss {epoch.loss:.4f}{error}{' (best)' if epoch.best else ''}"
             f"  {epoch.minutes:.1f} min"
@@ -58,12 +60,13 @@ class TrainingView:
         self._log.add_scalar("learning_rate", epoch.learning_rate, epoch.number)
         if epoch.validation is None:
             return
-        self._log.add_scalar("validation_mm/mean", epoch.validation.mm, epoch.number)
+        unit = self._config.error_unit
+        self._log.add_scalar(f"validation_{unit}/mean", epoch.validation.mm, epoch.number)
         for name, value in epoch.validation.actions_mm.items():
-            self._log.add_scalar(f"validation_action_mm/{name}", value, epoch.number)
+            self._log.add_scalar(f"validation_action_{unit}/{name}", value, epoch.number)
         rate = self._config.shape.rate_hz
         for step, value in enumerate(epoch.validation.at_mm, start=1):
-            tag = f"validation_horizon_mm/{1000 * step / rate:04.0f}_ms"
+            tag = f"validation_horizon_{unit}/{1000 * step / rate:04.0f}_ms"
             self._log.add_scalar(tag, value, epoch.number)
         self._log.flush()
 

@@ -26,7 +26,13 @@ def open_samples(config: TrainingConfig) -> SampleSource:
     where, shape = "training configuration: data", config.shape
     steps = shape.history_steps, shape.horizon_steps
     if config.judgement == "benchmark":
-        return BenchmarkSamples(validated(BenchmarkData, config.data, where), *steps)
+        source = BenchmarkSamples(validated(BenchmarkData, config.data, where), *steps)
+        if source.shape.rate_hz != shape.rate_hz:
+            raise ConfigError(
+                f"training configuration: shape.rate_hz {shape.rate_hz:g}: the benchmark has "
+                f"{source.shape.rate_hz:g}; leave it out"
+            )
+        return source
     settings = validated(DataSettings, config.data, where)
     return MotionSamples(settings, Shape(BODY, *steps, shape.rate_hz))
 

@@ -69,6 +69,11 @@ class TrainingConfig(Settings):
     initial_weights: Path | None = Field(None, description="weights to start from (fine-tuning)")
     out: Path = Field(description="folder of the run: checkpoints, log, weights")
 
+    @property
+    def error_unit(self) -> str:
+        """Unit of the validation error: joints are places, or rotations (exponential maps)."""
+        return "mrad" if self.data.get("space") == "rotations" else "mm"
+
 
 def load_training_config(path: Path, changes: list[str] | None = None) -> TrainingConfig:
     """Read a training configuration; ``changes`` are ``key.key=value`` that override it.

@@ -288,6 +288,7 @@ class _Run:
     def _refuse_another(self, path: Path, was: TrainingConfig, fingerprint: str) -> None:
         old, new = (c.model_dump(exclude=set(_MAY_CHANGE)) for c in (was, self.config))
         for one in (old, new):
+            one["data"].pop("root", None)  # the fingerprint tells whether the data is the same
             one["train"] = {k: v for k, v in one["train"].items() if k not in _MAY_CHANGE_TRAIN}
         for key in new:
             if old[key] != new[key]:

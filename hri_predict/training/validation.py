@@ -15,6 +15,8 @@ from hri_predict.training.samples import Samples
 class Validation:
     """MPJPE over all horizons, at each, and per action; every action counts the same.
 
+    Where windows hold rotations instead of places, milliradians.
+
     Attributes:
         mm: mean over the actions of their mean error, millimetres.
         at_mm: the same at each horizon step.

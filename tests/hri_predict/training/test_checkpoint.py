@@ -1,6 +1,7 @@
 """A checkpoint is written whole or not at all, and reading one runs no code."""
 
 import pickle
+from typing import Any
 
 import pytest
 import torch
@@ -8,7 +9,12 @@ import torch
 from hri_predict.errors import ConfigError
 from hri_predict.training.checkpoint import load_checkpoint, save_checkpoint
 
-STATE = {"weights": {"a": torch.arange(3.0)}, "step": 7, "text": "{}", "many": [torch.ones(2)]}
+STATE: dict[str, Any] = {
+    "weights": {"a": torch.arange(3.0)},
+    "step": 7,
+    "text": "{}",
+    "many": [torch.ones(2)],
+}
 
 
 def test_what_is_saved_is_read_back(tmp_path):
@@ -47,6 +53,7 @@ class Harmful:
         return (exec, ("raise SystemExit('it ran')",))
 
 
+@pytest.mark.filterwarnings("ignore:Detected pickle protocol")
 @pytest.mark.parametrize("how", ["torch", "pickle", "garbage", "empty", "cut", "list"])
 def test_nothing_but_plain_data_is_read(tmp_path, how):
     path = tmp_path / "last.pt"

@@ -39,6 +39,8 @@ class Small(Network):
     """One hidden layer over time, the same for every joint and axis."""
 
     options_model = Options
+    options: Options
+    seen: torch.Tensor
 
     def __init__(self, shape, options):
         super().__init__(shape)
@@ -271,10 +273,13 @@ def test_another_run_is_not_resumed(tmp_path):
         run(tmp_path, resume=True, learning_rate=0.5)
     with pytest.raises(ConfigError, match=r"options.width None, not 9"):
         run(tmp_path, {"width": 9}, resume=True)
-    other = Walkers()
-    other.rest = lambda: torch.zeros(28, 3)
+
+    class Others(Walkers):
+        def rest(self):
+            return torch.zeros(28, 3)
+
     with pytest.raises(ConfigError, match="other data"):
-        run(tmp_path, resume=True, source=other)
+        run(tmp_path, resume=True, source=Others())
     with pytest.raises(ConfigError, match="without --resume"):
         run(tmp_path / "nowhere", resume=True)
 

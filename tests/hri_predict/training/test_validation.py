@@ -27,6 +27,7 @@ def test_validation_is_a_mean_over_actions_of_what_is_known():
 
     network = Still(Shape(BODY, 4, 3, 25.0, framed=True))
     found = validate(network, network, [batch, batch], ("walking", "standing"), Processes())
+    assert found is not None
     assert found.actions_mm == {"walking": pytest.approx(100), "standing": pytest.approx(400)}
     assert found.mm == pytest.approx(250)
     assert found.at_mm == [pytest.approx(250), pytest.approx(100), pytest.approx(100)]
