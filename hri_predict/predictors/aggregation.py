@@ -9,13 +9,26 @@ The window is read anew each time. A recurrent network could go on from its last
 the cost, but would then remember steps that the forget unit drops.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import torch
-from torch import Tensor
+from pydantic import Field
+from torch import Tensor, nn
 
-from hri_predict.predictors.network import Network, Target, Window, mpjpe
+from hri_predict import registry
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.network import (
+    Network,
+    NetworkOptions,
+    Shape,
+    Target,
+    Window,
+    mpjpe,
+)
+from hri_predict.predictors.neural import NeuralPredictor
+from hri_predict.settings import validated
 
 
 def forget(window: Window, predicted: Tensor) -> Window:
@@ -46,33 +59,86 @@ def aggregate(operator: Callable[[Window], Tensor], window: Window, horizon_step
     return torch.cat(parts, 1)[:, :horizon_steps]  # Eq. 9
 
 
-class Aggregated(Network):
-    """Any network with a short horizon, made to predict a longer one.
+class AggregatedOptions(NetworkOptions):
+    """Which network is wrapped, and how.
 
-    Its loss has two stages: at first ``inner`` learns its own horizon with its own loss, then both
-    learn the position error over the whole horizon. Unobserved joints are handled as by ``inner``.
-
-    Args:
-        inner: predicts ``inner.shape.horizon_steps`` steps.
-        horizon_steps: of the whole, at least as many as ``inner`` has.
-        pretraining: share of the training in the first stage.
+    Attributes:
+        method: name of the predictor whose network it is.
+        steps: t, how many steps that network predicts at a time.
+        options: its sizes and switches.
+        pretraining: share of the training in which it learns its own t steps alone.
     """
 
-    def __init__(self, inner: Network, horizon_steps: int, pretraining: float = 0.5) -> None:
-        super().__init__(replace(inner.shape, horizon_steps=horizon_steps))
-        self.inner = inner
-        self.options = inner.options
-        self.rest = inner.rest  # one tensor: set or loaded for the whole, it is the inner one's
-        self.pretraining = pretraining
+    method: str = "trajectorycnn"
+    steps: int = Field(5, ge=1, le=1000)
+    options: dict[str, Any] = {}
+    pretraining: float = Field(0.5, ge=0, le=1)
+
+
+class Aggregated(Network):
+    """Any predictor's network, made to predict few steps, and chained to predict many.
+
+    Its loss has two stages: at first the network within learns its own steps with its own loss,
+    then the position error over the whole horizon. Unobserved joints are handled as by that network.
+
+    Attributes:
+        inner: the network within.
+
+    Raises:
+        ConfigError: there is no such predictor, it has no network, or an option is wrong.
+    """
+
+    options_model = AggregatedOptions
+    any_horizon = True
+
+    def __init__(self, shape: Shape, options: AggregatedOptions) -> None:
+        super().__init__(shape)
+        self.options: AggregatedOptions = options
+        network_class = getattr(registry.load("predictors", options.method), "network_class", None)
+        if network_class is None:
+            raise ConfigError(
+                f"options.method '{options.method}': has no network; name a trained predictor"
+            )
+        own = validated(network_class.options_model, options.options, "options.options")
+        self.inner: Network = network_class(replace(shape, horizon_steps=options.steps), own)
+        self.inner.rest = (
+            self.rest
+        )  # one tensor: set or loaded for the whole, it is the inner one's
 
     def forward(self, window: Window) -> Tensor:
         """Predict (B, H, J, 3) in the body frame."""
         return aggregate(self.inner, window, self.shape.horizon_steps)
 
     def loss(self, window: Window, target: Target, progress: float) -> Tensor:
-        """Return the loss of ``inner`` on its own horizon, later the error over the whole one."""
-        if progress < self.pretraining:
-            steps = self.inner.shape.horizon_steps
-            near = Target(target.positions[:, :steps], target.observed[:, :steps])
-            return self.inner.loss(window, near, progress / self.pretraining)
+        """Return the inner network's loss on its own steps, later the error over all."""
+        if self._pretraining(progress):
+            return self.inner.loss(window, self._near(target), self._inner_progress(progress))
         return mpjpe(self(window), target)
+
+    def critic_loss(self, window: Window, target: Target, progress: float) -> Tensor | None:
+        """Return the loss of the inner network's adversary while that network learns alone."""
+        if not self._pretraining(progress):
+            return None
+        return self.inner.critic_loss(window, self._near(target), self._inner_progress(progress))
+
+    def critic_parameters(self) -> Iterator[nn.Parameter]:
+        """Yield the parameters of the inner network's adversary."""
+        return self.inner.critic_parameters()
+
+    def _pretraining(self, progress: float) -> bool:
+        enough = self.shape.horizon_steps >= self.options.steps
+        return enough and progress < self.options.pretraining
+
+    def _inner_progress(self, progress: float) -> float:
+        return progress / self.options.pretraining
+
+    def _near(self, target: Target) -> Target:
+        steps = self.options.steps
+        return Target(target.positions[:, :steps], target.observed[:, :steps])
+
+
+class AggregatedPredictor(NeuralPredictor):
+    """Any trained predictor's network, aggregated, in the node."""
+
+    method = "aggregated"
+    network_class = Aggregated

@@ -4,7 +4,14 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from hri_predict.predictors.aggregation import Aggregated, aggregate, forget
+from hri_predict import registry
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.aggregation import (
+    Aggregated,
+    AggregatedOptions,
+    aggregate,
+    forget,
+)
 from hri_predict.predictors.body import BODY
 from hri_predict.predictors.network import (
     Network,
@@ -15,6 +22,7 @@ from hri_predict.predictors.network import (
     last_pose,
     mpjpe,
 )
+from hri_predict.predictors.neural import NeuralPredictor
 
 
 class GoesOn(Network):
@@ -55,14 +63,12 @@ def test_forget_unit_keeps_the_window_length_if_more_is_predicted_than_it_holds(
 
 def test_equals_applying_the_network_by_hand_and_cuts_at_the_horizon():
     inner = GoesOn(Shape(BODY, 6, 2, 25.0))
-    whole = Aggregated(inner, 5)
     first = window()
     with torch.no_grad():
         one = inner(first)
         two = inner(forget(first, one))
         three = inner(forget(forget(first, one), two))
-        predicted = whole(first)
-    assert whole.shape.horizon_steps == 5
+        predicted = aggregate(inner, first, 5)
     expected = torch.cat([one, two, three], 1)[:, :5]
     torch.testing.assert_close(predicted, expected, rtol=0, atol=0)
 
@@ -78,26 +84,78 @@ def test_operator_is_applied_no_more_often_than_needed():
     assert len(calls) == 2
 
 
+def wrapped(horizon_steps: int = 4, **options: object) -> Aggregated:
+    torch.manual_seed(0)
+    given = {"method": "trajectorycnn", "steps": 2, "options": {"channels": 4, "dropout": 0}}
+    return Aggregated(
+        Shape(BODY, 6, horizon_steps, 25.0), AggregatedOptions.model_validate(given | options)
+    )
+
+
+def future(steps: int = 4) -> Target:
+    generator = torch.Generator().manual_seed(5)
+    seen = torch.rand(2, steps, 28, generator=generator) < 0.8
+    return Target(torch.randn(2, steps, 28, 3, generator=generator), seen)
+
+
 @pytest.mark.parametrize("progress", [0.1, 0.9])
-def test_learns_its_own_horizon_first_and_then_the_whole(progress):
-    inner = GoesOn(Shape(BODY, 6, 2, 25.0))
-    whole = Aggregated(inner, 4, pretraining=0.5)
-    past = window()
-    target = Target(torch.randn(2, 4, 28, 3), torch.rand(2, 4, 28) < 0.8)
+def test_learns_its_own_steps_first_and_then_the_whole(progress):
+    whole, past, target = wrapped(), window(), future()
     near = Target(target.positions[:, :2], target.observed[:, :2])
-    expected = mpjpe(inner(past), near) if progress < 0.5 else mpjpe(whole(past), target)
-    loss = whole.loss(past, target, progress)
-    torch.testing.assert_close(loss, expected)
-    loss.backward()
-    assert inner.factor.grad is not None
-    assert inner.factor.grad.abs() > 0
+    expected = mpjpe(whole.inner(past), near) if progress < 0.5 else mpjpe(whole(past), target)
+    torch.testing.assert_close(whole.loss(past, target, progress), expected)
+
+
+def _trained() -> list[str]:
+    found = {name: registry.load("predictors", name) for name in registry.names("predictors")}
+    return [name for name, cls in found.items() if issubclass(cls, NeuralPredictor)]
+
+
+@pytest.mark.parametrize("method", [name for name in _trained() if name != "aggregated"])
+def test_wraps_every_trained_predictor(method):
+    whole = wrapped(method=method, options={})
+    past, target = window(), future()
+    assert whole(past).shape == (2, 4, 28, 3)
+    for progress in (0.0, 0.9):
+        whole.zero_grad()
+        whole.critic_loss(past, target, progress)
+        loss = whole.loss(past, target, progress)
+        loss.backward()
+        gradients = [p.grad for p in whole.model_parameters() if p.grad is not None]
+        assert loss.isfinite()
+        assert gradients
+        assert all(g.isfinite().all() for g in gradients)
+
+
+def test_the_adversary_of_the_network_within_learns_while_that_learns_alone():
+    whole = wrapped(method="sinn", options={"hidden": 8, "pretraining": 0.5})
+    assert list(whole.critic_parameters()) == list(whole.inner.critic_parameters())
+    past, target = window(), future()
+    assert whole.critic_loss(past, target, 0.4) is not None  # four fifths of the inner training
+    assert whole.critic_loss(past, target, 0.1) is None
+    assert whole.critic_loss(past, target, 0.9) is None
+
+
+def test_refuses_a_predictor_without_a_network():
+    with pytest.raises(ConfigError, match=r"options\.method 'kalman': has no network; name"):
+        wrapped(method="kalman")
+    with pytest.raises(ConfigError, match="unknown key"):
+        wrapped(options={"chanels": 4})
 
 
 def test_rest_pose_of_the_whole_is_that_of_the_network_within():
-    inner = GoesOn(Shape(BODY, 6, 2, 25.0))
-    whole = Aggregated(inner, 4)
+    whole = wrapped()
     whole.rest.copy_(torch.randn(28, 3))
-    torch.testing.assert_close(inner.rest, whole.rest, rtol=0, atol=0)
-    other = Aggregated(GoesOn(Shape(BODY, 6, 2, 25.0)), 8)  # a longer horizon, the same weights
+    torch.testing.assert_close(whole.inner.rest, whole.rest, rtol=0, atol=0)
+    other = wrapped(horizon_steps=9)  # a longer horizon, the same weights
     other.load_state_dict(whole.state_dict())
     torch.testing.assert_close(other.inner.rest, whole.rest, rtol=0, atol=0)
+    past = window()
+    torch.testing.assert_close(other(past)[:, :4], whole(past), rtol=1e-5, atol=1e-6)
+
+
+def test_a_horizon_below_its_steps_is_cut():
+    whole, past = wrapped(horizon_steps=1), window()
+    torch.testing.assert_close(whole(past), whole.inner(past)[:, :1])
+    target = future(1)
+    torch.testing.assert_close(whole.loss(past, target, 0.0), mpjpe(whole(past), target))
