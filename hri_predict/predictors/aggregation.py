@@ -79,7 +79,7 @@ class Aggregated(Network):
     """Any predictor's network, made to predict few steps, and chained to predict many.
 
     Its loss has two stages: at first the network within learns its own steps with its own loss,
-    then the position error over the whole horizon. Unobserved joints are handled as by that network.
+    then the position error over the whole horizon. Unobserved joints: as that network has it.
 
     Attributes:
         inner: the network within.
