@@ -14,7 +14,7 @@ from hri_predict import config as configuration
 from hri_predict.cli.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.config import Config
-from hri_predict.errors import ConfigError
+from hri_predict.errors import HriPredictError
 
 
 def check(
@@ -145,19 +145,60 @@ def predictors(
 
     Example: hri-predict predictors
     """
-    rows = []
-    for name in registry.names("predictors"):
-        try:
-            about = (registry.load("predictors", name).__doc__ or "").strip().partition("\n")[0]
-        except ConfigError as error:  # one that is broken must not hide the others
-            about = f"cannot be used: {error}"
-        rows.append({"name": name, "about": about})
+    rows = [_predictor_row(name) for name in registry.names("predictors")]
     if as_json:
         print(json.dumps(rows))
         return
     table = Table()
-    table.add_column("predictor")
+    table.add_column("predictor", no_wrap=True)
     table.add_column("what it does")
+    table.add_column("its weights")
     for row in rows:
-        table.add_row(row["name"], row["about"])
+        table.add_row(row["name"], row["about"], _weights_text(row["weights"]))
     Console().print(table)
+
+
+def _predictor_row(name: str) -> dict[str, Any]:
+    """What is known of a predictor, and of its shipped weights where it is a trained one."""
+    row: dict[str, Any] = {"name": name, "about": "", "weights": None}
+    try:
+        cls = registry.load("predictors", name)
+        row["about"] = (cls.__doc__ or "").strip().partition("\n")[0]
+        if hasattr(cls, "network_class"):
+            row["weights"] = _shipped(name)
+    except HriPredictError as error:  # one that is broken must not hide the others
+        row["about"] = f"cannot be used: {error}"
+    return row
+
+
+def _shipped(name: str) -> dict[str, Any]:
+    """What the shipped weights of a trained predictor say of themselves."""
+    from hri_predict.predictors.neural import shipped_weights  # with torch, which takes seconds
+    from hri_predict.predictors.weights import read_header
+
+    path = shipped_weights(name)
+    if not path.exists():
+        return {"path": None}
+    header = read_header(path)
+    rate_hz = header.shape.rate_hz
+    validation = header.card.get("validation")
+    return {
+        "path": str(path),
+        "rate_hz": rate_hz,
+        "history_s": header.shape.history_steps / rate_hz,
+        "horizon_s": header.shape.horizon_steps / rate_hz,
+        "validation_mm": validation.get("mpjpe_mm") if isinstance(validation, dict) else None,
+    }
+
+
+def _weights_text(weights: dict[str, Any] | None) -> str:
+    if weights is None:
+        return ""
+    if weights["path"] is None:
+        return "none shipped: name yours in predictor.weights"
+    text = (
+        f"{weights['rate_hz']:g} Hz, {weights['history_s']:.2g} s of history, "
+        f"{weights['horizon_s']:.2g} s ahead"
+    )
+    error_mm = weights["validation_mm"]
+    return text if error_mm is None else f"{text}, {error_mm:.0f} mm off on validation"
