@@ -10,12 +10,15 @@ Where this differs from the paper, or the paper leaves it open:
   across all three directions: angles fade to 0 towards rest, everything is smooth, and magnitude
   times sine of an angle is still exactly that coordinate of v.
 - Splitting (Eq. 3) is by direction, all joints of one direction together; a GRU per joint would
-  read J times as many sequences (``splitting: joint``). A GRU per direction, or one for all.
+  read J times as many sequences (``splitting: joint``). The paper has "multiple GRUs"; here one
+  reads the three directions as a batch, told which is which, and ``shared: false`` gives each its
+  own: three times the weights, which makes a forecast of one person several times slower.
 - Besides momentum the operator reads, per joint, whether it was observed and where it is relative
   to the pelvis: a momentum alone does not tell in which pose a body is.
 - The output is a change to the last momentum, which fades by a learnt factor per step.
 - Errors in momentum (Eqs. 10-11) are means over joints and channels, magnitudes in m/s; MPJPE is
-  added, since it is what counts and weighs angles by how far they move a joint.
+  added, since it is what counts and weighs angles by how far they move a joint. Either alone is a
+  weight of zero.
 - The critic is kept Lipschitz by a gradient penalty (Gulrajani et al., NeurIPS 2017). By Eq. 12 its
   score is low for real motion, so the operator is trained to lower the score of its own.
 - Training is on all actions together, pre-training on windows that start anywhere.
@@ -79,7 +82,7 @@ class SINNOptions(NetworkOptions):
     shared: bool = True
     pose: Literal["none", "direction", "all"] = "all"
     pretraining: float = Field(0.4, ge=0, le=1)
-    momentum_weight: float = Field(0.05, ge=0)
+    momentum_weight: float = Field(0.2, ge=0)
     position_weight: float = Field(1.0, ge=0)
     adversarial_weight: float = Field(1e-4, ge=0)
     critic_steps: int = Field(25, ge=1, le=1000)

@@ -220,7 +220,7 @@ def test_critic_learns_to_tell_two_kinds_of_motion_with_a_bounded_slope():
         adam.zero_grad()
         critic.loss(real, generated, 10.0, mix=0.5).backward()
         adam.step()
-    gap = float((critic(generated) - critic(real)).mean())
+    gap = (critic(generated) - critic(real)).mean().item()
     distance = float((generated - real).norm(dim=1).mean() / 40**0.5)
     assert 0.3 < gap < 2.0 * distance  # Eq. 12's sign: real motion scores low
 
