@@ -11,7 +11,9 @@ import torch
 from torch import nn
 
 from hri_predict import registry
+from hri_predict.cli import check
 from hri_predict.errors import ConfigError
+from hri_predict.predictors import neural
 from hri_predict.predictors.body import BODY, SHARED_BODY, SHARED_CANONICAL, from_canonical
 from hri_predict.predictors.network import Network, NetworkOptions, Shape, Window, last_pose
 from hri_predict.predictors.neural import NeuralPredictor, NeuralSettings, shipped_weights
@@ -240,3 +242,14 @@ def test_torch_is_not_imported_for_what_does_not_need_it():
         "check.examine(demo); sys.exit('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", script], timeout=60).returncode == 0
+
+
+def test_what_shipped_weights_say_is_listed(weights, monkeypatch, tmp_path):
+    monkeypatch.setattr(neural, "shipped_weights", lambda _: weights)
+    row = check._predictor_row("drift")
+    assert row["about"] == "Goes on."
+    assert (row["weights"]["rate_hz"], row["weights"]["horizon_s"]) == (25.0, 1.0)
+    weights.write_bytes(b"cut")
+    assert "not a whole safetensors file" in check._predictor_row("drift")["about"]
+    monkeypatch.setattr(neural, "shipped_weights", lambda _: tmp_path / "none")
+    assert check._predictor_row("drift")["weights"] == {"path": None}

@@ -1,0 +1,127 @@
+"""The card of shipped weights: what it says, of which file, and what is left out of both."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.body import BODY
+from hri_predict.predictors.network import Shape
+from hri_predict.predictors.trajectorycnn import TrajectoryCNN, TrajectoryCNNOptions
+from hri_predict.predictors.weights import load_weights, read_header, save_weights
+from hri_predict.training import benchmark_report, report
+from hri_predict.training.benchmark import Protocol, Score
+from hri_predict.training.card import ATTRIBUTION, main, ship, write_card
+from hri_predict.training.cmu_benchmark import MEAN_OVER
+from hri_predict.training.corruption import standard
+from hri_predict.training.real import Errors, RealResult
+
+CONFIG = {
+    "predictor": "trajectorycnn",
+    "data": {"root": "/somebody/s/data", "weights": {"jumping": 1.4}},
+    "train": {"seed": 7},
+    "initial_weights": None,
+    "out": "/somebody/s/runs",
+}
+
+
+@pytest.fixture
+def weights(tmp_path):
+    torch.manual_seed(2)
+    options = TrajectoryCNNOptions(channels=8, blocks=1)
+    network = TrajectoryCNN(Shape(BODY, 15, 25, 25.0), options)
+    card = {"config": CONFIG, "commit": "abc123", "epoch": 3, "validation": {"mpjpe_mm": 81.25}}
+    path = tmp_path / "run" / "trajectorycnn.safetensors"
+    save_weights(path, "trajectorycnn", network, card)
+    return path
+
+
+def errors(metres: float, windows: int) -> Errors:
+    count = np.full((25, 28), float(windows))
+    return Errors(windows, metres * count, count)
+
+
+@pytest.fixture
+def real():
+    own = {"walking": errors(0.05, 12), "jumping": errors(0.07, 8)}
+    disturbed = {"walking": errors(0.06, 12), "jumping": errors(0.084, 8)}
+    results = [
+        RealResult("trajectorycnn", None, own),
+        RealResult("zero_velocity", None, {a: errors(0.3, e.windows) for a, e in own.items()}),
+        RealResult("trajectorycnn", standard()[0], disturbed),
+    ]
+    return report.as_json(results)
+
+
+@pytest.fixture
+def benchmark():
+    scores = {a: Score(5, np.linspace(1.0, 25.0, 25), None) for a in MEAN_OVER}
+    protocol = Protocol("cmu", "all", 25)
+    return benchmark_report.as_json(
+        benchmark_report.BenchmarkResult(protocol, {"trajectorycnn": scores}, {})
+    )
+
+
+def test_says_all_that_it_must(weights, real, benchmark, tmp_path):
+    write_card(weights, real, benchmark, tmp_path / "card.md")
+    text = (tmp_path / "card.md").read_text(encoding="utf-8")
+    for said in (
+        "# trajectorycnn",
+        "| skeleton | body28, 28 joints",
+        "| rate | 25 Hz |",
+        "| history | 15 steps, 0.60 s |",
+        "| horizon | 25 steps, 1.00 s |",
+        "| commit | abc123 |",
+        "| validation | 81.2 mm",
+        ATTRIBUTION,
+        "seed: 7",
+        "| mean: trajectorycnn | 60 | 60 | 60 | 60 | 60 | 60 |",
+        "| mean: zero_velocity | 300 |",
+        "| walking (12 windows) | 50 |",
+        "+20.0 %",
+        "| mean: trajectorycnn | 2.0 | 4.0 | 8.0 | 10.0 | 14.0 | 25.0 |",  # frames 1, 3, ... 24
+        "not by these",
+    ):
+        assert said in text
+
+
+def test_paths_of_the_machine_are_left_out(weights, tmp_path):
+    folder = tmp_path / "shipped"
+    assert main([str(weights), "--out", str(folder)]) == 0
+    shipped = folder / "trajectorycnn.safetensors"
+    assert b"/somebody" in weights.read_bytes()
+    assert b"/somebody" not in shipped.read_bytes()
+    assert "/somebody" not in (folder / "trajectorycnn.md").read_text(encoding="utf-8")
+    assert read_header(shipped).card["config"]["data"] == {"weights": {"jumping": 1.4}}
+
+
+def test_shipping_changes_no_weight(weights, tmp_path):
+    ship(weights, tmp_path / "shipped.safetensors")
+    before = load_weights(weights).network.state_dict()
+    after = load_weights(tmp_path / "shipped.safetensors").network.state_dict()
+    for name, tensor in before.items():
+        torch.testing.assert_close(after[name], tensor, rtol=0, atol=0)
+
+
+def test_judgements_not_done_are_said_to_be(weights, tmp_path):
+    write_card(weights, None, None, tmp_path / "card.md")
+    assert (tmp_path / "card.md").read_text(encoding="utf-8").count("Not done.") == 2
+
+
+def test_a_judgement_of_another_predictor_is_refused(weights, real, tmp_path):
+    real["results"] = [r for r in real["results"] if r["predictor"] != "trajectorycnn"]
+    with pytest.raises(ConfigError, match="the Real judgement does not judge it"):
+        write_card(weights, real, None, tmp_path / "card.md")
+
+
+def test_mistakes_are_told_in_one_line(weights, tmp_path, capsys):
+    (tmp_path / "real.json").write_text(json.dumps({})[:1], encoding="utf-8")
+    given = [str(weights), "--out", str(tmp_path), "--real", str(tmp_path / "real.json")]
+    assert main(given) == 2
+    assert main([str(tmp_path / "none.safetensors")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert "real.json: cannot be read" in lines[0]
+    assert "there is no such file" in lines[1]
