@@ -153,10 +153,10 @@ class Decoder(nn.Module):
         nn.init.zeros_(self.out.bias)
 
     def forward(self, y: Tensor, memories: list[Tensor], mask: Tensor | None) -> Tensor:
-        """Residuals (B, Q, J', 3), before ``gain``, of queries (B, Q, J' d) that carry their places already.
+        """Residuals (B, Q, J', 3), before ``gain``, of placed queries (B, Q, J' d).
 
         Args:
-            y: the queries.
+            y: the queries, which carry their places already.
             memories: (B, T, J' d) each; of forces first.
             mask: (B, T) which of their steps count.
         """

@@ -6,6 +6,7 @@ its bone from the direction it has in the rest pose (seen from its parent) to wh
 root is fully known, where the body has hips and a spine.
 """
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -40,7 +41,8 @@ def continuous(q: Tensor, dim: int = 1) -> Tensor:
     """Choose of q and -q, the same rotation, so that the last has w >= 0 and none jumps.
 
     Exponential maps wrap by 2 pi: taken from the result, the last one is the shortest and the
-    earlier ones follow it without a jump.
+    earlier ones follow it without a jump, as far as three quarters of a turn. Beyond that the
+    shortest is taken: a map near a whole turn has no axis to speak of.
 
     Args:
         q: unit quaternions (..., 4) with time along ``dim``.
@@ -49,6 +51,7 @@ def continuous(q: Tensor, dim: int = 1) -> Tensor:
     step = torch.where((q[:-1] * q[1:]).sum(-1) < 0, -1.0, 1.0)
     last = torch.where(q[-1:, ..., 0] < 0, -1.0, 1.0)
     sign = torch.cat([step, last]).flip(0).cumprod(0).flip(0).to(q.dtype)
+    sign = torch.where(sign * q[..., 0] < -math.sqrt(0.5), -sign, sign)
     return (q * sign[..., None]).movedim(0, dim)
 
 
