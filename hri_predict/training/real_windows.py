@@ -36,6 +36,7 @@ ARMS = "arms"
 BATCH = 256
 
 _STEP_NS = round(1e9 / RATE_HZ)
+_LEAST_ORIGINS = 5  # fewer say nothing of a recording
 _MAX_GAP_S = 0.1  # as the node's people stage bridges it
 
 
@@ -123,8 +124,9 @@ def _motions(recording: Recording, track: Track) -> Iterator[Motion]:
 def origins(motion: Motion) -> tuple[NDArray[np.int64], int]:
     """(N,) captures from which is forecast, nanoseconds, and for how many steps.
 
-    Each is followed by the whole longest horizon. A motion too short for a single such origin is
-    judged to the longest horizon that leaves it one, as ``running`` is to 600 ms.
+    Each is followed by the whole longest horizon. A motion too short for five such origins is
+    judged to the longest horizon that leaves it five, as ``running`` is to 600 ms; one too short
+    even for that is not judged.
     """
     stamps = motion.stamps_ns
     length = int(stamps[-1] - stamps[0])
@@ -137,7 +139,7 @@ def origins(motion: Motion) -> tuple[NDArray[np.int64], int]:
     captures = captures[captures >= earliest]
     for steps in reversed(HORIZON_STEPS):
         possible: NDArray[np.int64] = captures[captures + steps * _STEP_NS <= stamps[-1]]
-        if possible.size:
+        if possible.size >= _LEAST_ORIGINS:
             return possible, steps
     return captures[:0], 0
 

@@ -186,6 +186,15 @@ def test_other_joints_or_another_rate_are_refused():
         judge(slow, [motion(3, 120)])
 
 
+@pytest.mark.parametrize(
+    ("duration_s", "reached"), [(1.72, 6), (1.71, 5), (1.32, 4), (1.31, 3), (0.84, 1)]
+)
+def test_a_short_recording_is_judged_as_far_as_it_leaves_five_origins(duration_s, reached):
+    result = judge(predictor(), [motion(duration_s, 100)])
+    assert np.isfinite(result.mean_mm()).tolist() == [True] * reached + [False] * (6 - reached)
+    assert result.actions["walking"].windows >= 5
+
+
 def test_too_short_a_recording_has_no_windows():
     assert judge(predictor(), [motion(0.5, 120)]).actions == {}
 
