@@ -1,5 +1,6 @@
 """Numbers that papers print, as data: method, paper, table, protocol (``published.yaml``)."""
 
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -51,10 +52,11 @@ class _File(Settings):
     published: list[Published]
 
 
-def published() -> list[Published]:
+@cache
+def published() -> tuple[Published, ...]:
     """All printed numbers."""
     text = _FILE.read_text(encoding="utf-8")
-    return validated(_File, {"published": load_yaml(text)}, str(_FILE)).published
+    return tuple(validated(_File, {"published": load_yaml(text)}, str(_FILE)).published)
 
 
 def comparable(windows: str, n_out: int, error: str) -> list[Published]:

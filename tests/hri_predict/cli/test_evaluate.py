@@ -1,0 +1,154 @@
+"""``hri-predict evaluate``: tables, files, JSON, and one clear line for every mistake."""
+
+import csv
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from hri_predict.cli import main
+from hri_predict.cli.evaluate import recordings
+from hri_predict.errors import ConfigError
+from hri_predict.training.cmu_benchmark import MEAN_OVER
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys):
+    """Run a command line; gives exit status, standard output, standard error."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["hri-predict", "evaluate", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return ended.value.code or 0, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def pack(tmp_path):
+    """A pack of short random test recordings."""
+    (tmp_path / "pack" / "test").mkdir(parents=True)
+    for k, action in enumerate(MEAN_OVER):
+        expmap = np.random.default_rng(k).normal(size=(200, 117), scale=0.1)
+        path = tmp_path / "pack" / "test" / f"{action}_1.npz"
+        np.savez(path, expmap=expmap.astype(np.float32))
+    return tmp_path / "pack"
+
+
+def test_benchmark_as_json_and_as_files(cli, pack, tmp_path):
+    out = tmp_path / "report"
+    arguments = ["--benchmark", "cmu", "--data", pack, "--predictor", "constant_velocity"]
+    status, text, told = cli(*arguments, "--json", "--out", out)
+    assert status == 0
+    found = json.loads(text)
+    assert (found["windows"], found["n_in"], found["n_out"]) == ("all", 10, 25)
+    assert [r["method"] for r in found["results"]] == ["constant_velocity", "zero_velocity"]
+    first = found["results"][0]
+    assert set(first["actions"]) == set(MEAN_OVER)
+    errors = [first["actions"][a]["errors"] for a in MEAN_OVER]
+    assert first["mean"] == pytest.approx(np.mean(errors, axis=0), abs=1e-4)
+    assert len(first["mean"]) == 25
+    assert {p["method"] for p in found["printed"]} >= {"PGBIG", "AuxFormer"}
+    stem = "constant_velocity_cmu_all_10to25"
+    assert {p.name for p in out.iterdir()} == {
+        f"{stem}{e}" for e in (".md", ".csv", ".json", ".png")
+    }
+    assert told.startswith("written: ")
+    assert json.loads((out / f"{stem}.json").read_text(encoding="utf-8")) == found
+    rows = list(csv.DictReader((out / f"{stem}.csv").open(encoding="utf-8")))
+    (cell,) = [
+        r
+        for r in rows
+        if (r["method"], r["action"], r["nominal_ms"]) == ("constant_velocity", "soccer", "400")
+    ]
+    soccer = first["actions"]["soccer"]["errors"]
+    assert float(cell["error_benchmark_mm"]) == soccer[9]
+    markdown = (out / f"{stem}.md").read_text(encoding="utf-8")
+    assert "| PGBIG, printed | 10.69 |" in markdown
+    assert "STB" not in markdown  # prints errors of 10 frames' windows, and of those alone
+    assert "hri-predict evaluate --benchmark cmu" in markdown
+
+
+def test_benchmark_on_screen(cli, pack):
+    status, text, told = cli(
+        *["--benchmark", "cmu", "--data", pack, "--predictor", "zero_velocity"],
+        *["--windows", "8-seeds", "--n-out", "10"],
+    )
+    assert (status, told) == (0, "")
+    assert "TrajectoryCNN, printed" in text
+    assert "PGBIG" not in text
+    assert "560" not in text
+
+
+def test_euler_error_is_read_twice(cli, pack):
+    status, text, _ = cli(
+        *["--benchmark", "cmu", "--data", pack, "--predictor", "zero_velocity"],
+        *["--error", "euler", "--windows", "80-seeds", "--json"],
+    )
+    assert status == 0
+    found = json.loads(text)
+    assert found["read_at_future_frames"] == [[1, 3, 7, 9, 13, 24], [0, 2, 6, 8, 12, 23]]
+    assert (found["unit"], found["n_in"]) == ("rad", 50)
+    assert [p["method"] for p in found["printed"]] == ["KD-Former"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--benchmark", "cmuu"], "did you mean 'cmu'"),
+        (["--benchmark", "cmu", "--windows", "8"], "all, 8-seeds, 80-seeds"),
+        (["--benchmark", "cmu", "--n-out", "12"], "10 or 25"),
+        (["--benchmark", "cmu", "--predictor", "kalman"], "trained predictors"),
+        (["--benchmark", "cmu", "--predictor", "stb"], "give --weights FILE"),
+        (["--benchmark", "cmu", "--predictor", "stbb"], "unknown predictor 'stbb'"),
+        (["--benchmark", "cmu", "--weights", "w"], "has none"),
+        (["--benchmark", "cmu", "--error", "euler", "--predictor", "constant_velocity"], "--error"),
+        (["--benchmark", "human36m"], "S5/<action>_<n>.txt"),
+        (["--split", "tests"], "did you mean 'test'"),
+        (["--weights", "w"], "has none"),
+    ],
+)
+def test_mistakes_end_in_one_line(cli, pack, arguments, told):
+    given = [
+        "--data",
+        pack,
+        *([] if "--predictor" in arguments else ["--predictor", "zero_velocity"]),
+    ]
+    status, text, error = cli(*given, *arguments)
+    assert (status, text) == (2, "")
+    assert len(error.splitlines()) == 1
+    assert error.startswith("error: ")
+    assert told in error
+
+
+def test_recordings_of_a_folder_a_file_and_a_pack(tmp_path):
+    folder = tmp_path / "own"
+    (folder / "day1").mkdir(parents=True)
+    names = ["b.npz", "a.bvh", "day1/c.mcap", "notes.txt"]
+    for name in names:
+        (folder / name).touch()
+    assert recordings(folder, "test") == [folder / n for n in ("a.bvh", "b.npz", "day1/c.mcap")]
+    assert recordings(folder / "b.npz", "test") == [folder / "b.npz"]
+    with pytest.raises(ConfigError, match="no such file"):
+        recordings(tmp_path / "none", "test")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ConfigError, match="no recording there"):
+        recordings(tmp_path / "empty", "test")
+
+
+def test_real_recordings_beside_the_baselines(cli, tmp_path):
+    path = tmp_path / "walking_1.npz"
+    steps = np.arange(480)[:, None, None] / 120.0
+    rest = np.random.default_rng(0).normal(size=(1, 38, 3), scale=0.3)
+    positions = rest + np.array([0.0, 1.0, 0.0]) + steps * np.array([0.5, 0.0, 0.0])
+    np.savez(path, positions_world=positions.astype(np.float32), fps=np.float32(120))
+    status, text, told = cli("--data", path, "--predictor", "constant_velocity", "--json")
+    assert (status, told) == (0, "")
+    found = {r["predictor"]: r for r in json.loads(text)["results"]}
+    assert {"constant_velocity", "zero_velocity", "kalman"} <= set(found)
+    walking = found["zero_velocity"]["actions"]["walking"]["mm"]
+    assert walking[-1] == pytest.approx(500.0, abs=1.0)  # half a metre in the last horizon's second
+    assert found["constant_velocity"]["actions"]["walking"]["mm"][-1] == pytest.approx(0, abs=1.0)
