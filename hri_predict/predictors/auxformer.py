@@ -19,9 +19,9 @@ Where this differs from the paper, and why:
 - Heads give the difference from the filled-in input (for the future: from its last pose), so that
   an untrained network predicts zero velocity; the encoder sees a coordinate and its difference from
   that last pose. The paper's give and see coordinates.
-- ``future_stride`` steps of the future share a token whose head gives them all, and the auxiliary
-  tasks leave the future out; both for speed. ``future_stride: 1`` and ``auxiliary_future: true``
-  are the paper's.
+- For speed, ``future_stride`` steps of the future share a token whose head gives them all, and the
+  auxiliary tasks leave the future out and see half of each batch. ``future_stride: 1``,
+  ``auxiliary_future: true`` and ``auxiliary_share: 1`` are the paper's.
 """
 
 import math
@@ -58,7 +58,9 @@ class AuxFormerOptions(NetworkOptions):
     noise_m: float = Field(0.05, ge=0, description="its standard deviation per axis, metres")
     mask_weight: float = Field(1.0, ge=0, description="alpha_1, of the masking loss")
     denoise_weight: float = Field(1.0, ge=0, description="alpha_2, of the denoising loss")
-    auxiliary_share: float = Field(1.0, gt=0, le=1, description="share of windows in these tasks")
+    auxiliary_share: float = Field(
+        0.5, gt=0, le=1, description="share of a batch in the auxiliary tasks; the paper's is 1"
+    )
     auxiliary_future: bool = Field(
         False, description="these tasks, too, have future tokens, and masking predicts the future"
     )
@@ -77,9 +79,7 @@ class Attention(nn.Module):
         super().__init__()
         self.heads, self.over = heads, over
         self.norm = nn.LayerNorm(features)
-        self.query = nn.Linear(features, features)
-        self.key = nn.Linear(features, features, bias=False)  # a key's bias cancels in the softmax
-        self.value = nn.Linear(features, features)
+        self.qkv = nn.Linear(features, 3 * features)
         self.ffn = nn.Sequential(
             nn.Linear(features, hidden), nn.ReLU(inplace=True), nn.Linear(hidden, features)
         )
@@ -89,8 +89,7 @@ class Attention(nn.Module):
 
         H <- H + FFN(heads of softmax(Q K' / sqrt(F / heads)) V), the softmax over observed keys.
         """
-        normed = self.norm(tokens)
-        q, k, v = (self._split(f(normed)) for f in (self.query, self.key, self.value))
+        q, k, v = self._split(self.qkv(self.norm(tokens)))
         keys = None if observed is None else self._keys(observed)
         mixed = functional.scaled_dot_product_attention(q, k, v, attn_mask=keys)
         change = self.ffn(mixed.transpose(1, 2).reshape(tokens.shape))
@@ -98,13 +97,18 @@ class Attention(nn.Module):
             change = change * observed[..., None]
         return tokens + change
 
-    def _split(self, x: Tensor) -> Tensor:
-        """(N, T, J, F) as (sequences, heads, length, F / heads), without a copy."""
+    def _split(self, x: Tensor) -> tuple[Tensor, ...]:
+        """(N, T, J, 3 F) as three (sequences, heads, length, F / heads), without a copy.
+
+        Features are ordered by head, then query, key, value, so that joints and heads are one axis.
+        """
         n, steps, joints, features = x.shape
-        depth = features // self.heads
+        depth = features // (3 * self.heads)
         if self.over == "joints":
-            return x.view(n * steps, joints, self.heads, depth).transpose(1, 2)
-        return x.view(n, steps, joints * self.heads, depth).transpose(1, 2)
+            x = x.view(n * steps, joints, self.heads, 3, depth)
+        else:
+            x = x.view(n, steps, joints * self.heads, 3, depth)
+        return x.transpose(1, 2).unbind(3)
 
     def _keys(self, observed: Tensor) -> Tensor:
         """The mask of keys that fits ``_split``; nothing observed opens all (its queries lapse)."""
@@ -119,6 +123,7 @@ class AuxFormer(Network):
     """Auxiliary-adapted transformer (section 4) with its three heads (Eq. 1)."""
 
     options_model = AuxFormerOptions
+    options: AuxFormerOptions
 
     def __init__(self, shape: Shape, options: AuxFormerOptions) -> None:
         super().__init__(shape)
@@ -204,12 +209,12 @@ class AuxFormer(Network):
         return mpjpe(recovered, Target(positions, torch.cat([hidden, target.observed[:share]], 1)))
 
     def _masked(self, window: Window) -> Window:
-        kept = torch.rand(window.observed.shape) >= self.options.mask_ratio
+        kept = torch.rand_like(window.positions[..., 0]) >= self.options.mask_ratio
         return Window(window.positions, window.observed & kept)
 
     def _noisy(self, window: Window) -> Window:
-        chosen = torch.rand(window.observed.shape) < self.options.noise_ratio
-        noise = self.options.noise_m * torch.randn(window.positions.shape)
+        chosen = torch.rand_like(window.positions[..., 0]) < self.options.noise_ratio
+        noise = self.options.noise_m * torch.randn_like(window.positions)
         return Window(window.positions + noise * chosen[..., None], window.observed)
 
     def _filled(self, window: Window) -> Tensor:
@@ -235,7 +240,8 @@ class AuxFormer(Network):
             if not observed_only:
                 tokens = layer(tokens, None)
             elif future:
-                tokens = torch.cat([layer(tokens[:, :past], mask), tokens[:, past:]], 1)
+                seen_part, ahead = tokens.split([past, self.future_tokens], 1)
+                tokens = torch.cat([layer(seen_part, mask), ahead], 1)
             else:
                 tokens = layer(tokens, mask)
         return cast(Tensor, self.norm(tokens))
