@@ -19,12 +19,13 @@ from hri_predict.training.cmu_skeleton import (
     MOVING,
     OFFSETS,
 )
+from hri_predict.training.published import Windows
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 PACK = SHARED / "cmu_mocap"
 needs_pack = pytest.mark.skipif(not PACK.exists(), reason="needs ../shared/data/cmu_mocap")
 FRAMES = {10: [1, 3, 7, 9], 25: [1, 3, 7, 9, 13, 24]}
-TABLES = [
+TABLES: list[tuple[str, Windows, int, str]] = [
     ("Zero velocity, all windows, 10 -> 25:", "all", 25, "zero_velocity"),
     ("Zero velocity, 8 seeds, 10 -> 25:", "8-seeds", 25, "zero_velocity"),
     ("Zero velocity, all windows of the short run, 10 -> 10:", "all", 10, "zero_velocity"),
@@ -89,10 +90,13 @@ def test_error_over_the_25_joints_to_the_printed_digit(measured):
 def test_first_seeded_windows_are_the_printed_ones():
     text = (SHARED / "README.md").read_text(encoding="utf-8")
     listed = re.search(r"First 8 seeds \(idx\), for checking: (.*?)\.\n", text, re.S)
+    assert listed
     groups = [g.strip() for g in listed[1].replace("\n", " ").split(";")]
     checked = 0
     for group in groups:
-        words, numbers = re.fullmatch(r"([a-z ]+) ([\d ]+)", group).groups()
+        parts = re.fullmatch(r"([a-z ]+) ([\d ]+)", group)
+        assert parts
+        words, numbers = parts.groups()
         for action in words.split(" and "):
             frames = len(cmu.read_clip(PACK, f"test/{action}_1").expmaps)
             drawn = cmu.seeded_windows(frames, 50, 8)

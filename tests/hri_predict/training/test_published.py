@@ -11,7 +11,7 @@ from hri_predict.training.published import comparable, published
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 # Means over the five actions, rounded, formed by hand from the papers' tables.
-FIVE = {
+FIVE: dict[tuple[str, int], list[float | None]] = {
     ("TrajectoryCNN", 25): [11.0, 20.2, 40.9, 51.8, 99.5],
     ("AuxFormer", 10): [9.6, 17.1, 33.2, 41.2],
     ("AuxFormer", 25): [75.5],
@@ -31,7 +31,9 @@ def test_means_over_the_five_actions(method, n_out):
             assert None in values
         else:
             digits = 1 if expected > 3 else 2
-            assert np.mean(values) == pytest.approx(expected, abs=0.51 * 10**-digits)
+            known = [value for value in values if value is not None]
+            assert len(known) == 5
+            assert np.mean(known) == pytest.approx(expected, abs=0.51 * 10**-digits)
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="needs ../shared/data")
