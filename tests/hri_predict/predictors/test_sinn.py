@@ -158,7 +158,9 @@ def test_a_step_of_every_switch_lowers_the_loss(options, progress):
 
 def test_aggregation_and_splitting_change_the_network():
     def outputs(**options: object) -> int:
-        return next(iter(small(**options).operator.heads)).weight.shape[0]
+        head = small(SHAPE, **options).operator.heads[0]
+        assert isinstance(head, torch.nn.Linear)
+        return head.out_features
 
     assert outputs() == 5 * 28 * 2
     assert outputs(aggregation=False) == 10 * 28 * 2
