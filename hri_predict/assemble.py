@@ -51,7 +51,8 @@ def build_source(config: Config, with_faults: bool = True) -> Source:
 def build_predictor(config: Config) -> Predictor:
     """The configured predictor."""
     cls = registry.load("predictors", config.predictor.name)
-    predictor: Predictor = _built(cls, f"predictor '{config.predictor.name}'", config.predictor)
+    settings = config.predictor.resolved(config.base_dir)
+    predictor: Predictor = _built(cls, f"predictor '{settings.name}'", settings)
     return predictor
 
 

@@ -1,7 +1,8 @@
 """The contract of a predictor: a batch of histories in, one forecast out."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Protocol, Self
 
 import numpy as np
 from pydantic import Field
@@ -20,6 +21,10 @@ class PredictorSettings(Settings):
     rate_hz: float = Field(
         25.0, gt=0, le=200, description="steps per second of history and forecast"
     )
+
+    def resolved(self, base_dir: Path) -> Self:
+        """The same with relative paths taken from ``base_dir``, the configuration's folder."""
+        return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)

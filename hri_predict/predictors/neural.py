@@ -7,7 +7,7 @@ double precision; a forecast is as good anywhere in the room.
 
 import logging
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 import torch
@@ -45,6 +45,12 @@ class NeuralSettings(PredictorSettings):
         None, min_length=1, description="file of weights; by default the shipped one"
     )
     threads: int = Field(1, ge=1, le=64, description="CPU threads that torch may use")
+
+    def resolved(self, base_dir: Path) -> Self:
+        """The same with ``weights`` taken from ``base_dir``, the configuration's folder."""
+        if self.weights is None:
+            return self
+        return self.model_copy(update={"weights": str(base_dir / self.weights)})
 
 
 def shipped_weights(method: str) -> Path:

@@ -3,6 +3,7 @@
 import logging
 import subprocess
 import sys
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 import torch
 from torch import nn
 
-from hri_predict import registry
+from hri_predict import assemble, registry
+from hri_predict import config as configuration
 from hri_predict.cli import check
 from hri_predict.errors import ConfigError
 from hri_predict.predictors import neural
@@ -217,6 +219,16 @@ def test_by_default_the_shipped_file_is_read():
     assert shipped_weights("drift").parent.is_dir()
     with pytest.raises(ConfigError, match=r"weights/drift\.safetensors: there is no such file"):
         DriftPredictor(NeuralSettings(name="drift"))
+
+
+def test_weights_are_looked_for_beside_the_configuration(weights, tmp_path):
+    demo = configuration.load(configuration.shipped("demo.yaml"))
+    (tmp_path / "cell.yaml").touch()
+    given = NeuralSettings(name="drift", weights=weights.name)
+    cell = replace(demo, path=tmp_path / "cell.yaml", predictor=given)
+    built = assemble.build_predictor(cell)
+    assert isinstance(built, DriftPredictor)
+    assert NeuralSettings(name="drift").resolved(tmp_path).weights is None
 
 
 @pytest.mark.parametrize("change", [{"threads": 0}, {"weights": ""}, {"std": 1}])
