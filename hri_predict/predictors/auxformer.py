@@ -293,7 +293,7 @@ def _head(features: int, out: int) -> nn.Linear:
 
 
 class AuxFormerPredictor(NeuralPredictor):
-    """The node's AuxFormer."""
+    """A transformer that also learnt to fill in and clean its input (AuxFormer)."""
 
     method = "auxformer"
     network_class = AuxFormer

@@ -31,12 +31,12 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from hri_predict.errors import PredictorError
+from hri_predict.predictors.cmu_skeleton import CMU38, OFFSETS
 from hri_predict.predictors.dynamics import Dynamics, PartCount
 from hri_predict.predictors.kdformer_transformer import CrossLayer, PositionEmbedding, SelfLayer
 from hri_predict.predictors.network import Network, NetworkOptions, Shape, Target, Window, mpjpe
 from hri_predict.predictors.neural import NeuralPredictor
 from hri_predict.predictors.rotations import KinematicTree, quaternion, shortest
-from hri_predict.training.cmu_skeleton import CMU38, OFFSETS
 
 METRES_PER_UNIT = 0.0254 / 0.45  # true length of the unit of CMU's skeleton files
 
@@ -307,7 +307,7 @@ class KDFormer(Network):
 
 
 class KDFormerPredictor(NeuralPredictor):
-    """KD-Former in the node."""
+    """A transformer over joints' rotations and forces (KD-Former)."""
 
     method = "kdformer"
     network_class = KDFormer

@@ -213,7 +213,7 @@ def _generator(progress: float) -> torch.Generator:
 
 
 class SINNPredictor(NeuralPredictor):
-    """SINN in the node."""
+    """Short GRU predictions of how joints move, chained to long ones (SINN)."""
 
     method = "sinn"
     network_class = SINN

@@ -208,7 +208,7 @@ def _divergence(p: Tensor, q: Tensor) -> Tensor:
 
 
 class STBPredictor(NeuralPredictor):
-    """STB in the node."""
+    """Graph branches over time and over the body, from motion increments (STB)."""
 
     method = "stb"
     network_class = STB

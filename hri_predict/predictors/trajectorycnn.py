@@ -169,7 +169,7 @@ def part_order(skeleton: Skeleton) -> list[int]:
 
 
 class TrajectoryCNNPredictor(NeuralPredictor):
-    """TrajectoryCNN in the node."""
+    """Convolutions over joints' trajectories (TrajectoryCNN)."""
 
     method = "trajectorycnn"
     network_class = TrajectoryCNN

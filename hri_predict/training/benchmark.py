@@ -13,12 +13,12 @@ import numpy as np
 import torch
 
 from hri_predict.errors import ConfigError, PredictorError
+from hri_predict.predictors.cmu_skeleton import CMU25, CMU38, MOVING
 from hri_predict.predictors.network import Network
 from hri_predict.scene import Floats
 from hri_predict.skeleton import Skeleton
 from hri_predict.training import cmu_benchmark, human36m
 from hri_predict.training.benchmark_samples import from_model, to_model
-from hri_predict.training.cmu_skeleton import CMU25, CMU38, MOVING
 from hri_predict.training.euler import euler_error
 from hri_predict.training.published import ErrorKind, Windows
 

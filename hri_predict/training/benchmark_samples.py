@@ -5,7 +5,6 @@ actions, while the benchmark's mean weighs the actions equally, so batches may d
 first. Nothing is augmented, and the pack's ``walking_extra`` takes no part.
 """
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal
@@ -16,6 +15,7 @@ from pydantic import Field
 from torch import Tensor
 
 from hri_predict.errors import ConfigError
+from hri_predict.predictors.cmu_skeleton import CMU25, CMU38, MOVING
 from hri_predict.predictors.network import Shape
 from hri_predict.scene import Floats
 from hri_predict.settings import Settings
@@ -29,7 +29,6 @@ from hri_predict.training.cmu_benchmark import (
     data_root,
     read_clip,
 )
-from hri_predict.training.cmu_skeleton import CMU25, CMU38, MOVING
 from hri_predict.training.motion import split
 from hri_predict.training.samples import Samples
 
@@ -65,7 +64,6 @@ class BenchmarkSamples:
         shape: of the windows.
         actions: names of the actions that there are train recordings of.
         window_count: how many windows batches are drawn from.
-        fingerprint: identifies the fitted windows.
 
     Raises:
         ConfigError: a list of the splits is missing, or names no recording of the benchmark.
@@ -92,9 +90,6 @@ class BenchmarkSamples:
                 f"data.root {data.root}: no train recording of {history_steps + horizon_steps} "
                 f"frames at the nominal rate; check the folder"
             )
-        digest = hashlib.sha256(" ".join(fitted).encode())
-        digest.update(self._fit.frames.numpy().tobytes())
-        self.fingerprint = digest.hexdigest()[:16]
 
     def _windows(self, root: Path, names: Sequence[str]) -> "_Windows":
         clips = [read_clip(root, name) for name in names]

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.scene import Floats
-from hri_predict.training.cmu_skeleton import (
+from hri_predict.predictors.cmu_skeleton import (
     CMU38,
     CONSTANT,
     DUPLICATES,
@@ -27,6 +26,7 @@ from hri_predict.training.cmu_skeleton import (
     MOVING,
     OFFSETS,
 )
+from hri_predict.scene import Floats
 from hri_predict.training.kinematics import joint_positions
 
 ACTIONS = (

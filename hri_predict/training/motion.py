@@ -1,6 +1,5 @@
 """Training windows in true seconds and metres, cut from recordings at every phase."""
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -105,11 +104,9 @@ class MotionSamples:
             raise ValueError("recordings are read as BODY")
         self.shape = shape
         self._settings = settings
-        files = settings.files("fit")
-        self._tracks = [t for f in files for t in read_tracks(f)]
+        self._tracks = [t for f in settings.files("fit") for t in read_tracks(f)]
         self._validation = [t for f in settings.files("validation") for t in read_tracks(f)]
         self.actions = tuple(sorted({t.action for t in (*self._tracks, *self._validation)}))
-        self.fingerprint = _fingerprint(files)
         self._clips = _Clips(self._tracks)
         weight = np.array([self._weight(track) for track in self._tracks])
         if not weight.sum() > 0:
@@ -242,12 +239,3 @@ class _Clips:
         seen = np.where(on_frame[..., None], self.observed.take(near, axis=0), seen)
         seen &= (inside & ((gap <= _MAX_GAP_S) | on_frame))[..., None]
         return np.where(seen[..., None], positions, np.float32(0)), seen
-
-
-def _fingerprint(files: Sequence[Path]) -> str:
-    """What identifies the fitted data: a hash over the files' names and contents."""
-    digest = hashlib.sha256()
-    for path in files:
-        digest.update(path.name.encode())
-        digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()[:16]

@@ -8,11 +8,11 @@ from pydantic import ValidationError
 
 from hri_predict.errors import PredictorError
 from hri_predict.predictors.body import BODY
+from hri_predict.predictors.cmu_skeleton import CMU38
 from hri_predict.predictors.kdformer import KDFormer, KDFormerOptions
 from hri_predict.predictors.network import Shape, Target, Window, last_pose
 from hri_predict.predictors.rotations import matrix
 from hri_predict.skeleton import make_skeleton
-from hri_predict.training.cmu_skeleton import CMU38
 
 T, H = 6, 3
 POSITIONS = Shape(BODY, T, H, 25.0)

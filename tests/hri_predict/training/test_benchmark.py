@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from hri_predict.errors import PredictorError
+from hri_predict.predictors.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.network import Network, Shape, last_pose
 from hri_predict.skeleton import make_skeleton
 from hri_predict.training.benchmark import (
@@ -20,7 +21,6 @@ from hri_predict.training.benchmark import (
     score,
     zero_velocity,
 )
-from hri_predict.training.cmu_skeleton import CMU25, CMU38
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 FRAMES = 200  # of the made recordings; every second is used

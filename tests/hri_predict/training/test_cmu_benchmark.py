@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.training import cmu_benchmark as cmu
-from hri_predict.training.benchmark import Protocol, constant_velocity, judge, zero_velocity
-from hri_predict.training.cmu_skeleton import (
+from hri_predict.predictors.cmu_skeleton import (
     CMU25,
     CMU38,
     CONSTANT,
@@ -19,6 +17,8 @@ from hri_predict.training.cmu_skeleton import (
     MOVING,
     OFFSETS,
 )
+from hri_predict.training import cmu_benchmark as cmu
+from hri_predict.training.benchmark import Protocol, constant_velocity, judge, zero_velocity
 from hri_predict.training.published import Windows
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
