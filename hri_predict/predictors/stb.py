@@ -15,6 +15,9 @@ Where this differs from the paper, or the paper leaves it open:
 - Eqs. 17-18 print a squared norm but are called the average L2 distance: they are MPJPE here.
 - The inside of a layer isn't given. A graph layer is (learnt adjacency) x features x weights; a
   block of two, with ReLU and dropout between, is added to its input, which is normalised before.
+  Connectivity starts near the identity; what a block and the decoder add starts at zero, so that
+  an untrained network predicts the last pose. The decoder's input isn't normalised: how fast the
+  body moves would be lost.
 """
 
 from typing import Literal
@@ -143,12 +146,11 @@ class Branch(nn.Module):
         super().__init__()
         self.embedding = nn.Sequential(nn.Linear(inputs, width), nn.ReLU(), nn.Linear(width, width))
         self.encoder = nn.Sequential(*(GraphBlock(nodes, width, dropout) for _ in range(blocks)))
-        self.norm = nn.LayerNorm(width)
-        self.decoder = GraphLayer(nodes, width, outputs)
+        self.decoder = GraphLayer(nodes, width, outputs, silent=True)
 
     def forward(self, nodes: Tensor) -> Tensor:
         """(N, B, inputs) to (N, B, outputs)."""
-        decoded: Tensor = self.decoder(self.norm(self.encoder(self.embedding(nodes))))
+        decoded: Tensor = self.decoder(self.encoder(self.embedding(nodes)))
         return decoded
 
 
@@ -159,7 +161,7 @@ class GraphBlock(nn.Module):
         super().__init__()
         self.norm = nn.LayerNorm(width)
         self.first = GraphLayer(nodes, width, width)
-        self.second = GraphLayer(nodes, width, width)
+        self.second = GraphLayer(nodes, width, width, silent=True)
         self.dropout = nn.Dropout(dropout)
 
     def forward(self, features: Tensor) -> Tensor:
@@ -172,12 +174,16 @@ class GraphBlock(nn.Module):
 
 
 class GraphLayer(nn.Module):
-    """A x W of a graph whose connectivity A (N, N) is learnt; it starts near the identity."""
+    """A x W of a graph whose connectivity A (N, N) is learnt; a ``silent`` one starts at zero."""
 
-    def __init__(self, nodes: int, inputs: int, outputs: int) -> None:
+    def __init__(self, nodes: int, inputs: int, outputs: int, silent: bool = False) -> None:
         super().__init__()
-        self.adjacency = nn.Parameter(torch.eye(nodes) + torch.randn(nodes, nodes) / nodes**0.5)
+        noise = torch.randn(nodes, nodes) / nodes**0.5
+        self.adjacency = nn.Parameter(torch.eye(nodes) + 0.1 * noise)
         self.weights = nn.Linear(inputs, outputs)
+        if silent:
+            nn.init.zeros_(self.weights.weight)
+            nn.init.zeros_(self.weights.bias)
 
     def forward(self, features: Tensor) -> Tensor:
         """(N, B, inputs) to (N, B, outputs); nodes come first so that both products are plain."""

@@ -136,6 +136,7 @@ class _Run:
         torch.manual_seed(config.train.seed + processes.rank)  # dropout differs between processes
         self.progress = _Progress()
         self.fingerprint = fingerprint(source)
+        self.commit = commit()  # of the code that runs, whatever is committed while it does
         self.weights = config.out / f"{config.predictor}.safetensors"
         self._clock = self._saved = time.monotonic()
 
@@ -239,7 +240,7 @@ class _Run:
             card = {
                 "config": self.config.model_dump(mode="json"),
                 "data_fingerprint": self.fingerprint,
-                "commit": commit(),
+                "commit": self.commit,
                 "epoch": self.progress.best_epoch,
                 "steps": self.progress.step,
                 "validation": self.progress.best,

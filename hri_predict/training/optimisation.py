@@ -56,14 +56,21 @@ class Optimisation:
         self.network.train()
         if self._critic_adam is not None:
             self._critic_adam.zero_grad()
-            loss = self.network.critic_loss(window, target, progress)
+            with self._precision():
+                loss = self.network.critic_loss(window, target, progress)
             if loss is not None:
                 self._descend(self._critic_adam, self._critic, loss, share, factor, number)
         self._adam.zero_grad()  # of the critic's gradients, too, where it did not detach
-        loss = self.network.loss(window, target, progress)
+        with self._precision():
+            loss = self.network.loss(window, target, progress)
         shown = self._descend(self._adam, self._model, loss, share, factor, number)
         self._average(number)
         return shown
+
+    def _precision(self) -> torch.autocast:
+        """Products in bfloat16 where the settings ask for it; sums and weights stay float32."""
+        lower = self._settings.precision == "bfloat16"
+        return torch.autocast(self._settings.device, torch.bfloat16, enabled=lower)
 
     def _descend(
         self,

@@ -17,9 +17,23 @@ SHAPE = Shape(CHAIN, 5, 3, 25.0)
 SMALL: dict[str, Any] = {"width": 16, "blocks": 2, "dropout": 0.0}
 
 
-def network(**options: Any) -> STB:
+def untrained(**options: Any) -> STB:
     torch.manual_seed(0)
     return STB(SHAPE, STBOptions(**{**SMALL, **options}))
+
+
+def network(**options: Any) -> STB:
+    """With no weights at zero, as they are after training."""
+    net = untrained(**options)
+    with torch.no_grad():
+        for parameter in net.parameters():
+            parameter.add_(torch.randn(parameter.shape), alpha=0.1)
+    return net
+
+
+def test_untrained_it_predicts_the_last_pose() -> None:
+    given = window()
+    assert torch.equal(untrained()(given), last_pose(given).expand(-1, 3, -1, -1))
 
 
 def window(people: int = 3) -> Window:

@@ -84,3 +84,21 @@ def test_gradients_are_clipped():
 
     assert float(moved(1e-3)) == pytest.approx(1e-3, rel=1e-2)
     assert float(moved(1e3)) > 1e-2
+
+
+def test_bfloat16_is_used_for_products_while_weights_stay_float32():
+    def stepped(precision):
+        torch.manual_seed(0)
+        network = Line()
+        window, target = batch()
+        loss = Optimisation(network, settings(precision=precision), Processes()).step(
+            window, target, 1.0, 0
+        )
+        return network, loss
+
+    exact, loss = stepped("float32")
+    rounded, near = stepped("bfloat16")
+    assert rounded.line.weight.dtype == torch.float32
+    assert near != loss
+    torch.testing.assert_close(near, loss, rtol=0.01, atol=0)
+    torch.testing.assert_close(rounded.line.weight, exact.line.weight, rtol=0.1, atol=0.01)
