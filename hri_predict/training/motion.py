@@ -25,6 +25,7 @@ _LEAST_HISTORY = 5  # steps that a training window rests on at least, where the 
 _LEAST_FUTURE = 10  # steps of known future at least, where it ends
 _MAX_GAP_S = 0.1  # as the node's ring buffers bridge it
 _VALIDATION_BATCH = 256
+_USES = ("fit", "validation")
 
 
 class RecordingsSettings(Settings):
@@ -94,6 +95,9 @@ class DataSettings(RecordingsSettings):
         description="how often an action is drawn, relative to the others; 1 where not named",
     )
     augment: AugmentSettings = Field(default_factory=AugmentSettings)
+    refit: bool = Field(
+        False, description="fit the validation recordings, too, once the epoch has been chosen"
+    )
 
 
 class MotionSamples:
@@ -104,8 +108,12 @@ class MotionSamples:
             raise ValueError("recordings are read as BODY")
         self.shape = shape
         self._settings = settings
-        self._tracks = [t for f in settings.files("fit") for t in read_tracks(f)]
-        self._validation = [t for f in settings.files("validation") for t in read_tracks(f)]
+        fit, validation = (
+            [t for f in settings.files(use) for t in read_tracks(f)] for use in _USES
+        )
+        self._tracks, self._validation = (
+            (fit + validation, []) if settings.refit else (fit, validation)
+        )
         self.actions = tuple(sorted({t.action for t in (*self._tracks, *self._validation)}))
         self._clips = _Clips(self._tracks)
         weight = np.array([self._weight(track) for track in self._tracks])
@@ -154,7 +162,9 @@ class MotionSamples:
         return self._samples(history, seen, positions[:, steps:], observed[:, steps:], chosen)
 
     def validation(self) -> Iterator[Samples]:
-        """Yield every second step of every validation recording, unaugmented."""
+        """Yield every second step of every validation recording, unaugmented; none of a refit."""
+        if not self._validation:
+            return
         clips, rate = _Clips(self._validation), self.shape.rate_hz
         chosen, origins = [], []
         for k in range(len(self._validation)):

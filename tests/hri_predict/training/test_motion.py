@@ -92,6 +92,16 @@ def test_validation_is_always_the_same_and_names_its_action(folder):
         assert a.observed.all()
 
 
+def test_a_refit_draws_from_the_validation_recordings_and_keeps_none(folder):
+    plain = {"root": folder, "fit": ["line_*.npz"], "validation": ["check_1.npz"]}
+    refit = MotionSamples(DataSettings(**plain, augment=PLAIN, refit=True), SHAPE)
+    assert list(refit.validation()) == []
+    drawn = refit.batch(np.random.default_rng(1), 64).actions
+    assert {refit.actions[k] for k in drawn} == {"line", "check"}
+    drawn = samples(folder).batch(np.random.default_rng(1), 64).actions
+    assert {samples(folder).actions[k] for k in drawn} == {"line"}
+
+
 def test_missing_recordings_are_refused_in_one_line(tmp_path):
     with pytest.raises(ConfigError, match=r"has no cmu_mocap/train/basketball_1\.npz"):
         MotionSamples(DataSettings(root=tmp_path), SHAPE)
