@@ -68,9 +68,9 @@ class Config:
         """The same configuration with another source (``replay`` puts a recording there)."""
         return replace(self, source=_by_kind("sources", source, f"{self.path}: source"))
 
-    def with_predictor(self, name: str) -> "Config":
-        """The same configuration with another predictor, at its defaults."""
-        return replace(self, predictor=_predictor({"name": name}, "--predictor"))
+    def with_predictor(self, name: str, **settings: Any) -> "Config":
+        """The same configuration with another predictor, at its defaults but for ``settings``."""
+        return replace(self, predictor=_predictor({"name": name} | settings, "--predictor"))
 
     def with_faults(self, faults: list[str]) -> "Config":
         """The same configuration with faults given as text: ``[LINK:]kind@start+duration``.

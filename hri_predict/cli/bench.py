@@ -238,7 +238,7 @@ def memory(
     hours: Annotated[float, typer.Option(help="Node hours to run, as fast as possible.")] = 1.0,
     as_json: Json = False,
 ) -> None:
-    """Resident memory over a long run of the demo's cell on the virtual clock.
+    """Resident memory over a long run of the demo's cell, with a baseline, on the virtual clock.
 
     Example: hri-predict bench memory --hours 1
     """
@@ -246,6 +246,7 @@ def memory(
         raise ConfigError(f"--hours {hours}: give 0.2 to 1000")
     view = _MemoryView()
     config = configuration.load(configuration.shipped("demo.yaml")).quiet()
+    config = config.with_predictor("constant_velocity")
     run(config, Options(factor=None, duration_s=hours * 3600.0, view=view))
     warm = max(WARM_UP_MINUTES, len(view.samples) // 10)
     early, late = view.samples[warm], view.samples[-1]

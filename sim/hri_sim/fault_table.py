@@ -13,13 +13,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hri_predict import config as configuration
 from hri_predict.config import Config
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.reasons import Reason
 from hri_predict.session import Options, View, run
 from hri_predict.tick import Tick
+from hri_sim.baseline_demo import baseline_demo
 from hri_sim.node_death import How, die
 
 START_S, LENGTH_S, AFTER_S = 5.0, 2.0, 7.0
@@ -176,7 +176,7 @@ DEATHS: tuple[tuple[str, How, float | None], ...] = (
 
 def run_table(only: str | None = None) -> Iterator[dict[str, Any]]:
     """Run every case whose name contains ``only``; yields one row each, as it is done."""
-    base = configuration.load(configuration.shipped("demo.yaml")).quiet()
+    base = baseline_demo()
     for case in CASES:
         if only is None or only in case.name:
             yield asdict(run_case(base, case))

@@ -23,6 +23,7 @@ from hri_predict import config as configuration
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import LinkError
 from hri_predict.link import LinkSettings
+from hri_sim.baseline_demo import BASELINE, baseline_demo
 from hri_sim.cell import MockCell
 from hri_sim.controller import ControllerReport
 
@@ -70,7 +71,7 @@ def die(how: How, people: Sequence[dict[str, Any]] = ()) -> Death:
     Raises:
         LinkError: the cell or the node did not start, or the robot did not move or stop.
     """
-    demo = configuration.load(configuration.shipped("demo.yaml"))
+    demo = baseline_demo()
     clock = MonotonicClock()
     cell = MockCell(demo.links, demo.node.robots, demo.base_dir, clock)
     with tempfile.TemporaryDirectory(prefix="hri-death-") as folder, _ended(cell) as reports:
@@ -115,6 +116,7 @@ def write_config(
     for link, settings in zip(data["links"], links, strict=True):
         del link["simulate"]
         link["channel" if settings.kind == "can" else "port"] = ports[settings.name]
+    data["predictor"] = BASELINE
     data["source"]["people"] = list(people)
     data["alerts"] = {"terminal": False}
     path.write_text(yaml.safe_dump(data), encoding="utf-8")

@@ -1,7 +1,6 @@
 import pytest
 
 from hri_predict import assemble
-from hri_predict import config as configuration
 from hri_predict.clock import VirtualClock
 from hri_predict.joint_map import load_joint_map
 from hri_predict.people import People
@@ -10,6 +9,7 @@ from hri_predict.scene import Scene
 from hri_predict.settings import Pose
 from hri_predict.source import SourceSettings
 from hri_predict.tick import Tick
+from hri_sim.baseline_demo import baseline_demo
 from hri_sim.cell import MockCell
 
 MS = 1_000_000
@@ -65,7 +65,7 @@ class Workcell:
     near = [1.9, 0.2]  # a person who stands here is slowed down for, at least
 
     def __init__(self, *places, config=None, **build):
-        config = (config or configuration.load(configuration.shipped("demo.yaml"))).quiet()
+        config = config.quiet() if config else baseline_demo()
         script = [{"do": "wait", "seconds": 60.0}]
         people = [{"start": list(place), "script": script} for place in places]
         self.config = config.with_source(config.source.model_dump() | {"people": people})

@@ -57,7 +57,7 @@ MISTAKES = [
     (["source", "people", 0, "heigth_m"], 1.8, ["heigth_m", "did you mean 'height_m'?"]),
     (["predictor", "name"], ..., ["predictor.name", "constant_velocity"]),
     (["predictor", "name"], "oracle", ["predictor.name", "oracle", "kalman", "zero_velocity"]),
-    (["predictor", "span"], 1, ["predictor", "span", "did you mean 'span_s'?"]),
+    (["predictor", "horizon"], 1, ["predictor", "horizon", "did you mean 'horizon_s'?"]),
     (["predictor", "horizon_s"], 0, ["predictor", "horizon_s"]),
     (["people", "exits", 0, "polygon"], [[0, 0], [1, 1]], ["people.exits.0.polygon"]),
     (["people", "absent_parts"], ["tail"], ["people.absent_parts.0", "left_leg"]),

@@ -12,6 +12,7 @@ from hri_predict import config as configuration
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.session import Options, run
 from hri_predict.settings import data_path
+from hri_sim.baseline_demo import BASELINE
 
 
 @pytest.fixture
@@ -25,6 +26,7 @@ def played(tmp_path):
 
 def _config(folder: Path, path: str, **more: object) -> configuration.Config:
     data = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
+    data["predictor"] = BASELINE
     data["source"] = {"kind": "recording", "path": path}
     file = folder / "cell.yaml"
     file.write_text(yaml.safe_dump(data | more), encoding="utf-8")

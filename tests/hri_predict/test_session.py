@@ -15,6 +15,7 @@ from hri_predict.reasons import Reason
 from hri_predict.recording import open_recording
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.session import Options, View, run
+from hri_sim.baseline_demo import BASELINE
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 needs_data = pytest.mark.skipif(not SHARED.is_dir(), reason="needs ../shared/data")
@@ -51,7 +52,7 @@ class Watch(View):
 
 
 def config(name="demo.yaml", **source):
-    loaded = configuration.load(configuration.shipped(name)).quiet()
+    loaded = configuration.load(configuration.shipped(name)).quiet().with_predictor(**BASELINE)
     return loaded.with_source(loaded.source.model_dump() | source) if source else loaded
 
 

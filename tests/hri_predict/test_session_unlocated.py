@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict import config as configuration
 from hri_predict.cli.run import BESIDE_THE_ROBOT
 from hri_predict.protocol.messages import Level
 from hri_predict.reasons import Reason
 from hri_predict.session import Options, View, run
+from hri_sim.baseline_demo import baseline_demo
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 needs_data = pytest.mark.skipif(not SHARED.is_dir(), reason="needs ../shared/data")
@@ -38,7 +38,7 @@ def test_somebody_who_is_here_but_nowhere_never_becomes_clear(tmp_path, located)
     source = {
         "kind": "recording", "path": str(path), "room_from_source": pose, "place": BESIDE_THE_ROBOT
     }  # fmt: skip
-    demo = configuration.load(configuration.shipped("demo.yaml")).quiet()
+    demo = baseline_demo()
     watch = Watch()
     summary = run(demo.with_source(source), Options(factor=None, view=watch, until_exhausted=True))
     assert summary.contacts == summary.contacts_standing == 0

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from hri_predict import config as configuration
 from hri_predict.reasons import Reason
+from hri_sim.baseline_demo import baseline_demo
 from hri_sim.fault_table import CASES, DEATHS, run_case, run_table
 from hri_sim.node_death import die
 
@@ -15,7 +15,7 @@ NEAR = [{"start": [2.3, 0.2], "script": [{"do": "wait", "seconds": 60.0}]}]
 
 @pytest.fixture(scope="module")
 def base():
-    return configuration.load(configuration.shipped("demo.yaml")).quiet()
+    return baseline_demo()
 
 
 def case_of(name):

@@ -21,6 +21,7 @@ import yaml
 from hri_predict import config as configuration
 from hri_predict.clock import MonotonicClock
 from hri_predict.settings import data_path
+from hri_sim.baseline_demo import BASELINE
 from hri_sim.cell import MockCell
 from hri_sim.node_death import write_config
 from hri_sim.pty import open_pty
@@ -169,6 +170,7 @@ def serial_config(path, port):
     data = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
     data["links"] = [{"name": "drive", "kind": "serial", "port": port}]
     data["robots"][0]["motion"] = {"kind": "trajectory", "file": "pick_and_place"}
+    data["predictor"] = BASELINE
     data["source"]["people"] = FAR
     data["alerts"] = {"terminal": False}
     path.write_text(yaml.safe_dump(data))
