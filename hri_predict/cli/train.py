@@ -42,10 +42,10 @@ def train(
     """
     settings = load_training_config(config, _changes(changes, data, out))
     # torch takes seconds to import, which the other commands need not wait for
-    from hri_predict.cli.train_view import training_view
     from hri_predict.training.building import build_network, open_samples
     from hri_predict.training.loop import train as run_training
     from hri_predict.training.processes import Processes
+    from hri_predict.training.view import training_view
 
     with ExitStack() as leaving:
         processes = Processes.join()

@@ -1,0 +1,73 @@
+"""The ablation leaves out one augmentation at a time, trains for real, and does nothing twice."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hri_predict.training import ablation
+from hri_predict.training.augment import AugmentSettings
+from hri_predict.training.config import load_training_config
+
+
+@pytest.fixture
+def config(tmp_path) -> Path:
+    """A tiny TrajectoryCNN on two walks of points."""
+    rng = np.random.default_rng(3)
+    for name in ("fit_1", "check_1"):
+        drift = np.arange(400)[:, None, None] * np.array([0.001, 0.0, 0.01])
+        np.savez(
+            tmp_path / f"{name}.npz",
+            positions_world=(rng.normal(size=(1, 38, 3)) + drift).astype(np.float32),
+            fps=np.float32(120), world_ok=np.ones(400, bool), rest_pose_frames=np.int32(0),
+            floor_height=np.float32(0),
+        )  # fmt: skip
+    data = {"fit": ["fit_1.npz"], "validation": ["check_1.npz"]}
+    train = {"windows_per_epoch": 8, "batch": 8}
+    shape = {"history_steps": 15, "horizon_steps": 25, "rate_hz": 25.0}
+    whole = {
+        "predictor": "trajectorycnn", "judgement": "real", "shape": shape, "data": data,
+        "train": train, "out": "elsewhere",
+    }  # fmt: skip
+    path = tmp_path / "tiny.yaml"
+    path.write_text(yaml.safe_dump(whole))
+    return path
+
+
+def test_each_run_leaves_out_its_own_augmentation_alone(config):
+    runs = ablation.runs(load_training_config(config))
+    whole = AugmentSettings().model_dump()
+    assert runs["all"].data["augment"] == whole
+    left_out = [
+        {key for key, value in run.data["augment"].items() if value != whole[key]}
+        for name, run in runs.items()
+        if name not in ("all", "none")
+    ]
+    assert all(left_out)
+    assert len(set().union(*left_out)) == sum(map(len, left_out))
+    none = runs["none"].data["augment"]
+    assert not any(v for k, v in none.items() if k not in ("noise_m", "outliers_m"))
+    assert len({run.out for run in runs.values()}) == len(runs)
+
+
+def test_all_are_trained_and_judged_once(config, tmp_path, capsys):
+    out = tmp_path / "runs"
+    given = [str(config), "--data", str(tmp_path), "--out", str(out)]
+    smaller = ["--set", "train.epochs=1", "--set", "options.channels=2"]
+    assert ablation.main([*given, *smaller]) == 0
+    printed = capsys.readouterr().out
+    assert printed == (out / "ablation.md").read_text()
+    rows = [line for line in printed.splitlines()[2:] if line]
+    assert len(rows) == len(ablation.LEFT_OUT) + 1
+    stamp = (out / "all" / "trajectorycnn.safetensors").stat().st_mtime_ns
+    assert ablation.main([*given, *smaller]) == 0
+    assert capsys.readouterr().out == printed
+    assert (out / "all" / "trajectorycnn.safetensors").stat().st_mtime_ns == stamp
+
+
+def test_a_benchmark_has_no_augmentations(config, tmp_path, capsys):
+    changed = ["--set", "judgement=benchmark"]
+    status = ablation.main([str(config), "--data", "x", "--out", str(tmp_path), *changed])
+    assert status == 2
+    assert "Real judgement alone" in capsys.readouterr().err
