@@ -3,7 +3,8 @@
 import json
 import shlex
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,8 +31,11 @@ def evaluate(
     data: Annotated[
         list[Path], typer.Option(help="Folder of the data pack, or recordings. Repeatable.")
     ],
-    predictor: Annotated[str, typer.Option(help="Name of the predictor.")],
-    weights: Annotated[Path | None, typer.Option(help="Its weights, *.safetensors.")] = None,
+    predictor: Annotated[list[str], typer.Option(help="Name of a predictor. Repeatable.")],
+    weights: Annotated[
+        list[Path] | None,
+        typer.Option(help="Its weights, *.safetensors; one per --predictor in the same order."),
+    ] = None,
     benchmark: Annotated[
         str | None, typer.Option(help="cmu or human36m: judge as the papers do.")
     ] = None,
@@ -54,14 +58,45 @@ def evaluate(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
 ) -> None:
-    """Judge a predictor: in true seconds and metres, or (--benchmark) as the papers do.
+    """Judge predictors: in true seconds and metres, or (--benchmark) as the papers do.
 
-    Example: hri-predict evaluate --benchmark cmu --data ../shared/data --predictor zero_velocity
+    Baselines are judged beside in any case.
+
+    Example: hri-predict evaluate --data ../shared/data --predictor sinn --predictor trajectorycnn
     """
+    asked = _paired(predictor, weights or [])
+    if out is not None:
+        _check_writable(out)
     if benchmark is None:
-        _real(data, predictor, weights, _one_of("--split", split, _SPLITS), disturb, out, as_json)
+        _real(data, asked, _one_of("--split", split, _SPLITS), disturb, out, as_json)
     else:
-        _benchmark(data, predictor, weights, (benchmark, windows, n_out, error), out, as_json)
+        _benchmark(data, asked, (benchmark, windows, n_out, error), out, as_json)
+
+
+def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> dict[str, Path | None]:
+    """Each predictor with its weights; ``None`` where it finds its own or needs none."""
+    for name in predictors:
+        if predictors.count(name) > 1:
+            raise ConfigError(f"--predictor {name}: given twice; name each predictor once")
+    if not weights:
+        return dict.fromkeys(predictors)
+    if len(weights) != len(predictors):
+        raise ConfigError(
+            f"--weights: {len(weights)} given for {len(predictors)} --predictor; give one for each "
+            f"in the same order, or none (baselines have none, and are judged in any case)"
+        )
+    return dict(zip(predictors, weights, strict=True))
+
+
+def _check_writable(out: Path) -> None:
+    """Complain now, not after minutes of judging."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=out).close()
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out}: cannot be written: {error.strerror}; name another folder"
+        ) from error
 
 
 def _one_of(flag: str, value: str, known: Sequence[str]) -> Any:
@@ -72,38 +107,34 @@ def _one_of(flag: str, value: str, known: Sequence[str]) -> Any:
 
 def _benchmark(
     data: list[Path],
-    predictor: str,
-    weights: Path | None,
-    asked: tuple[str, str, int, str | None],
+    asked: Mapping[str, Path | None],
+    options: tuple[str, str, int, str | None],
     out: Path | None,
     as_json: bool,
 ) -> None:
     from hri_predict.training import benchmark_report
     from hri_predict.training.benchmark import Protocol, judge
 
-    benchmark, windows, n_out, error = asked
+    benchmark, windows, n_out, error = options
     if len(data) != 1:
         raise ConfigError("--data: a benchmark is read from one folder; give it once")
     if n_out not in (10, 25):
         raise ConfigError(f"--n-out {n_out}: the benchmark predicts 10 or 25 frames")
-    loaded = _load(predictor, weights)
-    if error is None:
-        maps = loaded is not None and loaded.network.shape.skeleton.name == "cmu38"
-        error = "euler" if maps else "mpjpe"
+    loaded = {name: _load(name, weights) for name, weights in asked.items()}
     protocol = Protocol(
         benchmark=_one_of("--benchmark", benchmark, ("cmu", "human36m")),
         windows=_one_of("--windows", windows, ("all", "8-seeds", "80-seeds")),
         n_out=n_out,
-        error=_one_of("--error", error, ("mpjpe", "euler")),
+        error=_one_of("--error", error or _own_error(loaded), ("mpjpe", "euler")),
     )
-    forecasters = _forecasters(protocol, predictor, loaded)
+    forecasters = _forecasters(protocol, loaded)
     with _progress() as progress:
         task = progress.add_task("judging", total=None)
         scores = judge(
             protocol, data[0], forecasters, lambda a: progress.update(task, description=a)
         )
-    card = {} if loaded is None else loaded.card
-    result = benchmark_report.BenchmarkResult(protocol, scores, card)
+    cards = {name: found.card for name, found in loaded.items() if found is not None}
+    result = benchmark_report.BenchmarkResult(protocol, scores, tuple(asked), cards)
     if out is not None:
         _tell(benchmark_report.write_report(result, out, _command()))
     if as_json:
@@ -139,8 +170,21 @@ def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
     return loaded
 
 
+def _own_error(loaded: "Mapping[str, LoadedWeights | None]") -> str:
+    """The error that the weights are trained for; networks of rotations are judged by theirs."""
+    errors = {
+        name: "euler" if found.network.shape.skeleton.name == "cmu38" else "mpjpe"
+        for name, found in loaded.items()
+        if found is not None
+    }
+    if len(set(errors.values())) > 1:
+        what = ", ".join(f"{name} {error}" for name, error in errors.items())
+        raise ConfigError(f"--predictor: errors differ ({what}); judge these apart")
+    return next(iter(errors.values()), "mpjpe")
+
+
 def _forecasters(
-    protocol: "Protocol", predictor: str, loaded: "LoadedWeights | None"
+    protocol: "Protocol", loaded: "Mapping[str, LoadedWeights | None]"
 ) -> "dict[str, Forecaster]":
     """What was asked for first, and the baselines beside it."""
     from hri_predict.training.benchmark import (
@@ -152,20 +196,22 @@ def _forecasters(
     baselines = {"zero_velocity": zero_velocity(protocol.n_out)}
     if protocol.error == "mpjpe":  # rotation vectors do not add up: no velocity of them
         baselines["constant_velocity"] = constant_velocity(protocol.n_out)
-    if loaded is not None:
-        network = network_forecaster(protocol, loaded.network, f"--predictor {predictor}")
-        return {predictor: network, **baselines}
-    if predictor not in baselines:
-        raise ConfigError(
-            f"--predictor {predictor}: not with --error {protocol.error}; use zero_velocity"
-        )
-    return {predictor: baselines[predictor], **baselines}
+    asked = {}
+    for name, found in loaded.items():
+        if found is not None:
+            asked[name] = network_forecaster(protocol, found.network, f"--predictor {name}")
+        elif name in baselines:
+            asked[name] = baselines[name]
+        else:
+            raise ConfigError(
+                f"--predictor {name}: not with --error {protocol.error}; use zero_velocity"
+            )
+    return {**asked, **baselines}
 
 
 def _real(
     data: list[Path],
-    predictor: str,
-    weights: Path | None,
+    asked: Mapping[str, Path | None],
     split: str,
     disturb: bool,
     out: Path | None,
@@ -176,7 +222,8 @@ def _real(
     from hri_predict.training.real import baselines, judge_all
     from hri_predict.training.real_windows import origins, read_motions
 
-    predictors = {predictor: _built(predictor, weights), **baselines()}
+    own = {name: _built(name, weights) for name, weights in asked.items()}
+    predictors = {**own, **baselines()}
     motions = read_motions([path for entry in data for path in recordings(entry, split)])
     windows = sum(len(origins(motion)[0]) for motion in motions)
     if windows == 0:
@@ -192,7 +239,11 @@ def _real(
                 predictors, motions, condition, lambda n: progress.advance(task, n)
             )
     if out is not None:
-        _tell(report.write_report(results, out))
+        files = report.write_report(results, out)
+        # imported here, after the tables are safe: wants matplotlib
+        from hri_predict.training.filmstrip import write_filmstrips
+
+        _tell([*files, *write_filmstrips(own, motions, out, results[0].averaged)])
     if as_json:
         print(json.dumps(report.as_json(results)))
         return

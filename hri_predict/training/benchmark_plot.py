@@ -1,5 +1,6 @@
 """Plot of a benchmark as PNG: error by horizon, a panel per action, printed numbers as marks."""
 
+import itertools
 import math
 from typing import Any
 
@@ -17,8 +18,7 @@ except ImportError as error:  # an extra of its own
     ) from error
 
 # Okabe and Ito's colours, which the colour-blind can tell apart; baselines are grey
-_OURS = "#0072B2"
-_COLOURS = ("#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B", "#000000")
 _BASELINES = {"zero_velocity": "-", "constant_velocity": "--"}
 _COLUMNS = 3
 
@@ -46,10 +46,10 @@ def error_by_horizon(result: BenchmarkResult) -> Figure:
 
 
 def _measured(axes: Any, result: BenchmarkResult, action: str) -> None:
-    top = 0.0
+    top, colours = 0.0, _colours(result)
     for name, scores in result.scores.items():
         errors = mean_over(result.protocol, scores) if action == MEAN else scores[action].errors
-        line, colour = _BASELINES.get(name, "-"), "#888888" if name in _BASELINES else _OURS
+        line, colour = _BASELINES.get(name, "-"), colours.get(_key(name), "#888888")
         axes.plot(np.arange(1, len(errors) + 1), errors, line, color=colour, label=name)
         if name == "zero_velocity" and np.isfinite(errors).all():
             top = float(errors.max())
@@ -58,10 +58,22 @@ def _measured(axes: Any, result: BenchmarkResult, action: str) -> None:
 
 
 def _printed(axes: Any, result: BenchmarkResult, action: str) -> None:
-    for k, entry in enumerate(result.printed):
+    colours = _colours(result)
+    for entry in result.printed:
         values = [printed_at(entry, action, frame, result.averaged) for frame in entry.columns]
         known = [(f + 1, v) for f, v in zip(entry.columns, values, strict=True) if v is not None]
         if known:
-            colour = _COLOURS[k % len(_COLOURS)]
-            label = f"{entry.method}, printed"
+            colour, label = colours[_key(entry.method)], f"{entry.method}, printed"
             axes.plot(*zip(*known, strict=True), "o", markersize=4, color=colour, label=label)
+
+
+def _colours(result: BenchmarkResult) -> dict[str, str]:
+    """Of each method its colour, the same for what we measured and what its paper prints."""
+    measured = (name for name in result.scores if name not in _BASELINES)
+    methods = dict.fromkeys(_key(n) for n in (*measured, *(e.method for e in result.printed)))
+    return dict(zip(methods, itertools.cycle(_COLOURS), strict=False))
+
+
+def _key(method: str) -> str:
+    """A method's name as the registry spells it: papers print "KD-Former"."""
+    return method.lower().replace("-", "")

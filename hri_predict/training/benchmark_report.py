@@ -27,13 +27,15 @@ class BenchmarkResult:
     """What was measured under one protocol.
 
     Attributes:
-        scores: of each method, first the one that was asked for, its score on each action.
-        card: of the weights that were judged; empty for a baseline.
+        scores: of each method, first those that were asked for, its score on each action.
+        asked: methods that were asked for; the others are baselines beside them.
+        cards: of the weights that were judged, by method; baselines have none.
     """
 
     protocol: Protocol
     scores: Mapping[str, Mapping[str, Score]]
-    card: Mapping[str, Any]
+    asked: tuple[str, ...]
+    cards: Mapping[str, Mapping[str, Any]]
 
     @property
     def actions(self) -> tuple[str, ...]:
@@ -147,8 +149,7 @@ def notes(result: BenchmarkResult) -> list[str]:
 def as_markdown(result: BenchmarkResult, command: str) -> str:
     """All tables, what they mean, and the command that makes them."""
     name = {"cmu": "CMU-Mocap", "human36m": "Human3.6M"}[result.protocol.benchmark]
-    method = next(iter(result.scores))
-    lines = [f"# {method} on the {name} benchmark", "", f"`{command}`", ""]
+    lines = [f"# {', '.join(result.asked)} on the {name} benchmark", "", f"`{command}`", ""]
     lines += [f"- {note}" for note in notes(result)]
     return "\n".join([*lines, "", *(table.markdown() for table in tables(result))])
 
@@ -175,7 +176,7 @@ def as_json(result: BenchmarkResult) -> dict[str, Any]:
             for name, scores in result.scores.items()
         ],
         "printed": [entry.model_dump() for entry in result.printed],
-        "card": dict(result.card),
+        "cards": {method: dict(card) for method, card in result.cards.items()},
     }
 
 
@@ -216,7 +217,7 @@ def write_report(result: BenchmarkResult, out: Path, command: str) -> list[Path]
 
     protocol = result.protocol
     lengths = f"{protocol.n_in}to{protocol.n_out}"
-    stem = f"{next(iter(result.scores))}_{protocol.benchmark}_{protocol.windows}_{lengths}"
+    stem = f"{'_'.join(result.asked)}_{protocol.benchmark}_{protocol.windows}_{lengths}"
     texts = {
         ".md": as_markdown(result, command),
         ".csv": as_csv(result),

@@ -1,4 +1,8 @@
-"""Predicted against true motion, drawn so that a person can judge it by eye."""
+"""Predicted over true motion, drawn so that a person can judge it by eye.
+
+A row is one window, a column a time ahead. Windows are chosen by a rule that knows no forecast: the
+middle forecast origin of each action's longest recording.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,167 +20,199 @@ from hri_predict.training.real_windows import (
     FUTURE_STEPS,
     ORIGIN_STEPS,
     RATE_HZ,
+    Batch,
     Motion,
     batches,
+    origins,
     scored_joints,
 )
 
 try:
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 except ImportError as error:  # an extra of its own
     raise ConfigError(
         "plots need matplotlib; install it with pip install 'hri-predict[train]'"
     ) from error
 
 SHOWN_MS = (200, 400, 600, 800, 1000)
-_BEFORE = (13, 9, 5)  # steps of the history that are drawn: 0.48, 0.32 and 0.16 s ago
-_TRUE = "#444444"
-_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7")
+_AGO_MS = (480, 320, 160)
+_TRUE, _PREDICTED, _GRID = "#9A9A9A", "#D55E00", "#E4E4E4"
+_GRID_M = 0.5
 _AZIMUTH, _ELEVATION = np.radians(35.0), np.radians(12.0)  # from the person's right, from above
+_MARGIN_M, _BAR_M, _TEXT_M = 0.12, 0.2, 0.3  # around the body, below it, above it
+_FARTHEST_M = 0.9  # from the middle of a picture to its side: a runaway forecast leaves it
+_INCHES = 2.9  # width of a picture
 _SCORED = np.array(scored_joints())
 _BONES = tuple((i, p) for i, p in enumerate(BODY.parents) if p >= 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """One window and what was forecast from it.
+    """One window.
 
     Attributes:
+        recording: where it is from.
         action: what the person does.
-        history: (T, 28, 3) metres.
-        observed: (T, 28).
-        future: (25, 28, 3).
-        known: (25, 28).
-        forecasts: by predictor (H, 28, 3).
+        time_s: of the forecast origin, seconds after the recording's first capture.
+        window: that one window, as a batch.
     """
 
+    recording: str
     action: str
-    history: Floats
-    observed: Bools
-    future: Floats
-    known: Bools
-    forecasts: Mapping[str, Floats]
+    time_s: float
+    window: Batch
+
+    def true(self, ms: int) -> tuple[Floats, Bools]:
+        """(28, 3) metres and (28,) whether they are known, so long after now; before it if < 0."""
+        step = round(ms * RATE_HZ / 1000)
+        if step > 0:
+            return self.window.future[0, step - 1], self.window.known[0, step - 1]
+        return self.window.history[0, step - 1], self.window.observed[0, step - 1]
 
 
-def typical(predictors: Mapping[str, Predictor], motions: Sequence[Motion]) -> Scene | None:
-    """The window of these motions in which the first predictor's 1 s error is its median.
+def middle(motions: Sequence[Motion], history_steps: int) -> Scene | None:
+    """The middle forecast origin of the longest of these motions.
 
-    So the picture shows neither its best moment nor its worst. ``None`` if no window has 1 s of
-    known future.
+    So neither a good moment nor a bad one is picked. ``None`` if no motion has 1 s of known future.
+
+    Args:
+        motions: of one action; see ``real_windows.read_motions``.
+        history_steps: T of the window.
     """
-    first = next(iter(predictors.values()))
-    ranked: list[tuple[float, Motion, int, int]] = []
-    for motion in motions:
-        for batch in batches(motion, max(ORIGIN_STEPS, first.history_steps)):
-            predicted = forecast(first, batch)
-            for k in range(len(predicted)):
-                error = _error_mm(predicted[k], batch.future[k], batch.known[k], FUTURE_STEPS)
-                if np.isfinite(error):
-                    ranked.append((error, motion, batch.index, k))
-    if not ranked:
+    found = [(origins(m), m) for m in motions]
+    whole = [(times, m) for (times, reach), m in found if reach == FUTURE_STEPS]
+    if not whole:
         return None
-    ranked.sort(key=lambda entry: entry[0])
-    _, motion, index, k = ranked[len(ranked) // 2]
-    longest = max([ORIGIN_STEPS, *(p.history_steps for p in predictors.values())])
-    batch = next(b for b in batches(motion, longest) if b.index == index)
-    made = {name: forecast(p, batch)[k] for name, p in predictors.items()}
-    parts = batch.history[k], batch.observed[k], batch.future[k], batch.known[k]
-    return Scene(motion.action, *parts, made)
+    times, motion = max(whole, key=lambda entry: len(entry[0]))
+    left = len(times) // 2
+    time_s = float(times[left] - motion.stamps_ns[0]) * 1e-9
+    for batch in batches(motion, history_steps):
+        if left < len(batch.history):
+            window = Batch(
+                motion,
+                batch.index,
+                batch.history[left : left + 1],
+                batch.observed[left : left + 1],
+                batch.future[left : left + 1],
+                batch.known[left : left + 1],
+            )
+            return Scene(motion.name, motion.action, time_s, window)
+        left -= len(batch.history)
+    return None
 
 
-def _error_mm(predicted: Floats, future: Floats, known: Bools, step: int) -> float:
-    """Mean error at one step, from 1; NaN where nothing is known or predicted."""
-    if step > len(predicted) or not known[step - 1, _SCORED].any():
-        return float("nan")
-    error = np.linalg.norm(predicted[step - 1] - future[step - 1], axis=-1)[_SCORED]
-    return float(1000 * error[known[step - 1, _SCORED]].mean())
+def write_filmstrips(
+    predictors: Mapping[str, Predictor],
+    motions: Sequence[Motion],
+    out_dir: Path,
+    actions: Sequence[str],
+) -> list[Path]:
+    """Draw the same windows, one of each action, for each predictor: ``filmstrip_NAME.png``.
+
+    Returns:
+        The files; none if no recording of the actions has 1 s of known future.
+
+    Raises:
+        ConfigError: a file cannot be written.
+    """
+    steps = max([ORIGIN_STEPS, *(p.history_steps for p in predictors.values())])
+    found = (middle([m for m in motions if m.action == action], steps) for action in actions)
+    scenes = [scene for scene in found if scene is not None]
+    if not scenes:
+        return []
+    files = [out_dir / f"filmstrip_{name}.png" for name in predictors]
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        for (name, predictor), file in zip(predictors.items(), files, strict=True):
+            forecasts = [forecast(predictor, scene.window)[0] for scene in scenes]
+            draw(name, scenes, forecasts).savefig(file, dpi=100)
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out_dir}: cannot be written: {error.strerror}; name another folder"
+        ) from error
+    return files
 
 
-def draw(scenes: Sequence[Scene]) -> Figure:
-    """A row per scene, a column per horizon; the truth grey, forecasts in colour."""
-    views = [_View(scene) for scene in scenes]
-    width = 2.6 * (1 + len(SHOWN_MS))
-    heights = [view.height / view.width for view in views]
-    figure = Figure(figsize=(width, 2.6 * sum(heights) + 0.9), layout="constrained")
-    grid = figure.subplots(len(scenes), 1 + len(SHOWN_MS), squeeze=False, height_ratios=heights)
-    for row, (scene, view) in enumerate(zip(scenes, views, strict=True)):
+def draw(name: str, scenes: Sequence[Scene], forecasts: Sequence[Floats]) -> Figure:
+    """A row per scene, a column per time, all to one scale; forecasts (H, 28, 3) metres."""
+    views = [_View(scene, predicted) for scene, predicted in zip(scenes, forecasts, strict=True)]
+    half = max(view.half_width for view in views)
+    heights = [view.high - view.low for view in views]
+    columns, inches_per_m = 1 + len(SHOWN_MS), _INCHES / (2 * half)
+    size = _INCHES * columns + 0.6, inches_per_m * sum(heights) + 1.7
+    close = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.03, wspace=0.0, hspace=0.0)
+    figure = Figure(figsize=size, layout=close)
+    grid = figure.subplots(len(scenes), columns, squeeze=False, height_ratios=heights)
+    for row, (scene, predicted, view) in enumerate(zip(scenes, forecasts, views, strict=True)):
         for axes, ms in zip(grid[row], (0, *SHOWN_MS), strict=True):
-            _cell(axes, scene, view, ms)
-        grid[row, 0].set_ylabel(scene.action, fontsize=11)
+            _frame(axes, view, scene, ms, half)
+            _cell(axes, view, scene, predicted, ms)
+        grid[row, 0].set_ylabel(scene.action, fontsize=13)
+        _where(grid[row, 0], scene)
     for axes, ms in zip(grid[0], (0, *SHOWN_MS), strict=True):
-        axes.set_title(f"{ms} ms ahead" if ms else "now, and 0.5 s before", fontsize=11)
-    names = {"what happened": _TRUE, **_colours(scenes[0].forecasts)}
-    handles = [grid[0, 0].plot([], [], color=c, linewidth=2.5)[0] for c in names.values()]
-    figure.legend(handles, list(names), loc="outside lower center", ncols=len(names), fontsize=11)
+        axes.set_title(f"+{ms} ms" if ms else "now (pale: past 0.5 s)", fontsize=13)
+    _explain(figure, grid[0, 0], name)
     return figure
 
 
-def write_filmstrip(
-    predictors: Mapping[str, Predictor],
-    motions: Sequence[Motion],
-    path: Path,
-    actions: Sequence[str] | None = None,
-) -> Path | None:
-    """Draw the typical window of each action into a PNG file.
-
-    Args:
-        predictors: at most four; the first one chooses the windows.
-        motions: see ``real_windows.read_motions``.
-        path: the file.
-        actions: those to draw, in this order; default all.
-
-    Returns:
-        The file, or ``None`` if no recording has 1 s of known future.
-
-    Raises:
-        ConfigError: the file cannot be written.
-    """
-    wanted = actions or list(dict.fromkeys(m.action for m in motions))
-    found = (typical(predictors, [m for m in motions if m.action == a]) for a in wanted)
-    chosen = [scene for scene in found if scene is not None]
-    if not chosen:
-        return None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draw(chosen).savefig(path, dpi=110)
-    except OSError as error:
-        raise ConfigError(
-            f"--out {path.parent}: cannot be written: {error.strerror}; name another folder"
-        ) from error
-    return path
+def _explain(figure: Figure, axes: Any, name: str) -> None:
+    names = {"true pose": (_TRUE, 5.0), f"predicted by {name}": (_PREDICTED, 2.0)}
+    handles = [axes.plot([], [], color=c, linewidth=w)[0] for c, w in names.values()]
+    figure.legend(handles, list(names), loc="outside upper center", ncols=2, fontsize=13)
+    figure.supxlabel(
+        "mm: mean error of the scored joints; still: of holding the pose of now. Thin: the "
+        f"person's right side. Lines: the room, every {_GRID_M:g} m; pictures follow the body.\n"
+        "Windows chosen without regard to the error: the middle forecast origin of each action's "
+        "longest recording.",
+        fontsize=10.5,
+    )
 
 
 class _View:
     """A camera that looks at the person from the right and somewhat from ahead and above.
 
-    It is level, stands still over a scene, and shows lengths unshortened across the picture.
+    It is level, keeps its direction over a scene, and shows lengths unshortened across the picture.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        now, seen = scene.history[-1], scene.observed[-1]
+    def __init__(self, scene: Scene, predicted: Floats) -> None:
+        now, seen = scene.true(0)
         left, right = (_middle(now, seen, side) for side in ("l_", "r_"))
         across = left - right
-        self._heading = float(np.arctan2(-across[0], across[1]))
+        heading = float(np.arctan2(-across[0], across[1]))
+        self._angle = heading - np.pi / 2 + _AZIMUTH  # where the camera stands, seen from above
         self._origin = now[seen].mean(axis=0)
-        steps = [0, *(round(ms * RATE_HZ / 1000) for ms in SHOWN_MS)]
-        shown = [now[seen], *(scene.future[s - 1][scene.known[s - 1]] for s in steps[1:])]
-        shown += [scene.history[-b][scene.observed[-b]] for b in _BEFORE]
-        points = self.project(np.concatenate(shown))  # a forecast that runs away leaves the picture
-        self.low, self.high = points.min(axis=0) - 0.15, points.max(axis=0) + 0.15
-        self.high[1] += 0.1  # room for the text
-        lacking = 0.85 * (self.high - self.low)[1] - (self.high - self.low)[0]
-        self.low[0] -= max(0.0, lacking) / 2  # no picture narrower than that
-        self.high[0] += max(0.0, lacking) / 2
-        self.width, self.height = (float(x) for x in self.high - self.low)
+        wide, tall = [], []
+        for ms in (*(-ago for ago in _AGO_MS), 0, *SHOWN_MS):
+            positions, known = scene.true(ms)
+            shown = [positions[known]]
+            step = round(ms * RATE_HZ / 1000)
+            if 0 < step <= len(predicted):
+                shown.append(predicted[step - 1][known])
+            points = self.project(np.concatenate(shown))
+            tall.append(points[:, 1])
+            if known.any() and ms >= 0:  # the past may leave the picture
+                wide.append(np.abs(points[:, 0] - self.centre(scene, ms)))
+        self.half_width = min(_FARTHEST_M, float(np.concatenate(wide).max()) + _MARGIN_M)
+        heights = np.concatenate(tall)
+        self.low = max(float(heights.min()), -2 * _FARTHEST_M) - _BAR_M
+        self.high = min(float(heights.max()), 2 * _FARTHEST_M) + _TEXT_M
 
     def project(self, points: Floats) -> Floats:
         """(..., 3) metres in the room to (..., 2) metres in the picture."""
-        angle = self._heading - np.pi / 2 + _AZIMUTH  # where the camera stands, as seen from above
-        right = np.array([-np.sin(angle), np.cos(angle), 0.0])
-        toward = np.array([np.cos(angle), np.sin(angle), 0.0])
+        right = np.array([-np.sin(self._angle), np.cos(self._angle), 0.0])
+        toward = np.array([np.cos(self._angle), np.sin(self._angle), 0.0])
         up = np.cos(_ELEVATION) * np.array([0.0, 0.0, 1.0]) - np.sin(_ELEVATION) * toward
         moved = points - self._origin
         return np.stack([moved @ right, moved @ up], axis=-1)
+
+    def centre(self, scene: Scene, ms: int) -> float:
+        """Where the middle of the true pose is, across the picture; 0 if it is not known."""
+        positions, known = scene.true(ms)
+        if not known.any():
+            return 0.0
+        across = self.project(positions[known])[:, 0]
+        return float(across.min() + across.max()) / 2
 
 
 def _middle(positions: Floats, seen: Bools, side: str) -> Floats:
@@ -184,52 +220,80 @@ def _middle(positions: Floats, seen: Bools, side: str) -> Floats:
     return positions[own].mean(axis=0) if own.any() else np.zeros(3)
 
 
-def _cell(axes: Any, scene: Scene, view: _View, ms: int) -> None:
-    """One picture: the body now and its past, or a moment of the future."""
+def _frame(axes: Any, view: _View, scene: Scene, ms: int, half: float) -> None:
+    """What the picture shows, and the lines of the room behind it."""
+    centre = view.centre(scene, ms)
     axes.set_aspect("equal")
-    axes.set_xlim(view.low[0], view.high[0])
-    axes.set_ylim(view.low[1], view.high[1])
+    axes.set_xlim(centre - half, centre + half)
+    axes.set_ylim(view.low, view.high)
+    for low, high, line in (
+        (centre - half, centre + half, axes.axvline),
+        (view.low, view.high, axes.axhline),
+    ):
+        for k in range(int(np.ceil(low / _GRID_M)), int(np.floor(high / _GRID_M)) + 1):
+            line(k * _GRID_M, color=_GRID, linewidth=0.9, zorder=0)
     axes.set_xticks([])
     axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_color("#BBBBBB")
+
+
+def _where(axes: Any, scene: Scene) -> None:
+    """Which recording, when, and a scale bar."""
+    text = f"{scene.recording}, {scene.time_s:.1f} s"
+    axes.text(0.03, 0.97, text, fontsize=10, va="top", transform=axes.transAxes)
+    left, low = axes.get_xlim()[0] + 0.05, axes.get_ylim()[0] + 0.04
+    axes.plot([left, left + _GRID_M], [low, low], color="black", linewidth=2.5)
+    axes.text(left + _GRID_M / 2, low + 0.02, f"{_GRID_M:g} m", fontsize=10, ha="center")
+
+
+def _cell(axes: Any, view: _View, scene: Scene, predicted: Floats, ms: int) -> None:
+    """One picture: the body now and its past, or a moment of the future."""
+    true, known = scene.true(ms)
     if ms == 0:
-        for back, shade in zip(_BEFORE, (0.15, 0.25, 0.4), strict=True):
-            _body(axes, view, scene.history[-back], scene.observed[-back], _TRUE, shade)
-        _body(axes, view, scene.history[-1], scene.observed[-1], _TRUE, 1.0)
+        for ago, shade in zip(_AGO_MS, (0.12, 0.2, 0.3), strict=True):
+            _body(axes, view, *scene.true(-ago), _TRUE, 2.5, shade)
+        _body(axes, view, true, known, _TRUE, 5.0)
         return
+    _body(axes, view, true, known, _TRUE, 5.0)
     step = round(ms * RATE_HZ / 1000)
-    _body(axes, view, scene.future[step - 1], scene.known[step - 1], _TRUE, 1.0)
-    texts = []
-    for name, colour in _colours(scene.forecasts).items():
-        predicted = scene.forecasts[name]
-        if step <= len(predicted):
-            _body(axes, view, predicted[step - 1], scene.known[step - 1], colour, 0.85)
-            error = _error_mm(predicted, scene.future, scene.known, step)
-            texts.append((f"{error:.0f} mm", colour))
-    for place, (text, colour) in enumerate(texts):
-        at = (place + 0.5) / len(texts)
-        axes.text(
-            at, 0.99, text, color=colour, fontsize=9, va="top", ha="center",
-            transform=axes.transAxes,
-        )  # fmt: skip
+    if step > len(predicted):
+        axes.text(0.03, 0.97, "beyond its horizon", va="top", transform=axes.transAxes)
+        return
+    _body(axes, view, predicted[step - 1], known, _PREDICTED, 2.0)
+    error = _error_mm(predicted[step - 1], true, known)
+    still = _error_mm(scene.true(0)[0], true, known & scene.true(0)[1])
+    style = {"va": "top", "transform": axes.transAxes}
+    axes.text(0.03, 0.975, f"{error:.0f} mm", color=_PREDICTED, fontsize=13, **style)
+    axes.text(0.97, 0.97, f"still: {still:.0f}", color="#555555", fontsize=11, ha="right", **style)
+
+
+def _error_mm(positions: Floats, true: Floats, known: Bools) -> float:
+    """Mean distance over the scored joints that are known; NaN if none is."""
+    scored = _SCORED[known[_SCORED]]
+    distance = np.linalg.norm(positions[scored] - true[scored], axis=-1)
+    return 1000 * float(distance.mean()) if scored.size else float("nan")
 
 
 def _body(
-    axes: Any, view: _View, positions: Floats, seen: Bools, colour: str, alpha: float
+    axes: Any,
+    view: _View,
+    positions: Floats,
+    seen: Bools,
+    colour: str,
+    width: float,
+    alpha: float = 1.0,
 ) -> None:
     """A stick figure; the right side of the body is drawn thinner."""
     points = view.project(positions)
     for joint, parent in _BONES:
         if seen[joint] and seen[parent]:
-            width = 1.1 if BODY.joints[joint].startswith("r_") else 2.2
+            right = BODY.joints[joint].startswith("r_")
             axes.plot(
                 points[[joint, parent], 0],
                 points[[joint, parent], 1],
                 color=colour,
                 alpha=alpha,
-                linewidth=width,
+                linewidth=width * (0.6 if right else 1.0),
                 solid_capstyle="round",
             )
-
-
-def _colours(forecasts: Mapping[str, Floats]) -> dict[str, str]:
-    return dict(zip(forecasts, _COLOURS, strict=False))

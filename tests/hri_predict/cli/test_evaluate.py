@@ -10,6 +10,7 @@ import pytest
 from hri_predict.cli import main
 from hri_predict.cli.evaluate import recordings
 from hri_predict.errors import ConfigError
+from hri_predict.predictors.neural import shipped_weights
 from hri_predict.training.cmu_benchmark import MEAN_OVER
 
 
@@ -109,6 +110,14 @@ def test_euler_error_is_read_twice(cli, pack):
         (["--benchmark", "human36m"], "S5/<action>_<n>.txt"),
         (["--split", "tests"], "did you mean 'test'"),
         (["--weights", "w"], "has none"),
+        (["--predictor", "kalman", "--predictor", "kalman"], "--predictor kalman: given twice"),
+        (
+            ["--predictor", "kalman", "--predictor", "sinn", "--weights", "w"],
+            "1 given for 2 --predictor",
+        ),
+        (["--predictor", "sinn", "--weights", "w"], "weights w: there is no such file"),
+        (["--predictor", "sin"], "did you mean 'sinn'"),
+        (["--out", "/dev/null/report"], "--out /dev/null/report: cannot be written"),
     ],
 )
 def test_mistakes_end_in_one_line(cli, pack, arguments, told):
@@ -139,13 +148,66 @@ def test_recordings_of_a_folder_a_file_and_a_pack(tmp_path):
         recordings(tmp_path / "empty", "test")
 
 
-def test_real_recordings_beside_the_baselines(cli, tmp_path):
+def test_several_on_the_benchmark_share_tables_and_files(cli, pack, tmp_path):
+    names = ("constant_velocity", "zero_velocity")
+    asked = [argument for name in names for argument in ("--predictor", name)]
+    common = ["--benchmark", "cmu", "--data", pack, "--windows", "8-seeds"]
+    status, text, _ = cli(*common, *asked, "--json", "--out", tmp_path / "both")
+    assert status == 0
+    both = json.loads(text)
+    assert [r["method"] for r in both["results"]] == list(names)
+    assert both["cards"] == {}
+    stem = "constant_velocity_zero_velocity_cmu_8-seeds_10to25"
+    markdown = (tmp_path / "both" / f"{stem}.md").read_text(encoding="utf-8")
+    assert markdown.startswith("# constant_velocity, zero_velocity on the CMU-Mocap benchmark")
+    alone = json.loads(cli(*common, "--predictor", "zero_velocity", "--json")[1])
+    assert both["results"][1] == alone["results"][0]
+
+
+@pytest.fixture
+def walk(tmp_path):
+    """A recording of 4 s of even walking, half a metre a second."""
     path = tmp_path / "walking_1.npz"
     steps = np.arange(480)[:, None, None] / 120.0
     rest = np.random.default_rng(0).normal(size=(1, 38, 3), scale=0.3)
     positions = rest + np.array([0.0, 1.0, 0.0]) + steps * np.array([0.5, 0.0, 0.0])
     np.savez(path, positions_world=positions.astype(np.float32), fps=np.float32(120))
-    status, text, told = cli("--data", path, "--predictor", "constant_velocity", "--json")
+    return path
+
+
+def test_several_predictors_are_judged_on_the_same_windows(cli, walk, tmp_path):
+    pytest.importorskip("matplotlib")
+    both = ["--predictor", "constant_velocity", "--predictor", "sinn"]
+    status, text, told = cli("--data", walk, *both, "--json", "--out", tmp_path / "report")
+    assert status == 0
+    results = {r["predictor"]: r for r in json.loads(text)["results"]}
+    assert list(results)[:2] == ["constant_velocity", "sinn"]
+    assert len(results) == 6
+    alone = json.loads(cli("--data", walk, "--predictor", "sinn", "--json")[1])["results"]
+    assert results["sinn"] == alone[0]  # whoever is judged beside it
+    pictures = {p.stem for p in (tmp_path / "report").glob("*.png")}
+    assert {"filmstrip_constant_velocity", "filmstrip_sinn", "error_by_action"} <= pictures
+    assert "filmstrip_kalman" not in pictures  # only what was asked for
+    assert "filmstrip_sinn.png" in told
+    markdown = (tmp_path / "report" / "real.md").read_text(encoding="utf-8")
+    assert "| sinn |" in markdown
+    assert "| constant_velocity |" in markdown
+
+
+def test_weights_go_to_the_predictor_in_the_same_place(cli, walk):
+    sinn, other = (shipped_weights(name) for name in ("sinn", "trajectorycnn"))
+    both = ["--data", walk, "--predictor", "trajectorycnn", "--predictor", "sinn"]
+    status, text, _ = cli(*both, "--weights", other, "--weights", sinn, "--json")
+    assert status == 0
+    assert json.loads(text) == json.loads(cli(*both, "--json")[1])
+    status, _, error = cli(*both, "--weights", sinn, "--weights", other)
+    assert status == 2
+    assert len(error.splitlines()) == 1
+    assert "sinn.safetensors" in error
+
+
+def test_real_recordings_beside_the_baselines(cli, walk):
+    status, text, told = cli("--data", walk, "--predictor", "constant_velocity", "--json")
     assert (status, told) == (0, "")
     found = {r["predictor"]: r for r in json.loads(text)["results"]}
     assert {"constant_velocity", "zero_velocity", "kalman"} <= set(found)

@@ -10,8 +10,7 @@ import pytest
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.body import BODY
 from hri_predict.training.corruption import Corruption
-from hri_predict.training.real import MEAN_ACTIONS, Errors, RealResult, baselines
-from hri_predict.training.real_windows import Motion
+from hri_predict.training.real import MEAN_ACTIONS, Errors, RealResult
 from hri_predict.training.report import (
     as_csv,
     as_json,
@@ -117,34 +116,3 @@ def test_a_report_is_written_and_a_folder_that_cannot_be_is_the_users_to_mend(tm
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match=r"--out .*file"):
         write_report(results, tmp_path / "file")
-
-
-def wave(name: str) -> Motion:
-    """A body of which each joint swings by itself, at 25 Hz for 4 s."""
-    steps = np.arange(101)
-    rest = np.random.default_rng(5).normal(size=(JOINTS, 3))
-    swing = np.sin(steps[:, None, None] / 9 + rest) * (0.1 + steps[:, None, None] / 100)
-    seen = np.ones((101, JOINTS), bool)
-    action = name.rpartition("_")[0]
-    stamps = steps * 40_000_000
-    return Motion(name, action, stamps, rest + swing, seen, 100_000_000, 40_000_000)
-
-
-def test_the_filmstrip_shows_the_typical_window_of_each_action(tmp_path):
-    pytest.importorskip("matplotlib")
-    from hri_predict.training.filmstrip import typical, write_filmstrip
-    from hri_predict.training.real_windows import batches
-
-    predictors = {"zero_velocity": baselines()["zero_velocity"]}
-    motions = [wave("walking_1"), wave("soccer_1")]
-    scene = typical(predictors, motions[:1])
-    assert scene is not None
-    batch = next(batches(motions[0], 15))
-    scored = [j for j, name in enumerate(BODY.joints) if name[2:] != "hip"]
-    ends = np.linalg.norm(batch.history[:, -1] - batch.future[:, -1], axis=-1)[:, scored].mean(1)
-    shown = np.linalg.norm(scene.history[-1] - scene.future[-1], axis=-1)[scored].mean()
-    assert sorted(ends)[len(ends) // 2] == pytest.approx(shown)
-    path = write_filmstrip(predictors, motions, tmp_path / "film.png", ["soccer", "walking"])
-    assert path is not None
-    assert path.stat().st_size > 10_000
-    assert write_filmstrip(predictors, motions, tmp_path / "none.png", ["running"]) is None
