@@ -8,6 +8,7 @@ root is fully known, where the body has hips and a spine.
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -75,9 +76,8 @@ def conjugate(q: Tensor) -> Tensor:
 def rotate(q: Tensor, x: Tensor) -> Tensor:
     """Vectors (..., 3) turned by unit quaternions (..., 4)."""
     v = q[..., 1:]
-    x = x.expand(torch.broadcast_shapes(x.shape, v.shape))
-    t = 2 * torch.linalg.cross(v.expand_as(x), x)
-    return x + q[..., :1] * t + torch.linalg.cross(v.expand_as(x), t)
+    half = _cross(v, x)
+    return x + 2 * (q[..., :1] * half + _cross(v, half))
 
 
 def matrix(e: Tensor) -> Tensor:
@@ -94,14 +94,20 @@ def between(a: Tensor, b: Tensor, axis: Tensor | None = None) -> Tensor:
         axis: (..., 3) what to turn half a turn about where they are opposite; any axis square to
             ``a`` without it.
     """
-    a, b = torch.broadcast_tensors(a, b)
     cosine = (a * b).sum(-1, keepdim=True)
-    q = torch.cat([1 + cosine, torch.linalg.cross(a, b)], -1)
-    if axis is None:
-        axis = _unit(torch.linalg.cross(a, _least(a)))
-    half_turn = torch.cat([torch.zeros_like(cosine), axis.expand_as(a)], -1)
-    q = torch.where(cosine < -1 + 1e-6, half_turn, q)
+    q = torch.cat([1 + cosine, _cross(a, b)], -1)
+    opposite = cosine < -1 + 1e-6
+    if bool(opposite.any()):  # hardly ever
+        if axis is None:
+            axis = _unit(_cross(a, _least(a)))
+        half_turn = torch.nn.functional.pad(axis, (1, 0))
+        q = torch.where(opposite, half_turn, q)
     return q / q.norm(dim=-1, keepdim=True).clamp(min=_TINY)
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    """The vector product, broadcast."""
+    return torch.linalg.cross(*torch.broadcast_tensors(a, b))
 
 
 def _least(a: Tensor) -> Tensor:
@@ -135,21 +141,23 @@ class KinematicTree:
                 "tree with one root"
             )
         self.root = self.parents.index(-1)
-        self.levels = _levels(self.parents)
-        # each joint's place in the levels one after the other, and its parent's in the level before
-        order = [j for level in self.levels for j in level]
-        self._place = [order.index(j) for j in range(len(order))]
+        levels = _levels(self.parents)
+        self._sizes = [len(level) for level in levels]
+        # joints level by level; each one's place there, and its parent's in the level before
+        self._order = torch.tensor([j for level in levels for j in level])
+        self._place = self._order.argsort()
         self._above = [
-            [self.levels[i].index(self.parents[j]) for j in level]
-            for i, level in enumerate(self.levels[1:])
+            torch.tensor([before.index(self.parents[j]) for j in level])
+            for before, level in pairwise(levels)
         ]
+        self._parents = torch.tensor([j if p < 0 else p for j, p in enumerate(self.parents)])
+        self._jumps = _jumps(self.parents)
         self.ancestors = ancestor_matrix(self.parents)
         self._axes = _root_axes(skeleton)
 
     def bones(self, positions: Tensor) -> Tensor:
         """(..., J, 3) from each joint's parent to it; zero at the root."""
-        parents = [j if p < 0 else p for j, p in enumerate(self.parents)]
-        return positions - positions[..., parents, :]
+        return positions - _taken(positions, self._parents)
 
     def lengths(self, positions: Tensor, observed: Tensor) -> Tensor:
         """(B, J) metres: the median of each bone over the steps where both its ends were observed.
@@ -157,8 +165,8 @@ class KinematicTree:
         A bone never observed has the length it was filled in with at the last step.
         """
         length = self.bones(positions).norm(dim=-1)
-        parents = [j if p < 0 else p for j, p in enumerate(self.parents)]
-        seen = torch.where(observed & observed[..., parents], length, torch.nan)
+        both = observed & observed.index_select(-1, self._parents.to(observed.device))
+        seen = torch.where(both, length, torch.nan)
         median = seen.nanmedian(1).values
         return torch.where(median.isnan(), length[:, -1], median)
 
@@ -177,17 +185,16 @@ class KinematicTree:
         Args:
             rest: (J, 3) the rest pose, any place, same axes.
         """
-        toward = _unit(self.bones(positions))
-        before = _unit(self.bones(rest))
+        toward = _taken(_unit(self.bones(positions)), self._order).split(self._sizes, -2)
+        before = _taken(_unit(self.bones(rest)), self._order).split(self._sizes, -2)
         turned = self._orientation(positions, rest)[:, :, None]  # of the level above
         swings = [turned]
-        for level, above in zip(self.levels[1:], self._above, strict=True):
-            parent = turned[:, :, above]
-            swing = between(before[level], rotate(conjugate(parent), toward[:, :, level]))
+        for above, a, b in zip(self._above, before[1:], toward[1:], strict=True):
+            parent = _taken(turned, above)
+            swing = between(a, rotate(conjugate(parent), b))
             turned = multiply(parent, swing)
             swings.append(swing)
-        q = torch.cat(swings, 2)[:, :, self._place]
-        return expmap(continuous(q))
+        return expmap(continuous(_taken(torch.cat(swings, 2), self._place)))
 
     def positions(self, rotations: Tensor, rest: Tensor, lengths: Tensor, root: Tensor) -> Tensor:
         """Forward kinematics: (B, H, J, 3) metres.
@@ -198,13 +205,7 @@ class KinematicTree:
             lengths: (B, J) metres, the person's own bones.
             root: (B, H, 3) metres, where the root is.
         """
-        local = quaternion(rotations)
-        turned = local[:, :, [self.root]]
-        chain = [turned]
-        for level, above in zip(self.levels[1:], self._above, strict=True):
-            turned = multiply(turned[:, :, above], local[:, :, level])
-            chain.append(turned)
-        world = torch.cat(chain, 2)[:, :, self._place]
+        world = self._world(quaternion(rotations))
         bones = rotate(world, _unit(self.bones(rest))) * lengths[:, None, :, None]
         return self._summed(bones) + root[:, :, None]
 
@@ -218,14 +219,20 @@ class KinematicTree:
             rotations: (B, T, J, 3) exponential maps.
             offsets: (J, 3) from each parent to its joint, unturned, metres.
         """
-        local = quaternion(rotations)
-        turned = local[:, :, [self.root]]
-        leading = [torch.zeros_like(turned[..., 1:])]
-        for level, above in zip(self.levels[1:], self._above, strict=True):
-            parent = turned[:, :, above]
-            leading.append(rotate(parent, offsets[level]))
-            turned = multiply(parent, local[:, :, level])
-        return self._summed(torch.cat(leading, 2)[:, :, self._place])
+        parent = _taken(self._world(quaternion(rotations)), self._parents)
+        return self._summed(rotate(parent, offsets))
+
+    def _world(self, local: Tensor) -> Tensor:
+        """Orientations (B, T, J, 4) of joints turned against their parents by ``local``.
+
+        Each round joins to every joint's chain of turns the chain of equal length above it, so
+        that a few products of all joints at once do for the whole depth of the tree.
+        """
+        identity = local.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(*local.shape[:2], 1, 4)
+        turned = local
+        for above in self._jumps:
+            turned = multiply(_taken(torch.cat([turned, identity], 2), above), turned)
+        return turned
 
     def _summed(self, bones: Tensor) -> Tensor:
         """Bones (..., J, 3) added up from the root to each joint; the root's own is not counted."""
@@ -249,6 +256,11 @@ class KinematicTree:
         return multiply(twist, swing)
 
 
+def _taken(x: Tensor, joints: Tensor) -> Tensor:
+    """Joints of (..., J, C) by their numbers; cheaper than by a list, which is read each time."""
+    return x.index_select(-2, joints.to(x.device))
+
+
 def _square(x: Tensor, axis: Tensor) -> Tensor:
     """Unit vectors along what of ``x`` is square to the unit vectors ``axis``."""
     return _unit(x - (x * axis).sum(-1, keepdim=True) * axis)
@@ -262,6 +274,17 @@ def _levels(parents: Sequence[int]) -> list[list[int]]:
         if not level:
             return levels
         levels.append(level)
+
+
+def _jumps(parents: Sequence[int]) -> list[Tensor]:
+    """The ancestors 1, 2, 4 ... above each joint, as far as there are any; J past the root."""
+    count = len(parents)
+    above = [count if p < 0 else p for p in parents]
+    found = []
+    while any(j < count for j in above):
+        found.append(torch.tensor(above))
+        above = [count if j == count else above[j] for j in above]
+    return found
 
 
 def ancestor_matrix(parents: Sequence[int]) -> Tensor:

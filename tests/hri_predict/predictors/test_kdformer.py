@@ -10,6 +10,7 @@ from hri_predict.errors import PredictorError
 from hri_predict.predictors.body import BODY
 from hri_predict.predictors.cmu_skeleton import CMU38
 from hri_predict.predictors.kdformer import KDFormer, KDFormerOptions
+from hri_predict.predictors.kdformer_transformer import Attention, scalar_attention
 from hri_predict.predictors.network import Shape, Target, Window, last_pose
 from hri_predict.predictors.rotations import matrix
 from hri_predict.skeleton import make_skeleton
@@ -219,3 +220,19 @@ def test_rotations_need_the_benchmarks_skeleton():
 def test_width_must_fit_the_heads():
     with pytest.raises(ValidationError, match="multiple of heads"):
         KDFormerOptions(width=6)
+
+
+@pytest.mark.parametrize("scale", [1.0, 30.0])
+def test_attention_of_single_numbers_is_the_softmax_over_their_products(scale):
+    q, k, v = scale * torch.randn(3, 2, 5, 8).double()
+    expected = torch.einsum("bqkh,bkh->bqh", (q[:, :, None] * k[:, None]).softmax(2), v)
+    torch.testing.assert_close(scalar_attention(q, k, v), expected)
+
+
+def test_attention_is_the_same_with_and_without_gradients():
+    layer = Attention(8, 8)
+    x = torch.randn(3, 6, 8)
+    with torch.inference_mode():
+        quick = layer(x, x, None)
+    torch.testing.assert_close(quick, layer(x, x, None))
+    torch.testing.assert_close(quick, layer(x, x, torch.ones(3, 6, dtype=torch.bool)))
