@@ -11,6 +11,7 @@ the cost, but would then remember steps that the forget unit drops.
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -27,7 +28,8 @@ from hri_predict.predictors.network import (
     Window,
     mpjpe,
 )
-from hri_predict.predictors.neural import NeuralPredictor
+from hri_predict.predictors.neural import NeuralPredictor, NeuralSettings
+from hri_predict.predictors.weights import Header, LoadedWeights, load_weights
 from hri_predict.settings import validated
 
 
@@ -105,9 +107,24 @@ class Aggregated(Network):
             self.rest
         )  # one tensor: set or loaded for the whole, it is the inner one's
 
+    @classmethod
+    def around(cls, inner: LoadedWeights, steps: int, horizon_steps: int) -> "Aggregated":
+        """A network trained by itself, of whose forecast the first ``steps`` are used each time."""
+        network = inner.network
+        options = AggregatedOptions(
+            method=inner.method, steps=steps, options=network.options.model_dump()
+        )
+        whole = cls(replace(network.shape, horizon_steps=horizon_steps), options)
+        whole.inner, whole.rest = network, network.rest
+        return whole.eval().requires_grad_(False)
+
     def forward(self, window: Window) -> Tensor:
         """Predict (B, H, J, 3) in the body frame."""
-        return aggregate(self.inner, window, self.shape.horizon_steps)
+        return aggregate(self._operator, window, self.shape.horizon_steps)
+
+    def _operator(self, window: Window) -> Tensor:
+        predicted: Tensor = self.inner(window)
+        return predicted[:, : self.options.steps]  # one that was trained by itself goes further
 
     def loss(self, window: Window, target: Target, progress: float) -> Tensor:
         """Return the inner network's loss on its own steps, later the error over all."""
@@ -137,8 +154,61 @@ class Aggregated(Network):
         return Target(target.positions[:, :steps], target.observed[:, :steps])
 
 
+class AggregatedSettings(NeuralSettings):
+    """Settings of the aggregated predictor."""
+
+    inner: str = Field("trajectorycnn", description="trained predictor whose network is repeated")
+    steps: int = Field(5, ge=1, le=1000, description="steps that are used of each repetition")
+
+
 class AggregatedPredictor(NeuralPredictor):
-    """Any trained predictor's network, aggregated, in the node."""
+    """Repeats another trained predictor on its own first steps (SINN's temporal aggregation).
+
+    Its weights are those of the inner predictor, by default the shipped ones; or those of a
+    training of ``aggregated`` itself, which say what they wrap and how. It takes any predictor to
+    any horizon. Within the inner predictor's own it is no gain unless that was trained for it: the
+    shipped trajectorycnn, repeated every 5 steps, is 246 mm off after 1 s on the validation
+    recordings, by itself 188.
+    """
 
     method = "aggregated"
     network_class = Aggregated
+    settings_model = AggregatedSettings
+
+    def _weights_method(self, settings: NeuralSettings) -> str:
+        assert isinstance(settings, AggregatedSettings)
+        trained = getattr(registry.load("predictors", settings.inner), "network_class", None)
+        if trained is None:
+            raise ConfigError(
+                f"predictor.inner '{settings.inner}': has no network; name a trained predictor"
+            )
+        return settings.inner
+
+    def _load(
+        self, path: Path, header: Header, settings: NeuralSettings, horizon_steps: int
+    ) -> LoadedWeights:
+        assert isinstance(settings, AggregatedSettings)
+        if header.method == self.method:
+            _check_same(settings, header, path)
+            return load_weights(path, horizon_steps)
+        any_horizon = registry.load("predictors", header.method).network_class.any_horizon
+        inner = load_weights(path, settings.steps if any_horizon else None)
+        reach = inner.network.shape.horizon_steps
+        if reach < settings.steps:
+            raise ConfigError(
+                f"predictor.steps {settings.steps}: '{settings.inner}' predicts {reach} at a time "
+                f"by its weights {path}; use {reach} at most"
+            )
+        whole = Aggregated.around(inner, settings.steps, horizon_steps)
+        return LoadedWeights(whole, self.method, inner.card)
+
+
+def _check_same(settings: AggregatedSettings, header: Header, path: Path) -> None:
+    """What the configuration says must be what its weights were trained with."""
+    trained = AggregatedOptions.model_validate(header.options)
+    for key, value in (("inner", trained.method), ("steps", trained.steps)):
+        if key in settings.model_fields_set and getattr(settings, key) != value:
+            raise ConfigError(
+                f"predictor.{key} {getattr(settings, key)}: its weights {path} were trained with "
+                f"{value}; leave the key out, or give other weights"
+            )

@@ -23,7 +23,7 @@ from hri_predict.predictors.body import (
 )
 from hri_predict.predictors.masked import at_step, last_observed, steps_to_cover
 from hri_predict.predictors.network import Network
-from hri_predict.predictors.weights import Header, load_weights, read_header
+from hri_predict.predictors.weights import Header, LoadedWeights, load_weights, read_header
 from hri_predict.scene import Bools, Floats
 from hri_predict.skeleton import CANONICAL, Skeleton
 
@@ -85,12 +85,12 @@ class NeuralPredictor:
             ConfigError: no such weights, or they are of another method, rate or skeleton.
             PredictorError: the weights are broken.
         """
-        path = Path(settings.weights) if settings.weights else shipped_weights(self.method)
+        given = settings.weights
+        path = Path(given) if given else shipped_weights(self._weights_method(settings))
         header = read_header(path)
         self._check(header, settings, skeleton, path)
         wanted = steps_to_cover(settings.horizon_s, settings.rate_hz)
-        any_horizon = self.network_class.any_horizon
-        loaded = load_weights(path, horizon_steps=wanted if any_horizon else None)
+        loaded = self._load(path, header, settings, wanted)
         self.network = loaded.network
         self.card = loaded.card
         self.skeleton = skeleton
@@ -117,6 +117,17 @@ class NeuralPredictor:
         window, forecast = self._run(*from_canonical(history, observed))
         return Forecast(_to_canonical(window, forecast, history, observed), None)
 
+    def _weights_method(self, settings: NeuralSettings) -> str:
+        """Name of the method whose weights it takes, and whose shipped ones by default."""
+        return self.method
+
+    def _load(
+        self, path: Path, header: Header, settings: NeuralSettings, horizon_steps: int
+    ) -> LoadedWeights:
+        """The network of a file, as far as ``horizon_steps`` where it can go as far as asked."""
+        any_horizon = self.network_class.any_horizon
+        return load_weights(path, horizon_steps=horizon_steps if any_horizon else None)
+
     def _run(self, history: Floats, observed: Bools) -> tuple[Floats, Floats]:
         """Of histories (P, T, 28, 3): those with the gaps filled, and what follows (P, H, 28, 3).
 
@@ -134,10 +145,12 @@ class NeuralPredictor:
     def _check(
         self, header: Header, settings: NeuralSettings, skeleton: Skeleton, path: Path
     ) -> None:
-        if header.method != self.method:
+        wanted = self._weights_method(settings)
+        if header.method not in (self.method, wanted):
+            whose = "this predictor" if wanted == self.method else f"'{wanted}'"
             raise ConfigError(
                 f"predictor {self.method}: weights {path} are of '{header.method}'; "
-                f"give the file of this predictor"
+                f"give the file of {whose}"
             )
         if skeleton not in (BODY, CANONICAL):
             raise ConfigError(

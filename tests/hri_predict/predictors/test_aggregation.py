@@ -1,5 +1,8 @@
 """Short predictions chained to long ones, around any network."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 import torch
 from torch import Tensor, nn
@@ -9,6 +12,8 @@ from hri_predict.errors import ConfigError
 from hri_predict.predictors.aggregation import (
     Aggregated,
     AggregatedOptions,
+    AggregatedPredictor,
+    AggregatedSettings,
     aggregate,
     forget,
 )
@@ -23,6 +28,7 @@ from hri_predict.predictors.network import (
     mpjpe,
 )
 from hri_predict.predictors.neural import NeuralPredictor
+from hri_predict.predictors.weights import load_weights, save_weights
 
 
 class GoesOn(Network):
@@ -159,3 +165,63 @@ def test_a_horizon_below_its_steps_is_cut():
     torch.testing.assert_close(whole(past), whole.inner(past)[:, :1])
     target = future(1)
     torch.testing.assert_close(whole.loss(past, target, 0.0), mpjpe(whole(past), target))
+
+
+@pytest.fixture
+def inner_weights(tmp_path, random_network) -> Path:
+    """Weights of a trajectorycnn that predicts 12 steps."""
+    path = tmp_path / "inner.safetensors"
+    network_class = registry.load("predictors", "trajectorycnn").network_class
+    save_weights(path, "trajectorycnn", random_network(network_class, 12, channels=4), {})
+    return path
+
+
+def predictor(weights: Path, horizon_s: float = 1.0, **settings: object) -> AggregatedPredictor:
+    given = {"name": "aggregated", "weights": str(weights), "horizon_s": horizon_s}
+    return AggregatedPredictor(AggregatedSettings.model_validate(given | settings), BODY)
+
+
+@pytest.mark.parametrize("horizon_s", [0.12, 1.0, 2.0])
+def test_repeats_a_predictor_trained_by_itself_as_far_as_asked(inner_weights, horizon_s):
+    made = predictor(inner_weights, horizon_s, steps=5)
+    assert made.horizon_steps == round(horizon_s * 25)
+    past = window(steps=15)
+    inner = load_weights(inner_weights).network
+    with torch.inference_mode():
+        expected = aggregate(lambda w: inner(w)[:, :5], past, made.horizon_steps)
+        torch.testing.assert_close(made.network(past), expected)
+
+
+def test_starts_as_the_inner_predictor_does(inner_weights):
+    history = np.random.default_rng(0).normal(0, 0.3, (2, 15, 28, 3))
+    seen = np.ones((2, 15, 28), bool)
+    settings = {"name": "trajectorycnn", "weights": str(inner_weights), "horizon_s": 0.48}
+    cls = registry.load("predictors", "trajectorycnn")
+    alone = cls(cls.settings_model(**settings), BODY).predict(history, seen).positions
+    found = predictor(inner_weights, steps=7).predict(history, seen).positions
+    np.testing.assert_allclose(found[:, :7], alone[:, :7], rtol=0, atol=1e-6)
+    assert np.abs(found[:, 7:12] - alone[:, 7:12]).max() > 1e-4
+
+
+def test_takes_weights_trained_through_the_aggregation(tmp_path, random_network):
+    path = tmp_path / "whole.safetensors"
+    save_weights(path, "aggregated", random_network(Aggregated, 10, steps=3), {})
+    made = predictor(path, 2.0)
+    assert isinstance(made.network, Aggregated)
+    assert (made.horizon_steps, made.network.options.steps) == (50, 3)
+    with pytest.raises(ConfigError, match=r"predictor\.steps 5: .* were trained with 3; leave"):
+        predictor(path, steps=5)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"inner": "kalman"}, r"predictor\.inner 'kalman': has no network; name a trained"),
+        ({"inner": "trajectorycn"}, "unknown predictor 'trajectorycn'; did you mean"),
+        ({"inner": "stb"}, "are of 'trajectorycnn'; give the file of 'stb'"),
+        ({"steps": 13}, r"predictor\.steps 13: .* predicts 12 at a time .* use 12 at most"),
+    ],
+)
+def test_settings_that_cannot_be(inner_weights, settings, message):
+    with pytest.raises(ConfigError, match=message):
+        predictor(inner_weights, **settings)
