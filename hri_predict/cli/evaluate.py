@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as ScreenTable
@@ -309,8 +310,10 @@ def _progress() -> Progress:
 def _show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:
     console = Console()
     for table in tables:
-        shown = ScreenTable(title=table.title, title_justify="left")
-        shown.add_column(table.columns[0])
+        shown = ScreenTable(
+            title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+        )
+        shown.add_column(table.columns[0], no_wrap=True)
         for column in table.columns[1:]:
             shown.add_column(column, justify="right")
         for row in table.rows:

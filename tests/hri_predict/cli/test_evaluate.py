@@ -6,11 +6,16 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 
+from hri_predict import registry
 from hri_predict.cli import main
 from hri_predict.cli.evaluate import recordings
 from hri_predict.errors import ConfigError
+from hri_predict.predictors.cmu_skeleton import CMU25, CMU38
+from hri_predict.predictors.network import Shape
 from hri_predict.predictors.neural import shipped_weights
+from hri_predict.predictors.weights import save_weights
 from hri_predict.training.cmu_benchmark import MEAN_OVER
 
 
@@ -162,6 +167,38 @@ def test_several_on_the_benchmark_share_tables_and_files(cli, pack, tmp_path):
     assert markdown.startswith("# constant_velocity, zero_velocity on the CMU-Mocap benchmark")
     alone = json.loads(cli(*common, "--predictor", "zero_velocity", "--json")[1])
     assert both["results"][1] == alone["results"][0]
+
+
+def untrained(path, method, seed, shape):
+    """Weights of a freshly initialised network."""
+    torch.manual_seed(seed)
+    made = registry.load("predictors", method).network_class
+    network = made(shape, made.options_model())
+    save_weights(path, method, network, {"commit": f"of {method}"})
+    return path
+
+
+def test_each_network_on_the_benchmark_reads_its_own_weights(cli, pack, tmp_path):
+    pytest.importorskip("matplotlib")
+    shape = Shape(CMU25, 10, 25, 25.0, framed=True)
+    names = ("sinn", "trajectorycnn")
+    files = [untrained(tmp_path / f"{n}.safetensors", n, 3, shape) for n in names]
+    pairs = [["--predictor", n, "--weights", f] for n, f in zip(names, files, strict=True)]
+    common = ["--benchmark", "cmu", "--data", pack, "--windows", "8-seeds", "--json"]
+    status, text, _ = cli(*common, *pairs[0], *pairs[1], "--out", tmp_path / "both")
+    assert status == 0
+    both = json.loads(text)
+    assert [r["method"] for r in both["results"][:2]] == list(names)
+    assert {n: card["commit"] for n, card in both["cards"].items()} == {n: f"of {n}" for n in names}
+    for name, pair in zip(names, pairs, strict=True):
+        alone = json.loads(cli(*common, *pair)[1])["results"][0]
+        assert alone in both["results"]
+        assert alone["method"] == name
+    rotations = Shape(CMU38, 50, 25, 25.0, framed=True)
+    mapped = untrained(tmp_path / "rotations.safetensors", "sinn", 3, rotations)
+    status, _, error = cli(*common, "--predictor", "sinn", "--weights", mapped, *pairs[1])
+    assert status == 2
+    assert error.startswith("error: --predictor: errors differ (sinn euler, trajectorycnn mpjpe)")
 
 
 @pytest.fixture
