@@ -164,7 +164,8 @@ def _predictor_row(name: str) -> dict[str, Any]:
     try:
         cls = registry.load("predictors", name)
         row["about"] = (cls.__doc__ or "").strip().partition("\n")[0]
-        if hasattr(cls, "network_class"):
+        # one around another predictor takes that one's
+        if hasattr(cls, "network_class") and "inner" not in cls.settings_model.model_fields:
             row["weights"] = _shipped(name)
     except HriPredictError as error:  # one that is broken must not hide the others
         row["about"] = f"cannot be used: {error}"

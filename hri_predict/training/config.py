@@ -42,7 +42,8 @@ class TrainSettings(Settings):
     threads: int = Field(1, ge=1, le=256)
     device: Literal["cpu", "cuda"] = "cpu"
     precision: Literal["float32", "bfloat16"] = Field(
-        "float32", description="of matrix products; bfloat16 is faster where the processor has it"
+        "float32",
+        description="of products; bfloat16 is faster where the processor has it, and coarse: 1 in 256",
     )
     max_minutes: float | None = Field(
         None, gt=0, description="of training, resumed runs included; the best weights are kept"
