@@ -28,6 +28,9 @@ class AugmentSettings(Settings):
     yaw: bool = Field(True, description="turn about the vertical, uniformly")
     scale: float = Field(0.1, ge=0, lt=1, description="body size within 1 ± this")
     warp: float = Field(0.15, ge=0, lt=1, description="speed within 1 ± this, log-uniform")
+    slow: float = Field(
+        0.15, ge=0, le=1, description="share slowed down, evenly to between full speed and a stop"
+    )
     truncate: float = Field(0.15, ge=0, le=1, description="share whose history starts late")
     noise: float = Field(0.2, ge=0, le=1, description="share with sensor noise")
     noise_m: float = Field(0.015, ge=0, le=1, description="largest standard deviation of it")

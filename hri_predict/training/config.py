@@ -43,7 +43,7 @@ class TrainSettings(Settings):
     device: Literal["cpu", "cuda"] = "cpu"
     precision: Literal["float32", "bfloat16"] = Field(
         "float32",
-        description="of products; bfloat16 is faster where the processor has it, and coarse: 1 in 256",
+        description="of products; bfloat16 (3 digits) is faster where the processor has it",
     )
     max_minutes: float | None = Field(
         None, gt=0, description="of training, resumed runs included; the best weights are kept"

@@ -151,6 +151,8 @@ class MotionSamples:
         chosen = np.minimum(chosen, len(self._tracks) - 1)
         first, last = self._clips.first_s[chosen], self._clips.last_s[chosen]
         speed = np.exp(rng.uniform(-1, 1, size) * np.log1p(augment.warp))
+        # recordings show people on the move; near a robot they sit and stand a lot, too
+        speed *= np.where(rng.random(size) < augment.slow, rng.random(size), 1.0)
         begin = first + _LEAST_HISTORY / rate * speed
         end = np.maximum(begin, last - _LEAST_FUTURE / rate * speed)
         origin = begin + rng.random(size) * (end - begin)

@@ -60,7 +60,9 @@ def benchmark():
     scores = {a: Score(5, np.linspace(1.0, 25.0, 25), None) for a in MEAN_OVER}
     protocol = Protocol("cmu", "all", 25)
     return benchmark_report.as_json(
-        benchmark_report.BenchmarkResult(protocol, {"trajectorycnn": scores}, ("trajectorycnn",), {})
+        benchmark_report.BenchmarkResult(
+            protocol, {"trajectorycnn": scores}, ("trajectorycnn",), {}
+        )
     )
 
 

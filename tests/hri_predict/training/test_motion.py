@@ -16,8 +16,8 @@ from hri_predict.training.tracks import action_of, read_tracks
 DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data"
 SHAPE = Shape(BODY, 15, 25, 25.0)
 PLAIN = AugmentSettings(
-    mirror=0, yaw=False, scale=0, warp=0, truncate=0, noise=0, outliers=0, missing=0, limb=0,
-    frames=0, sparse=0, arms=0,
+    mirror=0, yaw=False, scale=0, warp=0, slow=0, truncate=0, noise=0, outliers=0, missing=0,
+    limb=0, frames=0, sparse=0, arms=0,
 )  # fmt: skip
 
 
@@ -73,6 +73,17 @@ def test_warp_changes_the_speed_by_at_most_its_share(folder):
     speed = (batch.history.diff(dim=1).norm(dim=-1) * 25)[both] / np.sqrt(14)
     assert 1 / 1.16 < float(speed.min()) < 0.95
     assert 1.05 < float(speed.max()) < 1.16
+
+
+def test_slowed_windows_move_at_any_speed_down_to_a_stop(folder):
+    augment = PLAIN.model_copy(update={"slow": 0.5})
+    batch = samples(folder, augment).batch(np.random.default_rng(3), 256)
+    both = (batch.observed[:, 1:] & batch.observed[:, :-1]).all(2)
+    step = batch.history.diff(dim=1).norm(dim=-1).mean(2) * 25 / np.sqrt(14)
+    speed = (step * both).sum(1) / both.sum(1)
+    assert speed.max() < 1.01
+    assert 0.4 < (speed < 0.99).float().mean() < 0.6
+    assert (speed < 0.1).any()
 
 
 def test_the_same_seed_draws_the_same_windows(folder):
