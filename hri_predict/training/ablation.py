@@ -36,6 +36,7 @@ LEFT_OUT: Mapping[str, dict[str, Any]] = {
     "without body scale": {"scale": 0.0},
     "without time warp": {"warp": 0.0},
     "without slow motion": {"slow": 0.0},
+    "without reversal": {"reverse": 0.0},
     "without late starts": {"truncate": 0.0},
     "without sensor noise": {"noise": 0.0, "outliers": 0.0},
     "without dropped joints": {

@@ -1,8 +1,8 @@
 """What is done to training windows: few minutes of motion stand for more people and sensors.
 
-Everything is drawn per window from one generator, in the room's frame. Geometry (mirror, scale,
-yaw) changes history and future alike, time warp is drawn before the window is cut (``motion``);
-noise and dropped joints change the history alone: the future stays what really happened.
+Everything is drawn per window from one generator, in the room's frame. Speed and direction in time
+are drawn before the window is cut (``motion``); geometry (mirror, scale, yaw) changes history and
+future alike; noise and dropped joints change the history alone: the future stays what happened.
 """
 
 import numpy as np
@@ -30,6 +30,9 @@ class AugmentSettings(Settings):
     warp: float = Field(0.15, ge=0, lt=1, description="speed within 1 ± this, log-uniform")
     slow: float = Field(
         0.15, ge=0, le=1, description="share slowed down, evenly to between full speed and a stop"
+    )
+    reverse: float = Field(
+        0.12, ge=0, le=1, description="share played backwards: people step back from a robot"
     )
     truncate: float = Field(0.15, ge=0, le=1, description="share whose history starts late")
     noise: float = Field(0.2, ge=0, le=1, description="share with sensor noise")

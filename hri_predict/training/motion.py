@@ -153,10 +153,19 @@ class MotionSamples:
         speed = np.exp(rng.uniform(-1, 1, size) * np.log1p(augment.warp))
         # recordings show people on the move; near a robot they sit and stand a lot, too
         speed *= np.where(rng.random(size) < augment.slow, rng.random(size), 1.0)
-        begin = first + _LEAST_HISTORY / rate * speed
-        end = np.maximum(begin, last - _LEAST_FUTURE / rate * speed)
+        backwards = rng.random(size) < augment.reverse
+        before, after = (
+            np.where(backwards, reversed_, usual) / rate * speed
+            for usual, reversed_ in (
+                (_LEAST_HISTORY, _LEAST_FUTURE),
+                (_LEAST_FUTURE, _LEAST_HISTORY),
+            )
+        )
+        begin = first + before
+        end = np.maximum(begin, last - after)
         origin = begin + rng.random(size) * (end - begin)
-        positions, observed = self._cut(chosen, origin, speed / rate)
+        direction = np.where(backwards, -1.0, 1.0)
+        positions, observed = self._cut(chosen, origin, direction * speed / rate)
         positions, observed = move(augment, rng, positions, observed)
         steps = self.shape.history_steps
         history, seen = positions[:, :steps].copy(), observed[:, :steps].copy()

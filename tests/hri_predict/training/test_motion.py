@@ -16,8 +16,8 @@ from hri_predict.training.tracks import action_of, read_tracks
 DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data"
 SHAPE = Shape(BODY, 15, 25, 25.0)
 PLAIN = AugmentSettings(
-    mirror=0, yaw=False, scale=0, warp=0, slow=0, truncate=0, noise=0, outliers=0, missing=0,
-    limb=0, frames=0, sparse=0, arms=0,
+    mirror=0, yaw=False, scale=0, warp=0, slow=0, reverse=0, truncate=0, noise=0, outliers=0,
+    missing=0, limb=0, frames=0, sparse=0, arms=0,
 )  # fmt: skip
 
 
@@ -84,6 +84,21 @@ def test_slowed_windows_move_at_any_speed_down_to_a_stop(folder):
     assert speed.max() < 1.01
     assert 0.4 < (speed < 0.99).float().mean() < 0.6
     assert (speed < 0.1).any()
+
+
+def test_reversed_windows_are_the_recording_played_backwards(folder):
+    augment = PLAIN.model_copy(update={"reverse": 0.5})
+    batch = samples(folder, augment).batch(np.random.default_rng(3), 256)
+    whole = torch.cat([batch.history, batch.future], 1)
+    seen = torch.cat([batch.observed, batch.known], 1)
+    both = seen[:, 1:] & seen[:, :-1]
+    ahead = torch.tensor([1.0, 2.0, 3.0]) / 25
+    sign = (whole.diff(dim=1) / ahead)[both]
+    torch.testing.assert_close(sign.abs(), torch.ones_like(sign), rtol=0, atol=1e-3)
+    backwards = ((whole.diff(dim=1)[..., 0] < 0) & both).any(2).any(1)
+    assert 0.4 < backwards.float().mean() < 0.6
+    assert batch.observed[:, -1].all()
+    assert batch.known.any(2).sum(1).min() >= 9
 
 
 def test_the_same_seed_draws_the_same_windows(folder):
