@@ -7,7 +7,6 @@ Nothing in a file is ever executed, and no tensor is read before its size is kno
 """
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -24,10 +23,12 @@ from hri_predict.predictors.body import BODY
 from hri_predict.predictors.network import Network, Shape
 from hri_predict.settings import Settings, validated
 from hri_predict.skeleton import CANONICAL, Skeleton, make_skeleton
+from hri_predict.whole_file import write_whole
 
 MAX_BYTES = 512 * 2**20  # the largest network of the papers, in single precision, has a tenth
 _KEY = "hri_predict"  # of the header's metadata
 _KNOWN = {skeleton.name: skeleton for skeleton in (BODY, CANONICAL)}
+_FLOATS, _INTEGERS = ("F16", "BF16", "F32"), ("I64",)  # a batch norm counts in the latter
 _REMEDY = "train it again, or give another file"
 
 
@@ -101,11 +102,8 @@ def save_weights(path: Path, method: str, network: Network, card: dict[str, Any]
         text = json.dumps(header.model_dump(mode="json"), allow_nan=False)
     except ValueError as error:
         raise PredictorError(f"weights {path}: the card is not JSON: {error}; mend it") from error
-    partial = path.with_name(path.name + ".partial")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(save(tensors, metadata={_KEY: text}))
-        os.replace(partial, path)
+        write_whole(path, save(tensors, metadata={_KEY: text}))
     except OSError as error:
         raise PredictorError(
             f"weights {path}: cannot be written: {error.strerror or error}; check the path"
@@ -163,6 +161,8 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
 
 
 def _check_file(path: Path) -> None:
+    if path.is_dir():
+        raise ConfigError(f"weights {path}: is a folder; name the *.safetensors file in it")
     if not path.is_file():
         raise ConfigError(f"weights {path}: there is no such file; train them, or check the path")
     if path.stat().st_size > MAX_BYTES:
@@ -236,6 +236,7 @@ def _tensors(path: Path, planned: Network) -> dict[str, Tensor]:
             stored = {name: tuple(file.get_slice(name).get_shape()) for name in names}
             if stored != wanted:
                 raise _broken(path, _difference(stored, wanted))
+            _check_kinds(planned, {n: file.get_slice(n).get_dtype() for n in wanted}, path)
             tensors = {name: file.get_tensor(name) for name in wanted}
     except (SafetensorError, OSError) as error:
         raise _broken(path, f"not a whole safetensors file ({_line(error)})") from error
@@ -252,6 +253,15 @@ def _difference(stored: dict[str, tuple[int, ...]], wanted: dict[str, tuple[int,
         if stored[name] != wanted[name]:
             return f"'{name}' has shape {stored[name]}, its network's has {wanted[name]}"
     raise AssertionError("they do not differ")
+
+
+def _check_kinds(planned: Network, kinds: dict[str, str], path: Path) -> None:
+    """Refuse what would be converted with a loss: torch takes a complex weight's real part."""
+    state = planned.state_dict()
+    for name, kind in kinds.items():
+        taken = _FLOATS if state[name].is_floating_point() else _INTEGERS
+        if kind not in taken:
+            raise _broken(path, f"'{name}' is of type {kind}; expected {', '.join(taken)}")
 
 
 def _check_finite(tensors: dict[str, Tensor], path: Path) -> None:

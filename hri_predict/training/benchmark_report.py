@@ -16,6 +16,7 @@ from hri_predict.training.benchmark import Protocol, Score, mean_over, nominal_m
 from hri_predict.training.cmu_benchmark import MEAN_OVER
 from hri_predict.training.published import Published, comparable
 from hri_predict.training.report import Table
+from hri_predict.whole_file import write_whole
 
 MEAN = "mean"
 _ZERO_SHOT = ("washwindow",)
@@ -224,9 +225,8 @@ def write_report(result: BenchmarkResult, out: Path, command: str) -> list[Path]
         ".json": json.dumps(as_json(result), indent=1) + "\n",
     }
     try:
-        out.mkdir(parents=True, exist_ok=True)
         for ending, text in texts.items():
-            (out / f"{stem}{ending}").write_text(text, encoding="utf-8")
+            write_whole(out / f"{stem}{ending}", text.encode())
         error_by_horizon(result).savefig(out / f"{stem}.png", dpi=130)
     except OSError as error:
         raise ConfigError(

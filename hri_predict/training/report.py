@@ -15,6 +15,7 @@ from hri_predict.errors import ConfigError
 from hri_predict.predictors.body import BODY
 from hri_predict.training.real import MEAN_ACTIONS, RealResult, relative_loss
 from hri_predict.training.real_windows import HORIZON_STEPS, HORIZONS_MS, scored_joints
+from hri_predict.whole_file import write_whole
 
 _MS = tuple(f"{ms} ms" for ms in HORIZONS_MS)
 
@@ -212,9 +213,8 @@ def write_report(results: Sequence[RealResult], out_dir: Path) -> list[Path]:
         "real.json": json.dumps(as_json(results), indent=1) + "\n",
     }
     try:
-        out_dir.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
-            (out_dir / name).write_text(text, encoding="utf-8")
+            write_whole(out_dir / name, text.encode())
         # imported here, after the tables are safe: only this wants matplotlib
         from hri_predict.training.plots import write_plots
 

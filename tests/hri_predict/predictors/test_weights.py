@@ -246,6 +246,29 @@ def test_a_broken_file_is_refused_in_one_line(path, kind):
 
 
 def test_no_file_and_a_folder_are_told(tmp_path):
-    for path in (tmp_path / "none.safetensors", tmp_path):
-        with pytest.raises(ConfigError, match="there is no such file"):
-            load_weights(path)
+    with pytest.raises(ConfigError, match="there is no such file"):
+        load_weights(tmp_path / "none.safetensors")
+    with pytest.raises(ConfigError, match=r"is a folder; name the \*\.safetensors file in it"):
+        load_weights(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "kind", [torch.float64, torch.complex64, torch.int64, torch.uint8, torch.bool]
+)
+def test_weights_of_another_type_are_refused(path, kind):
+    _with(path, **{"decode.bias": torch.ones(3, dtype=kind)})
+    with pytest.raises(PredictorError, match=r"'decode\.bias' is of type .*; expected F16, BF16"):
+        load_weights(path)
+
+
+def test_a_count_is_a_whole_number(path):
+    _with(path, **{"norm.num_batches_tracked": torch.tensor(2.5)})
+    with pytest.raises(PredictorError, match=r"'norm\.num_batches_tracked' is of type F32"):
+        load_weights(path)
+
+
+@pytest.mark.parametrize("kind", [torch.bfloat16, torch.float32])
+def test_weights_of_any_common_precision_are_taken(path, kind):
+    _with(path, **{"decode.bias": torch.tensor([0.5, 1.0, -2.0], dtype=kind)})
+    bias = load_weights(path).network.get_parameter("decode.bias")
+    assert (bias.dtype, bias.tolist()) == (torch.float32, [0.5, 1.0, -2.0])

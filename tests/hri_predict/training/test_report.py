@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import os
 
 import numpy as np
 import pytest
@@ -116,3 +117,16 @@ def test_a_report_is_written_and_a_folder_that_cannot_be_is_the_users_to_mend(tm
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match=r"--out .*file"):
         write_report(results, tmp_path / "file")
+
+
+def test_a_report_that_cannot_be_finished_leaves_the_old_one(tmp_path, results, monkeypatch):
+    (tmp_path / "real.md").write_text("old", encoding="utf-8")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(ConfigError, match="No space left on device; name another folder"):
+        write_report(results, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["real.md"]
+    assert (tmp_path / "real.md").read_text(encoding="utf-8") == "old"

@@ -1,0 +1,29 @@
+"""A file is written whole, or what was there stays."""
+
+import os
+
+import pytest
+
+from hri_predict.whole_file import write_whole
+
+
+def test_replaces_a_file_and_makes_its_folder(tmp_path):
+    path = tmp_path / "new" / "file.txt"
+    for data in (b"first", b"second"):
+        write_whole(path, data)
+        assert path.read_bytes() == data
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+    path = tmp_path / "file.txt"
+    write_whole(path, b"old")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_whole(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
