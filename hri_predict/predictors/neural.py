@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from hri_predict.errors import ConfigError
-from hri_predict.predictors.base import Forecast, PredictorSettings
+from hri_predict.errors import ConfigError, PredictorError
+from hri_predict.predictors.base import Forecast, PredictorSettings, checked
 from hri_predict.predictors.body import (
     BODY,
     SHARED_BODY,
@@ -30,6 +30,7 @@ from hri_predict.skeleton import CANONICAL, Skeleton
 log = logging.getLogger(__name__)
 
 _WARM_UP_CALLS = 2  # the first calls of a network allocate and choose kernels
+_STRETCH = 2  # times the trained horizon; a chained network has drifted far by then
 # Canonical joints that the body lacks, and the joints of the body that they move with.
 _CARRIED = {
     "waist": ("l_hip", "r_hip"),
@@ -83,10 +84,9 @@ class NeuralPredictor:
 
         Raises:
             ConfigError: no such weights, or they are of another method, rate or skeleton.
-            PredictorError: the weights are broken.
+            PredictorError: the weights are broken, or give no finite forecast.
         """
-        given = settings.weights
-        path = Path(given) if given else shipped_weights(self._weights_method(settings))
+        path = self._path(settings)
         header = read_header(path)
         self._check(header, settings, skeleton, path)
         wanted = steps_to_cover(settings.horizon_s, settings.rate_hz)
@@ -104,8 +104,16 @@ class NeuralPredictor:
                 self.horizon_steps / self.rate_hz,
                 settings.horizon_s,
             )
+        elif self.horizon_steps > _STRETCH * header.shape.horizon_steps:
+            log.warning(
+                "predictor %s: predictor.horizon_s %.3g s is far beyond the %.3g s that its "
+                "weights were trained for; do not rely on what lies there",
+                self.method,
+                settings.horizon_s,
+                header.shape.horizon_steps / self.rate_hz,
+            )
         torch.set_num_threads(settings.threads)
-        self._warm_up()
+        self._warm_up(path)
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
         """Predict by the network; see ``base.Predictor.predict``."""
@@ -120,6 +128,18 @@ class NeuralPredictor:
     def _weights_method(self, settings: NeuralSettings) -> str:
         """Name of the method whose weights it takes, and whose shipped ones by default."""
         return self.method
+
+    def _path(self, settings: NeuralSettings) -> Path:
+        if settings.weights is not None:
+            return Path(settings.weights)
+        method = self._weights_method(settings)
+        path = shipped_weights(method)
+        if not path.is_file():
+            raise ConfigError(
+                f"predictor {self.method}: no weights of '{method}' are shipped; train some and "
+                f"name them by predictor.weights (of evaluate: --weights FILE)"
+            )
+        return path
 
     def _load(
         self, path: Path, header: Header, settings: NeuralSettings, horizon_steps: int
@@ -169,13 +189,23 @@ class NeuralPredictor:
                 f"are for {header.shape.rate_hz:g}; set predictor.rate_hz to that"
             )
 
-    def _warm_up(self) -> None:
-        """Predict for one person and for two, so that the first tick is not late."""
+    def _warm_up(self, path: Path) -> None:
+        """Predict for one person and for two, so that the first tick is not late.
+
+        Raises:
+            PredictorError: a forecast is not finite.
+        """
         for people in range(1, _WARM_UP_CALLS + 1):
             shape = (people, self.history_steps, len(self.skeleton.joints))
             observed = np.ones(shape, dtype=bool)
             observed[:, 0] = False  # so that the filling has run, too
-            self.predict(np.zeros((*shape, 3)), observed)
+            try:
+                checked(self.predict(np.zeros((*shape, 3)), observed), people, self)
+            except PredictorError as error:
+                raise PredictorError(
+                    f"predictor {self.method}: weights {path}: {error}; train them again, or give "
+                    f"another file"
+                ) from error
 
 
 def _to_canonical(window: Floats, forecast: Floats, history: Floats, observed: Bools) -> Floats:

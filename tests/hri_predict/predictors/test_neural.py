@@ -15,7 +15,7 @@ from torch import nn
 from hri_predict import assemble, registry
 from hri_predict import config as configuration
 from hri_predict.cli import check
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, PredictorError
 from hri_predict.predictors import neural
 from hri_predict.predictors.body import BODY, SHARED_BODY, SHARED_CANONICAL, from_canonical
 from hri_predict.predictors.network import Network, NetworkOptions, Shape, Window, last_pose
@@ -183,6 +183,38 @@ def test_a_longer_horizon_only_where_the_network_can(weights, walk, caplog):
     assert "its weights reach 1 s, not predictor.horizon_s 2 s" in caplog.text
 
 
+@pytest.mark.parametrize("horizon_s", [2.0, 2.04])
+def test_far_beyond_the_trained_horizon_is_told_once(weights, caplog, horizon_s):
+    with caplog.at_level(logging.WARNING):
+        predictor = drift(weights, horizon_s=horizon_s)
+        history, observed = np.zeros((1, 15, 21, 3)), np.ones((1, 15, 21), bool)
+        predictor.predict(history, observed)
+    told = [r.getMessage() for r in caplog.records]
+    if horizon_s == 2.0:
+        assert told == []
+    else:
+        assert len(told) == 1
+        assert "2.04 s is far beyond the 1 s that its weights were trained for" in told[0]
+
+
+def test_weights_that_give_no_finite_forecast_are_refused_at_the_start(
+    tmp_path, random_network, monkeypatch
+):
+    class Runaway(Drift):
+        def forward(self, window: Window) -> torch.Tensor:
+            return super().forward(window) * torch.inf
+
+    path = tmp_path / "runaway.safetensors"
+    save_weights(path, "drift", random_network(Drift), {})
+    monkeypatch.setattr(DriftPredictor, "network_class", Runaway)
+    with pytest.raises(PredictorError) as caught:
+        drift(path)
+    assert str(caught.value) == (
+        f"predictor drift: weights {path}: forecast is not finite; train them again, or give "
+        f"another file"
+    )
+
+
 def test_rate_of_the_weights_is_the_only_one(weights):
     with pytest.raises(ConfigError, match=r"rate_hz is 30, but its weights .* are for 25"):
         drift(weights, rate_hz=30.0)
@@ -218,7 +250,7 @@ def test_missing_weights_are_told(tmp_path):
 def test_by_default_the_shipped_file_is_read():
     assert shipped_weights("drift").name == "drift.safetensors"
     assert shipped_weights("drift").parent.is_dir()
-    with pytest.raises(ConfigError, match=r"weights/drift\.safetensors: there is no such file"):
+    with pytest.raises(ConfigError, match=r"no weights of 'drift' are shipped; .*--weights FILE"):
         DriftPredictor(NeuralSettings(name="drift"))
 
 
