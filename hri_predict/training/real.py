@@ -159,7 +159,14 @@ def judge_all(
         for batch in batches(motion, longest):
             disturbed = _disturbed(batch, corruption)
             for name, predictor in predictors.items():
-                _score(predictor, disturbed, sums[name].setdefault(motion.action, Errors()))
+                errors = sums[name].setdefault(motion.action, Errors())
+                try:
+                    _score(predictor, disturbed, errors)
+                except PredictorError as error:
+                    raise PredictorError(
+                        f"predictor {name}: {error}, on recording {motion.name}; leave it out, or "
+                        f"give it other weights"
+                    ) from error
             on_windows(len(batch.history))
     return [RealResult(name, corruption, sums[name]) for name in predictors]
 

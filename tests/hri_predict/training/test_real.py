@@ -177,6 +177,15 @@ def test_a_shorter_horizon_has_no_errors_beyond_it():
     assert np.isfinite(result.mean_mm()).tolist() == [True] * 3 + [False] * 3
 
 
+def test_a_forecast_that_is_not_finite_names_the_predictor_and_the_recording():
+    class Lost(Off):
+        def predict(self, history, observed) -> Forecast:
+            return Forecast(np.full((len(history), 25, JOINTS, 3), np.nan), None)
+
+    with pytest.raises(PredictorError, match=r"predictor lost: .*finite, on recording walking_1; "):
+        judge_all({"lost": Lost([])}, [motion(3, 120)])
+
+
 def test_other_joints_or_another_rate_are_refused():
     canonical = ZeroVelocity(ZeroVelocitySettings(name="z"), CANONICAL)
     with pytest.raises(PredictorError, match=r"predictor z.*body28 at 25 Hz"):
