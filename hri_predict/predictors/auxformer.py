@@ -42,11 +42,13 @@ _PER_METRE = 10.0  # the input is divided by 100 mm (section 5.2)
 class AuxFormerOptions(NetworkOptions):
     """Sizes and switches; the paper's are 96 features (CMU), 8 heads and 3 or 4 layers."""
 
-    features: int = Field(32, ge=4, description="F, of a token")
-    heads: int = Field(2, ge=1, description="of each attention; divides features")
-    layers: int = Field(3, ge=1, description="L, of observed-only and full attention each")
-    hidden: int = Field(32, ge=1, description="units of the FFN after each attention")
-    future_stride: int = Field(5, ge=1, description="future steps per token; the paper's is 1")
+    features: int = Field(32, ge=4, le=1024, description="F, of a token")
+    heads: int = Field(2, ge=1, le=64, description="of each attention; divides features")
+    layers: int = Field(3, ge=1, le=32, description="L, of observed-only and full attention each")
+    hidden: int = Field(32, ge=1, le=4096, description="units of the FFN after each attention")
+    future_stride: int = Field(
+        5, ge=1, le=1000, description="future steps per token; the paper's is 1"
+    )
     observed_attention: bool = Field(True, description="Table 7: false leaves full attention alone")
     order: Literal["iterative", "separate"] = Field(
         "iterative", description="Table 7: separate has all observed-only attention come first"

@@ -59,10 +59,10 @@ class KDFormerOptions(NetworkOptions):
     """
 
     space: Literal["positions", "rotations"] = "positions"
-    width: int = Field(8, ge=1)
-    layers: int = Field(4, ge=1)
-    heads: int = Field(8, ge=1)
-    feed_forward: int = Field(2, ge=1)
+    width: int = Field(8, ge=1, le=64)
+    layers: int = Field(4, ge=1, le=32)
+    heads: int = Field(8, ge=1, le=64)
+    feed_forward: int = Field(2, ge=1, le=16)
     dropout: float = Field(0.0, ge=0, lt=1)
     quaternion_weight: float = Field(0.1, ge=0)
     inputs: Literal["kinematic", "dynamic", "both"] = "both"

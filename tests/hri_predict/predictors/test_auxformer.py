@@ -265,6 +265,12 @@ def test_heads_must_divide_features() -> None:
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("size", ["features", "heads", "layers", "hidden", "future_stride"])
+def test_sizes_that_fill_the_memory_are_refused(size: str) -> None:
+    with pytest.raises(ConfigError, match=rf"options: {size}: .*less than or equal to"):
+        validated(AuxFormerOptions, {size: 10**9}, "train.yaml: options")
+
+
 def test_a_few_steps_fit_a_swing() -> None:
     """On swinging bodies it learns to be clearly better than standing still."""
     torch.manual_seed(9)

@@ -222,6 +222,12 @@ def test_width_must_fit_the_heads():
         KDFormerOptions(width=6)
 
 
+@pytest.mark.parametrize("size", ["width", "layers", "heads", "feed_forward"])
+def test_sizes_that_fill_the_memory_are_refused(size):
+    with pytest.raises(ValidationError, match=rf"{size}\n.*less than or equal to"):
+        KDFormerOptions.model_validate({size: 10**9})
+
+
 @pytest.mark.parametrize("scale", [1.0, 30.0])
 def test_attention_of_single_numbers_is_the_softmax_over_their_products(scale):
     q, k, v = scale * torch.randn(3, 2, 5, 8).double()
