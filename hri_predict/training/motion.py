@@ -1,7 +1,9 @@
 """Training windows in true seconds and metres, cut from recordings at every phase."""
 
+import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -9,21 +11,23 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, RecordingError, nearest
 from hri_predict.predictors.body import BODY
 from hri_predict.predictors.body_frame import body_frame
 from hri_predict.predictors.network import Shape
 from hri_predict.scene import Bools
-from hri_predict.settings import Settings, data_path, read_yaml
+from hri_predict.settings import MAX_COORDINATE_M, Settings, data_path, read_yaml
 from hri_predict.training.augment import AugmentSettings, disturb, move
 from hri_predict.training.samples import Samples
 from hri_predict.training.tracks import Track, read_tracks
+
+log = logging.getLogger(__name__)
 
 ORIGIN_STEPS = 15
 """Steps of history at every judged forecast origin, whatever a predictor reads."""
 _LEAST_HISTORY = 5  # steps that a training window rests on at least, where the recording starts
 _LEAST_FUTURE = 10  # steps of known future at least, where it ends
-_MAX_GAP_S = 0.1  # as the node's ring buffers bridge it
+_LEAST_RATE_HZ = 5.0  # of captures; with fewer, most of a window's future is interpolated
 _VALIDATION_BATCH = 256
 _USES = ("fit", "validation")
 
@@ -55,9 +59,15 @@ class RecordingsSettings(Settings):
         return [self._in_pack(name) for name in split(use, self.splits)]
 
     def _matching(self, pattern: str) -> list[Path]:
-        found = (
-            sorted(self.root.glob(pattern)) if not Path(pattern).is_absolute() else [Path(pattern)]
-        )
+        if Path(pattern).is_absolute():
+            return [Path(pattern)]
+        try:
+            found = sorted(self.root.glob(pattern))
+        except (ValueError, IndexError) as error:  # "", "**x", "."
+            raise ConfigError(
+                f"data: '{pattern}' is neither a file nor a pattern such as 'walking_*.npz'; "
+                f"correct it"
+            ) from error
         if not found:
             raise ConfigError(f"data: nothing matches '{pattern}' in {self.root}; check both")
         return found
@@ -90,7 +100,7 @@ def split(use: str, file: str = "splits.yaml") -> list[str]:
 class DataSettings(RecordingsSettings):
     """``data:`` of a training configuration for the Real judgement."""
 
-    weights: dict[str, float] = Field(
+    weights: dict[str, Annotated[float, Field(ge=0, le=1e6)]] = Field(
         default_factory=dict,
         description="how often an action is drawn, relative to the others; 1 where not named",
     )
@@ -101,38 +111,100 @@ class DataSettings(RecordingsSettings):
 
 
 class MotionSamples:
-    """Windows of ``BODY`` joints; see ``samples.SampleSource``."""
+    """Windows of ``BODY`` joints; see ``samples.SampleSource``.
+
+    Raises:
+        ConfigError: a recording is missing or both fitted and validating, a weight is of no action,
+            or nothing is left to fit or to validate.
+        RecordingError: a recording cannot be read, or nothing can be learnt from it.
+    """
 
     def __init__(self, settings: DataSettings, shape: Shape) -> None:
         if shape.skeleton is not BODY:
             raise ValueError("recordings are read as BODY")
         self.shape = shape
         self._settings = settings
-        fit, validation = (
-            [t for f in settings.files(use) for t in read_tracks(f)] for use in _USES
-        )
+        _refuse_in_both(settings)
+        fit, validation = ([t for f in settings.files(use) for t in self._read(f)] for use in _USES)
         self._tracks, self._validation = (
             (fit + validation, []) if settings.refit else (fit, validation)
         )
         self.actions = tuple(sorted({t.action for t in (*self._tracks, *self._validation)}))
         self._clips = _Clips(self._tracks)
-        weight = np.array([self._weight(track) for track in self._tracks])
-        if not weight.sum() > 0:
+        self._cumulative = np.cumsum(self._shares())
+        if not settings.refit and next(self.validation(), None) is None:
             raise ConfigError(
-                f"data: no recording lasts {(_LEAST_HISTORY + _LEAST_FUTURE) / shape.rate_hz:g} s; "
-                f"longer ones are needed"
+                f"data.validation: no recording lasts {self._least_validation_s:g} s; longer ones "
+                f"are needed"
             )
-        self._cumulative = np.cumsum(weight / weight.sum())
+
+    @property
+    def _least_s(self) -> float:
+        """Seconds of motion from which a window is cut."""
+        return (_LEAST_HISTORY + _LEAST_FUTURE) / self.shape.rate_hz
+
+    @property
+    def _least_validation_s(self) -> float:
+        return (ORIGIN_STEPS - 1 + _LEAST_FUTURE) / self.shape.rate_hz
+
+    def _read(self, path: Path) -> tuple[Track, ...]:
+        """Every person of a recording, which must be worth a window; short ones are told of."""
+        tracks = read_tracks(path)
+        rate_hz = min((t.rate_hz for t in tracks), default=_LEAST_RATE_HZ)
+        if rate_hz < _LEAST_RATE_HZ:
+            raise RecordingError(
+                f"recording {path}: {rate_hz:g} frames per second say too little of motion; give "
+                f"one of {_LEAST_RATE_HZ:g} at least, or leave it out"
+            )
+        if not any(self._usable_s(t) > 0 for t in tracks):
+            if not tracks or max(map(_span_s, tracks)) > self._least_s:
+                raise RecordingError(
+                    f"recording {path}: nobody is observed for {self._least_s:g} s in it, within "
+                    f"{MAX_COORDINATE_M:g} m of its origin; correct it, or leave it out"
+                )
+            log.warning("recording %s: shorter than %g s, left out", path, self._least_s)
+        return tracks
 
     def _usable_s(self, track: Track) -> float:
-        span = float(track.stamps_ns[-1] - track.stamps_ns[0]) * 1e-9
-        return max(0.0, span - (_LEAST_HISTORY + _LEAST_FUTURE) / self.shape.rate_hz)
+        """Seconds in which a window may end that has something observed.
 
-    def _weight(self, track: Track) -> float:
-        same = sum(self._usable_s(t) for t in self._tracks if t.action == track.action)
-        return (
-            self._settings.weights.get(track.action, 1.0) * self._usable_s(track) / max(same, 1e-9)
-        )
+        Observed is what lies between adjacent captures of one joint. A window bridges a pause
+        shorter than itself, so only longer ones are left out.
+        """
+        stamps, least = track.stamps_ns, self._least_s
+        both = (track.observed[1:] & track.observed[:-1]).any(1)
+        both &= np.diff(stamps) <= track.max_gap_s * 1e9
+        if 1e-9 * float(np.diff(stamps)[both].sum()) < least:
+            return 0.0
+        seen = stamps[np.append(both, False) | np.append(False, both)]
+        pauses = 1e-9 * np.diff([stamps[0], *seen, stamps[-1]])
+        return max(0.0, _span_s(track) - least - float(pauses[pauses > least].sum()))
+
+    def _shares(self) -> NDArray[np.float64]:
+        """How often each track is drawn; they add up to 1."""
+        usable = [self._usable_s(track) for track in self._tracks]
+        if not sum(usable) > 0:
+            raise ConfigError(
+                f"data: no recording lasts {self._least_s:g} s; longer ones are needed"
+            )
+        weights, known = self._settings.weights, sorted({t.action for t in self._tracks})
+        for name in weights:
+            if name not in self.actions:
+                raise ConfigError(
+                    f"data.weights: no recording is of '{name}'{nearest(name, known)} "
+                    f"(known: {', '.join(known)})"
+                )
+        share = np.zeros(len(usable))
+        for k, track in enumerate(self._tracks):
+            same = sum(
+                s for s, t in zip(usable, self._tracks, strict=True) if t.action == track.action
+            )
+            share[k] = weights.get(track.action, 1.0) * usable[k] / max(same, 1e-9)
+        if not share.sum() > 0:
+            raise ConfigError(
+                "data.weights: are 0 for all that is fitted; give an action more than 0"
+            )
+        return share / share.sum()
 
     def rest(self) -> Tensor:
         """(28, 3) mean over all observed frames, each in its own body frame."""
@@ -179,7 +251,7 @@ class MotionSamples:
         clips, rate = _Clips(self._validation), self.shape.rate_hz
         chosen, origins = [], []
         for k in range(len(self._validation)):
-            begin = clips.first_s[k] + (ORIGIN_STEPS - 1) / rate
+            begin = clips.first_s[k] + (ORIGIN_STEPS - 1) / rate  # and see _least_validation_s
             times = np.arange(begin, clips.last_s[k] - _LEAST_FUTURE / rate + 1e-9, 2 / rate)
             chosen.append(np.full(times.size, k))
             origins.append(times)
@@ -234,9 +306,12 @@ class _Clips:
         lengths = np.array([len(t.stamps_ns) for t in tracks])
         self._begin = np.concatenate([[0], np.cumsum(lengths)[:-1]])
         self._last = self._begin + lengths - 1
-        # every track starts a day after the one before: one search finds frames in all of them
-        self.first_s = np.arange(len(tracks)) * 86400.0
+        self._max_gap_s = np.array([t.max_gap_s for t in tracks])
         own = [(t.stamps_ns - t.stamps_ns[0]) * 1e-9 for t in tracks]
+        # every track starts a day after the one before, or as much later as the longest lasts: one
+        # search finds frames in all of them
+        apart_s = max(86400.0, 1.0 + max(s[-1] for s in own))
+        self.first_s = np.arange(len(tracks)) * apart_s
         self._stamps = np.concatenate([s + f for s, f in zip(own, self.first_s, strict=True)])
         self.last_s = self._stamps[self._last]
 
@@ -258,5 +333,19 @@ class _Clips:
         seen = self.observed.take(before, axis=0) & self.observed.take(after, axis=0)
         on_frame = np.abs(times - self._stamps[near]) < 1e-6
         seen = np.where(on_frame[..., None], self.observed.take(near, axis=0), seen)
-        seen &= (inside & ((gap <= _MAX_GAP_S) | on_frame))[..., None]
+        adjacent = gap <= self._max_gap_s[chosen][:, None]
+        seen &= (inside & (adjacent | on_frame))[..., None]
         return np.where(seen[..., None], positions, np.float32(0)), seen
+
+
+def _span_s(track: Track) -> float:
+    return float(track.stamps_ns[-1] - track.stamps_ns[0]) * 1e-9
+
+
+def _refuse_in_both(settings: DataSettings) -> None:
+    """What is fitted says nothing when it validates."""
+    fit, validation = ({f.resolve() for f in settings.files(use)} for use in _USES)
+    for path in sorted(fit & validation):
+        raise ConfigError(
+            f"data: {path} is both in fit and in validation; take it out of one of them"
+        )

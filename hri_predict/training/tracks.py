@@ -12,6 +12,8 @@ from hri_predict.recording.opening import open_recording
 from hri_predict.recording.recording import Recording
 from hri_predict.scene import Bools, Floats
 
+_MAX_GAP_S = 0.1
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
@@ -22,12 +24,19 @@ class Track:
         stamps_ns: (F,) capture times, strictly increasing.
         positions: (F, 28, 3) metres, z up, ``BODY`` joints; 0 where not observed.
         observed: (F, 28).
+        rate_hz: nominal captures per second.
     """
 
     name: str
     stamps_ns: NDArray[np.int64]
     positions: Floats
     observed: Bools
+    rate_hz: float
+
+    @property
+    def max_gap_s(self) -> float:
+        """Longest time between captures that is bridged, as the node's ring buffers do."""
+        return max(_MAX_GAP_S, 2.5 / self.rate_hz)
 
     @property
     def action(self) -> str:
@@ -76,7 +85,8 @@ def _track(recording: Recording, samples: list[tuple[int, Floats, Bools]]) -> Tr
             np.stack([m[0] for m in mapped]), np.stack([m[1] for m in mapped])
         )
     seen = seen & np.isfinite(body).all(-1)
-    return Track(recording.path.stem, stamps, np.where(seen[..., None], body, 0.0), seen)
+    body = np.where(seen[..., None], body, 0.0)
+    return Track(recording.path.stem, stamps, body, seen, recording.rate_hz)
 
 
 @lru_cache(maxsize=1)

@@ -1,17 +1,20 @@
 """Training windows are cut where and when they say, from real recordings and a user's own."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, HriPredictError, RecordingError
 from hri_predict.predictors.body import BODY, CMU38
 from hri_predict.predictors.network import Shape
+from hri_predict.settings import validated
+from hri_predict.training import motion
 from hri_predict.training.augment import AugmentSettings
 from hri_predict.training.motion import DataSettings, MotionSamples, split
-from hri_predict.training.tracks import action_of, read_tracks
+from hri_predict.training.tracks import Track, action_of, read_tracks
 
 DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data"
 SHAPE = Shape(BODY, 15, 25, 25.0)
@@ -135,11 +138,126 @@ def test_missing_recordings_are_refused_in_one_line(tmp_path):
         MotionSamples(DataSettings(root=tmp_path, fit=["x*.npz"], validation=["y.npz"]), SHAPE)
 
 
-def test_recordings_too_short_to_learn_from_are_refused(tmp_path):
-    write_line(tmp_path, "short_1", frames=40)
-    settings = DataSettings(root=tmp_path, fit=["short_1.npz"], validation=["short_1.npz"])
-    with pytest.raises(ConfigError, match="longer ones"):
-        MotionSamples(settings, SHAPE)
+def opened(folder: Path, fit: list[str], validation: list[str], **data) -> MotionSamples:
+    given = {"root": folder, "fit": fit, "validation": validation, "augment": PLAIN} | data
+    return MotionSamples(validated(DataSettings, given, "data"), SHAPE)
+
+
+def changed(folder: Path, name: str, change, **arrays) -> None:
+    """``line_1`` with its positions changed."""
+    with np.load(folder / "line_1.npz") as file:
+        given = dict(file)
+    np.savez(
+        folder / f"{name}.npz",
+        **given | {"positions_world": change(given["positions_world"].astype(float))} | arrays,
+    )
+
+
+def lost(*frames: slice):
+    """A change that loses whole frames."""
+
+    def change(positions):
+        for part in frames:
+            positions[part] = np.nan
+        return positions
+
+    return change
+
+
+def test_recordings_too_short_to_learn_from_are_refused(folder, caplog):
+    write_line(folder, "short_1", frames=40)
+    with pytest.raises(ConfigError, match=r"^data: no recording lasts 0.6 s; longer ones"):
+        opened(folder, ["short_1.npz"], ["check_1.npz"])
+    caplog.clear()
+    write_line(folder, "short_1", frames=100)  # 0.83 s; 0.96 s are needed
+    with pytest.raises(ConfigError, match=r"^data.validation: no recording lasts 0.96 s"):
+        opened(folder, ["line_*.npz"], ["short_1.npz"])
+    opened(folder, ["line_*.npz"], ["short_1.npz"], refit=True)
+    assert not caplog.records
+    write_line(folder, "short_1", frames=40)
+    opened(folder, ["line_*.npz", "short_1.npz"], ["check_1.npz"])
+    assert "short_1.npz: shorter than 0.6 s, left out" in caplog.text
+
+
+@pytest.mark.parametrize("use", ["fit", "validation"])
+@pytest.mark.parametrize(
+    ("change", "arrays", "says"),
+    [
+        (lambda p: p * np.nan, {}, "nobody is observed for 0.6 s"),
+        (lambda p: p * np.inf, {}, "nobody is observed for 0.6 s"),
+        (lost(slice(None, None, 2)), {}, "nobody is observed for 0.6 s"),
+        (lambda p: p * 1e200, {}, "within 1000 m of its origin"),
+        (lambda p: p + 1e6, {}, "within 1000 m of its origin"),
+        (lambda p: p, {"fps": 1.0}, "1 frames per second say too little"),
+    ],
+)
+def test_a_recording_of_nothing_is_refused_by_name(folder, use, change, arrays, says):
+    changed(folder, "odd_1", change, **arrays)
+    names = {"fit": ["line_1.npz"], "validation": ["check_1.npz"]}
+    names[use] = [*names[use], "odd_1.npz"]
+    with pytest.raises(RecordingError, match=rf"odd_1\.npz: .*{says}") as error:
+        opened(folder, **names)
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_not_observed_is_not_drawn_more_often(folder):
+    write_line(folder, "line_1", frames=600)
+    changed(folder, "lost_1", lost(slice(100, 500)))
+    source = opened(folder, ["line_1.npz", "lost_1.npz"], ["check_1.npz"], weights={})
+    whole, part = (source._usable_s(t) for t in source._tracks)
+    assert whole == pytest.approx(599 / 120 - 0.6)
+    assert part == pytest.approx(whole - 401 / 120)
+    changed(folder, "lost_1", lost(slice(100, 150), slice(300, 350)))  # windows bridge these
+    source = opened(folder, ["line_1.npz", "lost_1.npz"], ["check_1.npz"])
+    assert len({source._usable_s(t) for t in source._tracks}) == 1
+
+
+def test_slow_captures_are_bridged_as_in_the_node(folder):
+    changed(folder, "slow_1", lambda p: p, fps=8.0)
+    batch = opened(folder, ["slow_1.npz"], ["check_1.npz"]).batch(np.random.default_rng(1), 64)
+    assert batch.known[:, :10].all()
+    assert batch.observed[:, -5:].all()
+
+
+def test_a_recording_of_days_does_not_run_into_the_next(folder):
+    stamps = np.arange(0, 2 * 10**9 * 86400, 10**9)
+    tracks = [
+        Track(
+            name, stamps, np.full((stamps.size, 1, 3), place), np.ones((stamps.size, 1), bool), 1.0
+        )
+        for name, place in (("one", 1.0), ("two", 2.0))
+    ]
+    clips = motion._Clips(tracks)
+    chosen = np.array([0, 1])
+    positions, seen = clips.at(chosen, np.array([clips.last_s[:1] - 5, clips.first_s[1:] + 5]))
+    assert seen.all()
+    assert positions[:, 0, 0, 0].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("pattern", ["", "**x", "."])
+def test_what_is_no_pattern_is_refused(folder, pattern):
+    with pytest.raises(ConfigError, match="neither a file nor a pattern"):
+        opened(folder, [pattern], ["check_1.npz"])
+
+
+def test_a_recording_is_fitted_or_validates(folder):
+    with pytest.raises(ConfigError, match=r"line_2\.npz is both in fit and in validation"):
+        opened(folder, ["line_*.npz"], ["check_1.npz", str(folder / "line_2.npz")])
+
+
+@pytest.mark.parametrize(
+    ("weights", "says"),
+    [
+        ({"line": -1.0}, "greater than or equal to 0; got -1"),
+        ({"line": 1e308}, "less than or equal to 1000000"),
+        ({"lien": 5.0}, "no recording is of 'lien'; did you mean 'line'?"),
+        ({"line": 0.0}, "data.weights: are 0 for all"),
+    ],
+)
+def test_weights_that_mean_nothing_are_refused(folder, weights, says):
+    with pytest.raises(HriPredictError, match=re.escape(says)) as error:
+        opened(folder, ["line_*.npz"], ["check_1.npz"], weights=weights)
+    assert "\n" not in str(error.value)
 
 
 def test_action_is_the_name_without_its_number():
