@@ -5,10 +5,12 @@ Keys, units and axes as the data pack documents them: ``positions_world`` (F, 38
 metres in the camera's frame, NaN where missing, with ``joint_names`` and ``fps``.
 """
 
+import lzma
 import math
+import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,8 @@ from hri_predict.scene import Floats
 
 # What a damaged archive or header can raise.
 _BROKEN: tuple[type[Exception], ...] = (OSError, EOFError, ValueError, KeyError, SyntaxError)
-_BROKEN += (NotImplementedError, MemoryError, zipfile.BadZipFile, zlib.error)
+_BROKEN += (OverflowError, RuntimeError, MemoryError, tokenize.TokenError)
+_BROKEN += (zipfile.BadZipFile, zlib.error, lzma.LZMAError)
 
 _KEYS = {"positions_world", "world_ok", "floor_height", "rest_pose_frames"}
 _KEYS |= {"positions", "joint_names", "fps"}
@@ -37,7 +40,7 @@ def read_npz(path: Path, person: int) -> Recording:
     Raises:
         RecordingError: truncated, empty, or of another layout.
     """
-    arrays = _load(path)
+    arrays = read_arrays(path, _KEYS)
     if "positions_world" in arrays:
         return _whole_body(path, arrays, person)
     if "positions" in arrays:
@@ -48,7 +51,12 @@ def read_npz(path: Path, person: int) -> Recording:
     )
 
 
-def _load(path: Path) -> dict[str, Any]:
+def read_arrays(path: Path, keys: Collection[str]) -> dict[str, Any]:
+    """Those arrays of an archive that have one of ``keys``; if none has, its names without values.
+
+    Raises:
+        RecordingError: not an archive, damaged, or larger than ``MAX_BYTES`` when unpacked.
+    """
     try:
         archive = np.load(path, allow_pickle=False)
         if not isinstance(archive, np.lib.npyio.NpzFile):
@@ -57,8 +65,8 @@ def _load(path: Path) -> dict[str, Any]:
                 f"numpy.savez and the documented keys"
             )
         with archive:
-            _check_size(path, archive.zip)
-            arrays = {key: archive[key] for key in archive.files if key in _KEYS}
+            _check_size(path, archive.zip, keys)
+            arrays = {key: archive[key] for key in archive.files if key in keys}
             return arrays or dict.fromkeys(archive.files)
     except _BROKEN as error:
         raise RecordingError(
@@ -66,10 +74,10 @@ def _load(path: Path) -> dict[str, Any]:
         ) from error
 
 
-def _check_size(path: Path, archive: zipfile.ZipFile | None) -> None:
+def _check_size(path: Path, archive: zipfile.ZipFile | None, keys: Collection[str]) -> None:
     """Refuse an archive that would fill the memory; what is not read does not count."""
     entries = [] if archive is None else archive.infolist()
-    size = sum(e.file_size for e in entries if e.filename.removesuffix(".npy") in _KEYS)
+    size = sum(e.file_size for e in entries if e.filename.removesuffix(".npy") in keys)
     if size > MAX_BYTES:
         raise RecordingError(
             f"recording {path}: {size / 2**30:.3g} GiB when unpacked, at most "

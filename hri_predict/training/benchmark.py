@@ -4,7 +4,8 @@ A forecaster sees the history of each window and nothing else: (N, n_in, J, 3) i
 out, in the benchmark's own units. No frame after the window's origin reaches it.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,7 +13,7 @@ from typing import Literal
 import numpy as np
 import torch
 
-from hri_predict.errors import ConfigError, PredictorError
+from hri_predict.errors import ConfigError, PredictorError, RecordingError
 from hri_predict.predictors.cmu_skeleton import CMU25, CMU38, MOVING
 from hri_predict.predictors.network import Network
 from hri_predict.scene import Floats
@@ -112,7 +113,7 @@ def open_tests(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
     """Yield each action's test windows.
 
     Raises:
-        ConfigError: no such recordings below ``directory``, or no such windows.
+        ConfigError: no such recordings below ``directory``, or no such choice of windows.
         RecordingError: a recording cannot be read or is too short.
     """
     if protocol.benchmark == "human36m":
@@ -128,9 +129,12 @@ def open_tests(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
     for name in names:
         clip = cmu_benchmark.read_clip(root, name)
         values = clip.expmaps if protocol.error == "euler" else clip.positions()[:, MOVING]
-        starts = cmu_benchmark.windows_of(
-            protocol.windows, len(values), protocol.n_in, protocol.n_out
-        )
+        where = f"recording {root / name}.npz"
+        with _named(where):
+            starts = cmu_benchmark.windows_of(
+                protocol.windows, len(values), protocol.n_in, protocol.n_out
+            )
+            _check_long_enough(protocol, [len(values)], len(starts))
         yield ActionTests(
             clip.action, *cmu_benchmark.cut(values, starts, protocol.n_in, protocol.n_out)
         )
@@ -140,7 +144,10 @@ def _human36m(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
     if protocol.error == "euler":
         raise ConfigError("--error euler: of Human3.6M, positions alone are judged; use mpjpe")
     for action, takes in human36m.read_test_takes(directory).items():
-        starts = human36m.windows_of(protocol.windows, takes, protocol.n_in, protocol.n_out)
+        with _named(f"recordings {directory}: {human36m.TEST_SUBJECT}/{action}_*.txt"):
+            starts = human36m.windows_of(protocol.windows, takes, protocol.n_in, protocol.n_out)
+            frames = [len(take.positions) for take in takes]
+            _check_long_enough(protocol, frames, sum(map(len, starts)))
         parts = [
             cmu_benchmark.cut(t.positions[:, human36m.SCORED], s, protocol.n_in, protocol.n_out)
             for t, s in zip(takes, starts, strict=True)
@@ -148,23 +155,34 @@ def _human36m(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
         yield ActionTests(action, *(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
+@contextlib.contextmanager
+def _named(where: str) -> Iterator[None]:
+    """Say of which recording an error is."""
+    try:
+        yield
+    except RecordingError as error:
+        raise RecordingError(f"{where}: {error}") from error
+
+
+def _check_long_enough(protocol: Protocol, frames: Sequence[int], windows: int) -> None:
+    if windows == 0:
+        raise RecordingError(
+            f"{' and '.join(map(str, frames))} frames at the nominal rate are too few for a "
+            f"window of {protocol.n_in} + {protocol.n_out}; leave it out"
+        )
+
+
 def score(protocol: Protocol, forecaster: Forecaster, test: ActionTests) -> Score:
     """Judge a forecaster on one action.
 
     Raises:
-        ConfigError: no window fits into the recording.
         PredictorError: the forecast is of the wrong shape, or not finite.
     """
-    if len(test.history) == 0:
-        raise ConfigError(
-            f"{test.action}: its test recording is too short for a window of "
-            f"{protocol.n_in} + {protocol.n_out} frames; leave it out"
-        )
     predicted = forecaster(test.history.copy())
     if predicted.shape != test.future.shape or not np.isfinite(predicted).all():
         raise PredictorError(
             f"forecast of {test.action} has shape {predicted.shape} or is not finite; expected "
-            f"finite numbers of shape {test.future.shape}"
+            f"finite numbers of shape {test.future.shape}; leave it out, or give it other weights"
         )
     if protocol.error == "euler":
         error = np.asarray(euler_error(predicted, test.future))
@@ -197,7 +215,10 @@ def judge(
     for tests in open_tests(protocol, directory):
         on_action(tests.action)
         for name, forecaster in forecasters.items():
-            scores[name][tests.action] = score(protocol, forecaster, tests)
+            try:
+                scores[name][tests.action] = score(protocol, forecaster, tests)
+            except PredictorError as error:
+                raise PredictorError(f"predictor {name}: {error}") from error
     return scores
 
 

@@ -9,10 +9,9 @@ CVPR 2018; 3D poses: Mao et al., "Learning Trajectory Dependencies for Human Mot
 ICCV 2019.
 """
 
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,7 @@ from hri_predict.predictors.cmu_skeleton import (
     MOVING,
     OFFSETS,
 )
+from hri_predict.recording.npz import read_arrays
 from hri_predict.scene import Floats
 from hri_predict.training.kinematics import joint_positions
 
@@ -50,7 +50,7 @@ _SEED = 1234567890
 _CLIP = 75  # frames that a seeded window is drawn for: 50 before the origin and 25 after it
 _ORIGIN = 50
 _COLUMNS = 3 + 3 * len(CMU38.joints)
-_BROKEN = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error)
+MAX_MAGNITUDE = 1e6  # of radians, and of where the root is: more is damage, and would overflow
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,24 +95,44 @@ def read_clip(root: Path, name: str) -> Clip:
     """Read every second frame of ``<root>/<name>.npz``.
 
     Raises:
-        RecordingError: missing, damaged, or without exponential maps of 38 joints.
+        RecordingError: missing, damaged, too large, or without exponential maps of 38 joints.
     """
     path = root / f"{name}.npz"
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            stored = np.asarray(archive["expmap"])
-    except _BROKEN as error:
+    stored = read_arrays(path, ("expmap",)).get("expmap")
+    if stored is None:
+        raise RecordingError(f"recording {path}: lacks 'expmap'; give the benchmark's own file")
+    if stored.ndim != 2 or stored.shape[1] != _COLUMNS or stored.dtype.kind not in "fiu":
         raise RecordingError(
-            f"recording {path}: cannot be read as .npz with the key 'expmap'; check the path or "
-            f"copy it again"
-        ) from error
-    if stored.ndim != 2 or stored.shape[1] != _COLUMNS or not np.isfinite(stored).all():
-        raise RecordingError(
-            f"recording {path}: 'expmap' has shape {stored.shape}; expected finite numbers of "
-            f"shape (frames, {_COLUMNS})"
+            f"recording {path}: 'expmap' is {stored.dtype} of shape {stored.shape}; expected "
+            f"numbers of shape (frames, {_COLUMNS})"
         )
+    check_values(path, stored)
     frames = stored[::_STEP].astype(np.float64)
-    return Clip(name, action_of(name), frames[:, 3:].reshape(len(frames), -1, 3))
+    return Clip(name, action_of(name), frames[:, 3:].reshape(-1, len(CMU38.joints), 3))
+
+
+def check_values(path: Path, stored: NDArray[Any]) -> None:
+    """Refuse numbers that no recorded pose has.
+
+    Args:
+        path: where they are from.
+        stored: (frames, columns) numbers: exponential maps, and a translation.
+
+    Raises:
+        RecordingError: there are none, or some is NaN, infinite or beyond ``MAX_MAGNITUDE``.
+    """
+    if len(stored) == 0:
+        raise RecordingError(f"recording {path}: is empty (no frames); leave it out")
+    finite = np.isfinite(stored)
+    if not finite.all():
+        frame = int(np.flatnonzero(~finite.all(axis=1))[0])
+        raise RecordingError(
+            f"recording {path}: NaN or infinite in frame {frame}; mend it, or leave it out"
+        )
+    if (np.abs(stored.astype(np.float64)) > MAX_MAGNITUDE).any():
+        raise RecordingError(
+            f"recording {path}: has values beyond {MAX_MAGNITUDE:g}, as no pose has; copy it again"
+        )
 
 
 def benchmark_names(root: Path, split: str) -> list[str]:
@@ -136,8 +156,8 @@ def seeded_windows(frames: int, n_in: int, count: int) -> NDArray[np.intp]:
     """
     if frames <= _CLIP:
         raise RecordingError(
-            f"a recording of {frames} frames at the nominal rate is too short: seeded windows "
-            f"need more than {_CLIP}; use --windows all"
+            f"its {frames} frames at the nominal rate are too few: seeded windows need more than "
+            f"{_CLIP}; use --windows all"
         )
     draw = np.random.RandomState(_SEED)
     return np.asarray(draw.randint(0, frames - _CLIP, count) + _ORIGIN - n_in, dtype=np.intp)

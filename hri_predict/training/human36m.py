@@ -7,6 +7,7 @@ move (Mao et al., "Learning Trajectory Dependencies for Human Motion Prediction"
 joints: Dang et al., "MSR-GCN", ICCV 2021). Subject 5 is the test set.
 """
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.scene import Floats
 from hri_predict.skeleton import Skeleton, make_skeleton
-from hri_predict.training.cmu_benchmark import all_windows
+from hri_predict.training.cmu_benchmark import all_windows, check_values
 from hri_predict.training.kinematics import joint_positions
 
 TEST_SUBJECT = "S5"
@@ -118,16 +119,19 @@ def read_take(path: Path) -> Take:
         RecordingError: it cannot be read, or is not of this layout.
     """
     try:
-        stored = np.loadtxt(path, delimiter=",", ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of an empty file, refused below
+            stored = np.loadtxt(path, delimiter=",", ndmin=2)
     except (OSError, ValueError) as error:
         raise RecordingError(
             f"recording {path}: not lines of {_COLUMNS} comma-separated numbers; copy it again"
         ) from error
-    if stored.shape[1] != _COLUMNS or not np.isfinite(stored).all():
+    if stored.size and stored.shape[1] != _COLUMNS:
         raise RecordingError(
-            f"recording {path}: {stored.shape[1]} columns; expected {_COLUMNS} finite numbers a "
-            f"line: root translation and 32 exponential maps"
+            f"recording {path}: {stored.shape[1]} columns; expected {_COLUMNS} numbers a line: "
+            f"root translation and 32 exponential maps"
         )
+    check_values(path, stored)
     maps = stored[::_STEP, 3:].reshape(-1, len(_TABLE), 3)
     name = f"{path.parent.name}/{path.stem}"
     action = path.stem.rpartition("_")[0]

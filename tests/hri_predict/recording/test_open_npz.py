@@ -1,13 +1,16 @@
 """Recordings as NumPy archives: the data pack's two layouts, and what goes wrong with files."""
 
+import io
 import math
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hri_predict.errors import RecordingError
-from hri_predict.recording import open_recording, placed
+from hri_predict.recording import npz, open_recording, placed
+from hri_predict.recording.npz import read_arrays
 from hri_predict.recording.recording import start_of
 from hri_predict.settings import Pose
 from hri_predict.skeleton import JOINTS
@@ -143,6 +146,42 @@ def test_a_truncated_archive_is_one_clear_error(tmp_path: Path, keep: float) -> 
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * keep) if 0 < keep < 1 else int(keep)])
     assert "truncated" in _error(path)
+
+
+def _stored(path: Path, npy: bytes, compression: int = zipfile.ZIP_STORED) -> Path:
+    """An archive whose ``positions_world`` is these bytes."""
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        archive.writestr("positions_world.npy", npy)
+    return path
+
+
+def test_a_damaged_header_or_archive_is_one_clear_error(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    cut = b"{'descr': '<f8', 'fortran_order': False, 'shape': (((((3, )"
+    assert "copy it again" in _error(_stored(path, b"\x93NUMPY\x01\x00v\x00" + cut.ljust(182)))
+    huge = io.BytesIO()
+    shape = {"descr": "<f8", "fortran_order": False, "shape": (10**12, 38, 3)}
+    np.lib.format.write_array_header_1_0(huge, shape)
+    assert "copy it again" in _error(_stored(path, huge.getvalue()))
+    data = bytearray(_stored(path, bytes(range(256)) * 9, zipfile.ZIP_LZMA).read_bytes())
+    data[80:400] = b"\xff" * 320
+    path.write_bytes(data)
+    assert "copy it again" in _error(path)
+    data = bytearray(_stored(path, b"1" * 99).read_bytes())
+    for record, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        data[data.index(record) + flags] |= 1  # says that it is encrypted
+    path.write_bytes(data)
+    assert "copy it again" in _error(path)
+
+
+def test_an_archive_larger_than_the_memory_is_not_unpacked(tmp_path: Path, monkeypatch) -> None:
+    path = _whole_body(tmp_path / "a.npz", frames=20)
+    assert len(read_arrays(path, ("positions_world",))) == 1
+    monkeypatch.setattr(npz, "MAX_BYTES", 5000)
+    assert "when unpacked" in _error(path)
+    assert list(read_arrays(path, ("fps",))) == ["fps"]  # what is not read does not count
+    with pytest.raises(RecordingError, match="when unpacked"):
+        read_arrays(path, ("positions_world",))
 
 
 def test_damaged_bytes_never_end_in_anything_but_a_recording_error(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from hri_predict.errors import PredictorError
+from hri_predict.errors import PredictorError, RecordingError
 from hri_predict.predictors.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.network import Network, Shape, last_pose
 from hri_predict.skeleton import make_skeleton
@@ -152,6 +152,19 @@ def test_forecasts_that_are_not_finite_are_refused():
     tests = ActionTests("walking", np.ones((1, 10, 25, 3)), np.ones((1, 25, 25, 3)))
     with pytest.raises(PredictorError, match="not finite"):
         score(Protocol("cmu", "all", 25), lambda _: np.full((1, 25, 25, 3), np.nan), tests)
+
+
+def test_a_forecast_that_is_not_finite_names_its_predictor(tmp_path, expmap):
+    nan = {"lost": lambda h: np.full((len(h), 25, 25, 3), np.nan)}
+    with pytest.raises(PredictorError, match=r"predictor lost: forecast of walking"):
+        judge(Protocol("cmu", "all", 25), pack(tmp_path, expmap), nan)
+
+
+@pytest.mark.parametrize("windows", ["all", "8-seeds"])
+def test_a_recording_that_is_too_short_is_named(tmp_path, expmap, windows):
+    root = pack(tmp_path, expmap[:60])
+    with pytest.raises(RecordingError, match=r"recording .*walking_1\.npz: .*30 frames"):
+        list(open_tests(Protocol("cmu", windows, 25), root))
 
 
 def test_the_mean_needs_all_five_actions(tmp_path, expmap):

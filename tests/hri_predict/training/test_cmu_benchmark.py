@@ -151,17 +151,30 @@ def test_windows_of_short_recordings():
     assert set(cmu.seeded_windows(82, 50, 80)) == set(range(7))
 
 
-@pytest.mark.parametrize(
-    "content", [{"positions": np.zeros((4, 3))}, {"expmap": np.zeros((9, 96))}, None]
-)
-def test_wrong_recordings_are_refused_in_one_line(tmp_path, content):
+MAPS = np.full((9, 117), 0.1)
+WRONG = {
+    "lacks 'expmap'": {"positions": np.zeros((4, 3))},
+    "'expmap' is float64 of shape (9, 96)": {"expmap": np.zeros((9, 96))},
+    "'expmap' is <U3": {"expmap": MAPS.astype("U3")},
+    "'expmap' is complex128": {"expmap": MAPS + 1j},
+    "'expmap' is bool": {"expmap": MAPS > 0},
+    "is empty (no frames)": {"expmap": MAPS[:0]},
+    "NaN or infinite in frame 3": {"expmap": np.where(np.arange(9)[:, None] == 3, np.nan, MAPS)},
+    "beyond 1e+06": {"expmap": MAPS * 1e300},
+    "not a NumPy archive": None,
+}
+
+
+@pytest.mark.parametrize("told", WRONG)
+def test_wrong_recordings_are_refused_in_one_line(tmp_path, told):
     (tmp_path / "test").mkdir()
     path = tmp_path / "test" / "walking_1.npz"
+    content = WRONG[told]
     if content is None:
         path.write_bytes(b"PK not really")
     else:
         np.savez(path, **content)
-    with pytest.raises(RecordingError, match=r"walking_1\.npz: .*expmap") as error:
+    with pytest.raises(RecordingError, match=r"walking_1\.npz: " + f".*{re.escape(told)}") as error:
         cmu.read_clip(tmp_path, "test/walking_1")
     assert "\n" not in str(error.value)
 

@@ -1,5 +1,7 @@
 """Human3.6M, on small files made in its usual layout."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -104,6 +106,14 @@ def test_seeded_windows_are_the_ones_that_papers_list():
     assert seeded_windows([1296, 1192], 10)[0].tolist() == [1127, 1185, 700, 241]
 
 
+@pytest.mark.parametrize("windows", ["all", "8-seeds"])
+def test_takes_that_are_too_short_are_named(dataset, windows):
+    for take in (1, 2):
+        np.savetxt(dataset / "S5" / f"eating_{take}.txt", np.ones((40, 99)), delimiter=",")
+    with pytest.raises(RecordingError, match=r"S5/eating_\*\.txt: .*20"):
+        list(open_tests(Protocol("human36m", windows, 25), dataset))
+
+
 def test_eight_seeds_of_each_action(dataset):
     tests = list(open_tests(Protocol("human36m", "8-seeds", 25), dataset))
     assert [t.history.shape for t in tests] == [(8, 10, 22, 3)] * 2
@@ -121,6 +131,16 @@ def test_mistakes_are_named_in_one_line(dataset):
     (dataset / "S5" / "eating_3.txt").write_text("1,2,3\n4,5,6\n")
     with pytest.raises(RecordingError, match=r"eating_3\.txt: 3 columns"):
         read_test_takes(dataset)
+    for text, told in (
+        ("", "no frames"),
+        ("nan," * 98 + "1\n", "NaN"),
+        ("1e300," * 98 + "1\n", "1e"),
+    ):
+        (dataset / "S5" / "eating_3.txt").write_text(text)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pytest.raises(RecordingError, match=rf"eating_3.*{told}"):
+                read_test_takes(dataset)
     (dataset / "S5" / "eating_3.txt").write_text("walking, but no number\n")
     with pytest.raises(RecordingError, match="comma-separated"):
         read_test_takes(dataset)
