@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hri_predict.errors import RecordingError
 from hri_predict.predictors.body import BODY
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.recording import Recording
@@ -34,6 +35,9 @@ FUTURE_STEPS = HORIZON_STEPS[-1]
 ARMS = "arms"
 """Action of the recordings of seated people's arms."""
 BATCH = 256
+
+LEAST_RATE_HZ = 1000.0 / HORIZONS_MS[0]
+"""Slower recordings have no capture within the shortest horizon: its truth would be a guess."""
 
 _STEP_NS = round(1e9 / RATE_HZ)
 _LEAST_ORIGINS = 5  # fewer say nothing of a recording
@@ -92,11 +96,18 @@ def read_motions(recordings: Sequence[Path | Recording]) -> list[Motion]:
     they leave a gap that the node does not bridge, a new motion starts, as a new track does there.
 
     Raises:
-        RecordingError: a file cannot be read.
+        RecordingError: a file cannot be read, or has fewer captures a second than
+            ``LEAST_RATE_HZ``.
     """
     motions: list[Motion] = []
     for entry in recordings:
         recording = entry if isinstance(entry, Recording) else open_recording(entry)
+        if recording.rate_hz < LEAST_RATE_HZ:
+            raise RecordingError(
+                f"recording {recording.path}: {recording.rate_hz:.3g} frames per second say "
+                f"nothing of {HORIZONS_MS[0]} ms ahead; leave it out, or record at "
+                f"{LEAST_RATE_HZ:.2g} or more"
+            )
         for track in tracks_of(recording):
             motions.extend(_motions(recording, track))
     return motions

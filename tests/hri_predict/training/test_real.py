@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import PredictorError
+from hri_predict.errors import PredictorError, RecordingError
 from hri_predict.predictors.base import Forecast
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
 from hri_predict.predictors.body import BODY
@@ -202,6 +202,18 @@ def test_a_short_recording_is_judged_as_far_as_it_leaves_five_origins(duration_s
     result = judge(predictor(), [motion(duration_s, 100)])
     assert np.isfinite(result.mean_mm()).tolist() == [True] * reached + [False] * (6 - reached)
     assert result.actions["walking"].windows >= 5
+
+
+def test_a_rate_that_knows_nothing_of_the_shortest_horizon_is_refused(tmp_path):
+    positions = np.ones((40, 38, 3)) * np.arange(40)[:, None, None] / 100
+    for rate, fits in ((8.0, False), (9.0, True)):
+        path = tmp_path / f"walking_{rate:.0f}.npz"
+        np.savez(path, positions_world=positions, fps=rate)
+        if fits:
+            assert len(read_motions([path])) == 1
+            continue
+        with pytest.raises(RecordingError, match=r"walking_8\.npz: 8 frames per second"):
+            read_motions([path])
 
 
 def test_too_short_a_recording_has_no_windows():
