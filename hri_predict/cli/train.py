@@ -2,12 +2,9 @@
 
 import json
 import shlex
-import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -45,15 +42,15 @@ def train(
     from hri_predict.training.building import build_network, open_samples
     from hri_predict.training.loop import train as run_training
     from hri_predict.training.processes import Processes
+    from hri_predict.training.stopping import told_to_stop
     from hri_predict.training.view import training_view
 
     with ExitStack() as leaving:
-        processes = Processes.join()
-        leaving.callback(processes.leave)
+        processes = leaving.enter_context(Processes.join())
         source = open_samples(settings)
         network = build_network(settings, source)
         view = leaving.enter_context(training_view(settings))
-        stop = leaving.enter_context(_told_to_stop())
+        stop = leaving.enter_context(told_to_stop())
         result = run_training(
             settings, source, network, view, resume=resume, stop=stop, processes=processes
         )
@@ -74,25 +71,6 @@ def _changes(changes: list[str] | None, data: Path | None, out: Path | None) -> 
     if out is not None:
         found.append(f"out={json.dumps(str(out))}")
     return found
-
-
-@contextmanager
-def _told_to_stop() -> Iterator[Callable[[], bool]]:
-    """While inside, Ctrl-C and SIGTERM are noted; the second ends the program at once."""
-    told = False
-
-    def note(number: int, frame: FrameType | None) -> None:
-        nonlocal told
-        if told:
-            raise KeyboardInterrupt
-        told = True
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: told
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _show(result: "Result", unit: str, as_json: bool) -> None:

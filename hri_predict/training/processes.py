@@ -1,7 +1,9 @@
 """The processes that share one training run: alone, or started by torchrun."""
 
+import contextlib
 import os
 from dataclasses import dataclass
+from types import TracebackType
 
 import torch
 from torch import Tensor, distributed
@@ -36,10 +38,25 @@ class Processes:
             ) from error
         return cls(distributed.get_rank(), distributed.get_world_size())
 
-    def leave(self) -> None:
-        """Say goodbye to the others."""
-        if self.count > 1:
-            distributed.destroy_process_group()
+    def __enter__(self) -> "Processes":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave together with the others, or at once after an error.
+
+        Whoever left first would take the connection from those still talking.
+        """
+        if self.count == 1:
+            return
+        if kind is None:
+            with contextlib.suppress(RuntimeError):  # another one failed, and says why
+                distributed.barrier()
+        distributed.destroy_process_group()
 
     def add(self, tensors: list[Tensor]) -> None:
         """Replace each tensor, in place, by its sum over all processes."""

@@ -328,19 +328,18 @@ spec.loader.exec_module(case)
 from hri_predict.training import loop
 from hri_predict.training.processes import Processes
 
-processes = Processes.join()
-assert processes.count == 2
-view = case.Watcher()
-config = case.make_config(Path(sys.argv[2]))
-torch.manual_seed(processes.rank)  # the first process's weights are everybody's
-network = case.Small(case.SHAPE, case.Options())
-network.rest.copy_(case.Walkers().rest())
-loop.train(config, case.Walkers(), network, view, processes=processes)
-if processes.rank == 0:
-    torch.save(view.losses, Path(sys.argv[2]) / "losses.pt")
-else:
-    assert view.losses == []
-processes.leave()
+with Processes.join() as processes:
+    assert processes.count == 2
+    view = case.Watcher()
+    config = case.make_config(Path(sys.argv[2]))
+    torch.manual_seed(processes.rank)  # the first process's weights are everybody's
+    network = case.Small(case.SHAPE, case.Options())
+    network.rest.copy_(case.Walkers().rest())
+    loop.train(config, case.Walkers(), network, view, processes=processes)
+    if processes.rank == 0:
+        torch.save(view.losses, Path(sys.argv[2]) / "losses.pt")
+    else:
+        assert view.losses == []
 """
 
 
