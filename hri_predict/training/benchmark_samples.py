@@ -66,7 +66,8 @@ class BenchmarkSamples:
         window_count: how many windows batches are drawn from.
 
     Raises:
-        ConfigError: a list of the splits is missing, or names no recording of the benchmark.
+        ConfigError: a list of the splits is missing, names no recording of the benchmark or none
+            that is long enough; or a recording is in both.
         RecordingError: a recording cannot be read.
     """
 
@@ -76,6 +77,11 @@ class BenchmarkSamples:
         fitted = everything if data.refit else _listed(data.splits, "fit")
         validation = [] if data.refit else _listed(data.splits, "validation")
         self.actions = tuple(a for a in ACTIONS if any(action_of(n) == a for n in everything))
+        for name in sorted(set(fitted) & set(validation)):
+            raise ConfigError(
+                f"splits {data.splits}: {name} is both in fit and in validation; take it out of "
+                f"one of them"
+            )
         skeleton = CMU25 if data.space == "positions" else CMU38
         self.shape = Shape(skeleton, history_steps, horizon_steps, RATE_HZ, framed=True)
         self._data = data
@@ -89,6 +95,11 @@ class BenchmarkSamples:
             raise ConfigError(
                 f"data.root {data.root}: no train recording of {history_steps + horizon_steps} "
                 f"frames at the nominal rate; check the folder"
+            )
+        if self._validation is not None and not any(map(len, self._validation.starts)):
+            raise ConfigError(
+                f"splits {data.splits}: no recording in validation has "
+                f"{history_steps + horizon_steps} frames at the nominal rate; add longer ones"
             )
 
     def _windows(self, root: Path, names: Sequence[str]) -> "_Windows":

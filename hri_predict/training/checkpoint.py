@@ -1,6 +1,7 @@
 """A training run's state on disk: written whole or not at all, read without unpickling code."""
 
 import contextlib
+import errno
 import os
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,8 @@ from typing import Any
 import torch
 
 from hri_predict.errors import ConfigError
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
@@ -29,11 +32,14 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
     except (OSError, RuntimeError) as error:  # torch's writer turns a full disk into RuntimeError
         with contextlib.suppress(OSError):
             part.unlink()
-        reason = (error.strerror if isinstance(error, OSError) else None) or "it was cut short"
-        raise ConfigError(
-            f"checkpoint {path}: cannot be written: {reason}; free some room, or choose another "
-            f"'out'"
-        ) from error
+        reason, remedy = "it was cut short", "free some room, or choose another 'out'"
+        if isinstance(error, OSError):
+            reason = error.strerror or reason
+            if error.errno not in _NO_ROOM:
+                remedy = "choose another 'out'"
+            if isinstance(error, FileExistsError):  # of mkdir
+                reason = f"{path.parent} is not a folder"
+        raise ConfigError(f"checkpoint {path}: cannot be written: {reason}; {remedy}") from error
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:

@@ -1,10 +1,10 @@
 """What ``hri-predict train`` is told: one YAML file per predictor and judgement."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import yaml
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
 from hri_predict.errors import ConfigError
 from hri_predict.settings import Settings, read_yaml, validated
@@ -22,20 +22,22 @@ class ShapeSettings(Settings):
 class TrainSettings(Settings):
     """How the weights are found (``train:``)."""
 
-    epochs: int = Field(50, ge=1, description="that the learning rate's schedule spans")
+    epochs: int = Field(50, ge=1, le=10**9, description="that the learning rate's schedule spans")
     stop_after: int | None = Field(None, ge=1, description="end after so many of these epochs")
-    windows_per_epoch: int = Field(4096, ge=1)
-    batch: int = Field(64, ge=1, description="windows per step, over all processes")
+    windows_per_epoch: int = Field(4096, ge=1, le=10**9)
+    batch: int = Field(64, ge=1, le=2**16, description="windows per step, over all processes")
     learning_rate: float = Field(1e-3, gt=0)
     critic_learning_rate: float = Field(1e-4, gt=0, description="of an adversary, where there is")
     weight_decay: float = Field(0.01, ge=0)
-    warmup_steps: int = Field(200, ge=0, description="steps over which the learning rate rises")
+    warmup_steps: int = Field(
+        200, ge=0, le=10**9, description="steps over which the learning rate rises"
+    )
     schedule: Literal["cosine", "constant"] = "cosine"
     ema_decay: float = Field(
         0.999, ge=0, lt=1, description="of the averaged weights, which are shipped; 0: no average"
     )
     clip_norm: float = Field(1.0, gt=0, description="largest norm of a step's gradient")
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, le=2**63 - 1)
     patience: int = Field(
         0, ge=0, description="stop after so many epochs without a better validation; 0: never"
     )
@@ -50,10 +52,19 @@ class TrainSettings(Settings):
     )
     checkpoint_minutes: float = Field(5.0, gt=0, description="between checkpoints in an epoch")
 
+    @model_validator(mode="after")
+    def _an_epoch_has_a_batch(self) -> Self:
+        if self.batch > self.windows_per_epoch:
+            raise ValueError(
+                f"batch {self.batch} is more than windows_per_epoch {self.windows_per_epoch}; make "
+                f"it smaller"
+            )
+        return self
+
     @property
     def steps_per_epoch(self) -> int:
         """Whole batches in an epoch, at least one."""
-        return max(1, self.windows_per_epoch // self.batch)
+        return self.windows_per_epoch // self.batch
 
     @property
     def total_steps(self) -> int:
@@ -72,6 +83,13 @@ class TrainingConfig(Settings):
     train: TrainSettings = TrainSettings()
     initial_weights: Path | None = Field(None, description="weights to start from (fine-tuning)")
     out: Path = Field(description="folder of the run: checkpoints, log, weights")
+
+    @field_validator("out")
+    @classmethod
+    def _a_folder_of_its_own(cls, value: Path) -> Path:
+        if value == Path() or "\0" in str(value):
+            raise ValueError("must name a folder of the run's own, such as runs/sinn")
+        return value
 
     @property
     def error_unit(self) -> str:

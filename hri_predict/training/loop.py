@@ -1,6 +1,7 @@
 """The training loop: draws batches, takes steps, validates, keeps the best weights, resumes."""
 
 import json
+import os
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -144,7 +145,7 @@ class _Run:
         """Run to one of the endings."""
         if resume:
             self._resume()
-        elif (self.config.out / "last.pt").exists():
+        elif os.path.exists(self.config.out / "last.pt"):  # bears a name that is too long
             raise ConfigError(
                 f"{self.config.out}: holds a run; --resume goes on with it, --out starts another"
             )

@@ -1,5 +1,6 @@
 """What a person sees of a training run: a bar with the time left, or a line per epoch; the log."""
 
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,6 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from hri_predict.errors import ConfigError
 from hri_predict.training.config import TrainingConfig
 from hri_predict.training.loop import Epoch
 
@@ -78,7 +80,16 @@ class TrainingView:
 
 @contextmanager
 def training_view(config: TrainingConfig) -> Iterator[TrainingView]:
-    """A view that is closed in the end, whatever happens."""
+    """A view that is closed in the end, whatever happens.
+
+    Raises:
+        ConfigError: the log cannot be written.
+    """
+    log = config.out / "log"
+    if os.path.exists(log) and not log.is_dir():  # told before anything is written beside it
+        raise ConfigError(
+            f"{log}: is a file where the log goes; remove it, or choose another 'out'"
+        )
     console = Console(stderr=True)
     bar = None
     if console.is_terminal:
@@ -109,4 +120,9 @@ def _log(config: TrainingConfig, step: int) -> Any:
         return None
     # what was logged after the checkpoint is told again
     purge = step // config.train.steps_per_epoch + 1 if step else None
-    return SummaryWriter(str(config.out / "log"), purge_step=purge)
+    try:
+        return SummaryWriter(str(config.out / "log"), purge_step=purge)
+    except OSError as error:
+        raise ConfigError(
+            f"{config.out / 'log'}: cannot be written: {error.strerror}; choose another 'out'"
+        ) from error

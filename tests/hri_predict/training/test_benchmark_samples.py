@@ -129,6 +129,16 @@ def test_mistakes_are_named_in_one_line(pack):
         opened(pack)
 
 
+def test_something_must_validate_that_is_not_fitted(pack):
+    with pytest.raises(ConfigError, match="no recording in validation has 70 frames"):
+        opened(pack, history=45)
+    assert opened(pack, history=45, refit=True).window_count > 0
+    splits = "fit: [train/walking_1, train/walking_2]\nvalidation: [train/walking_2]\n"
+    (pack / "splits.yaml").write_text(splits)
+    with pytest.raises(ConfigError, match="train/walking_2 is both in fit and in validation"):
+        opened(pack)
+
+
 @pytest.mark.skipif(not SHARED.exists(), reason="needs ../shared/data")
 def test_all_train_windows_of_the_pack():
     source = BenchmarkSamples(BenchmarkData(root=SHARED, refit=True), 10, 25)

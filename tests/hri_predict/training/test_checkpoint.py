@@ -1,6 +1,7 @@
 """A checkpoint is written whole or not at all, and reading one runs no code."""
 
 import pickle
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -46,6 +47,11 @@ def test_a_folder_that_is_a_file_is_a_mistake(tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(ConfigError, match="cannot be written"):
         save_checkpoint(tmp_path / "file" / "last.pt", STATE)
+
+
+def test_no_room_is_not_blamed_where_there_is_no_folder():
+    with pytest.raises(ConfigError, match=r"/dev/null is not a folder; choose another 'out'$"):
+        save_checkpoint(Path("/dev/null/last.pt"), STATE)
 
 
 class Harmful:

@@ -144,6 +144,18 @@ def test_it_works_without_tensorboard(cli, config, monkeypatch, tmp_path):
     assert not (tmp_path / "run" / "log").exists()
 
 
+def test_a_file_where_the_log_goes_is_told_before_anything_is_written(cli, config, tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "log").touch()
+    status, _, err = cli(config)
+    assert status == 2
+    assert err.splitlines() == [
+        f"error: {tmp_path}/run/log: is a file where the log goes; remove it, or choose another "
+        f"'out'"
+    ]
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["log"]
+
+
 def test_help_has_an_example(cli):
     status, out, _ = cli("--help")
     assert status == 0
@@ -168,6 +180,16 @@ def test_help_has_an_example(cli):
         (["--set", "data.fitt=1"], "data: fitt: unknown key; did you mean 'fit'?"),
         (["--set", "initial_weights=gone"], "weights gone: there is no such file"),
         (["--set", "out=/dev/null/run"], "cannot be written"),
+        (["--set", "out=/dev/full"], "/dev/full is not a folder; choose another 'out'"),
+        (["--set", f"out={'a' * 300}"], "cannot be written: File name too long"),
+        (["--out", ""], "out: must name a folder of the run's own"),
+        (["--out", "."], "out: must name a folder of the run's own"),
+        (["--set", r'out="a\0b"'], "out: must name a folder of the run's own"),
+        (["--set", f"train.seed={2**70}"], "train.seed: input should be less than or equal to"),
+        (["--set", f"train.batch={10**21}"], "train.batch: input should be less than or equal to"),
+        (["--set", f"train.epochs={10**400}"], "train.epochs: input should be less than or"),
+        (["--set", "train.batch=33"], "train: batch 33 is more than windows_per_epoch 32"),
+        (["--set", 'data.fit=["**x"]'], "'**x' is neither a file nor a pattern"),
         (["--resume"], "not there; start the run without --resume"),
         (["--set", "train.device=cuda"], "train.device cuda: no such device here; use cpu"),
         (["--set", "train.epochs=99", "--data", "/nowhere"], "nothing matches 'walk_*.npz'"),
