@@ -8,8 +8,10 @@ Markdown, the overall mean of ``RealResult.overall_mm`` in millimetres.
 """
 
 import argparse
+import json
+import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +27,12 @@ from hri_predict.training.corruption import Corruption
 from hri_predict.training.loop import train
 from hri_predict.training.motion import DataSettings
 from hri_predict.training.real import judge_real
-from hri_predict.training.real_windows import read_motions
+from hri_predict.training.real_windows import RATE_HZ, read_motions
+from hri_predict.training.stopping import told_to_stop
 from hri_predict.training.view import training_view
+from hri_predict.whole_file import write_whole
 
+PREDICTOR = "trajectorycnn"
 SMALL = ["options.channels=32", "train.epochs=12"]
 LEFT_OUT: Mapping[str, dict[str, Any]] = {
     "all": {},
@@ -54,7 +59,8 @@ CONDITIONS: tuple[Corruption | None, ...] = (
 
 def runs(config: TrainingConfig) -> dict[str, TrainingConfig]:
     """By name the runs to make, each in a folder of its own below ``config.out``."""
-    given = AugmentSettings.model_validate(config.data.get("augment", {}))
+    augment = config.data.get("augment", {})
+    given = validated(AugmentSettings, augment, "training configuration: data.augment")
     changes = dict(LEFT_OUT)
     changes["none"] = {k: v for change in LEFT_OUT.values() for k, v in change.items()}
     made = {}
@@ -66,12 +72,20 @@ def runs(config: TrainingConfig) -> dict[str, TrainingConfig]:
     return made
 
 
-def trained(config: TrainingConfig) -> Path:
-    """Weights of a finished run, made now if they are not there."""
+def trained(config: TrainingConfig, stop: Callable[[], bool] = lambda: False) -> Path:
+    """Weights of a finished run, made now if they are not there.
+
+    Raises:
+        KeyboardInterrupt: ``stop`` said so; the run is saved.
+    """
     source = open_samples(config)
-    resume = (config.out / "last.pt").exists()
+    resume = os.path.exists(config.out / "last.pt")  # bears a name that is too long
     with training_view(config) as view:
-        return train(config, source, build_network(config, source), view, resume=resume).weights
+        network = build_network(config, source)
+        result = train(config, source, network, view, resume=resume, stop=stop)
+    if result.ending == "interrupted":
+        raise KeyboardInterrupt
+    return result.weights
 
 
 def judged(config: TrainingConfig, weights: Path) -> list[float]:
@@ -101,17 +115,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--set", action="append", default=[], dest="changes", help="as of train")
     given = parser.parse_args(arguments)
     try:
-        own = [f"data.root={given.data}", f"out={given.out}"]
-        config = load_training_config(given.config, [*SMALL, *given.changes, *own])
-        if config.judgement != "real":
-            raise ConfigError(f"{given.config}: augmentations are of the Real judgement alone")
-        rows = {name: judged(run, trained(run)) for name, run in runs(config).items()}
-        (config.out / "ablation.md").write_text(table(rows), encoding="utf-8")
+        config = _configuration(given)
+        rows = {}
+        for name, run in runs(config).items():
+            with told_to_stop() as stop:
+                weights = trained(run, stop)
+            rows[name] = judged(run, weights)
+        _write(config.out / "ablation.md", table(rows))
     except HriPredictError as error:
-        print(error, file=sys.stderr)
+        print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("saved; go on with the same command", file=sys.stderr)
+        return 130
     print(table(rows), end="")
     return 0
+
+
+def _configuration(given: argparse.Namespace) -> TrainingConfig:
+    """What all runs are made from; whatever the last of them would fail for is refused now."""
+    own = [f"data.root={json.dumps(given.data)}", f"out={json.dumps(given.out)}"]
+    config = load_training_config(given.config, [*SMALL, *given.changes, *own])
+    if config.judgement != "real":
+        raise ConfigError(f"{given.config}: augmentations are of the Real judgement alone")
+    if config.predictor != PREDICTOR:
+        raise ConfigError(
+            f"{given.config}: is of '{config.predictor}', and a small {PREDICTOR} is trained; give "
+            f"configs/training/{PREDICTOR}_real.yaml"
+        )
+    if config.shape.rate_hz != RATE_HZ:
+        raise ConfigError(
+            f"{given.config}: shape.rate_hz {config.shape.rate_hz:g}: the Real judgement is at "
+            f"{RATE_HZ:g}; leave it out"
+        )
+    return config
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        write_whole(path, text.encode())
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: cannot be written: {error.strerror}; mend that and go on with the same "
+            f"command"
+        ) from error
 
 
 if __name__ == "__main__":

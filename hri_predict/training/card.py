@@ -23,6 +23,7 @@ from hri_predict.predictors.body import BODY
 from hri_predict.predictors.neural import NeuralPredictor, shipped_weights
 from hri_predict.predictors.weights import Header, load_weights, read_header, save_weights
 from hri_predict.training.benchmark import nominal_ms
+from hri_predict.whole_file import write_whole
 
 ATTRIBUTION = (
     "The data used in this project was obtained from mocap.cs.cmu.edu. "
@@ -45,32 +46,31 @@ def ship(weights: Path, destination: Path) -> None:
     save_weights(destination, loaded.method, loaded.network, card)
 
 
-def write_card(
-    weights: Path, real: Mapping[str, Any] | None, benchmark: Mapping[str, Any] | None, out: Path
-) -> None:
-    """Write the Markdown card of weights for the node.
+def card_of(
+    weights: Path, real: Mapping[str, Any] | None, benchmark: Mapping[str, Any] | None
+) -> str:
+    """Return the Markdown card of weights for the node.
 
     Args:
         weights: the file; its predictor's latency is measured here and now.
         real: the Real judgement of these weights, as ``report.as_json`` gives it.
         benchmark: the benchmark's judgement of the method, as ``benchmark_report.as_json`` does.
-        out: the Markdown file.
 
     Raises:
-        HriPredictError: the weights are broken or not for the node, a judgement is not of their
-            method, or ``out`` cannot be written.
+        HriPredictError: the weights are broken or not for the node, or a judgement is not of their
+            method or none at all.
     """
     header = read_header(weights)
-    parts = [
-        _head(header, weights),
-        _origin(header),
-        _real(header.method, real),
-        _benchmark(header.method, benchmark),
-    ]
-    try:
-        out.write_text("\n".join(parts), encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"card {out}: cannot be written: {error.strerror}") from error
+    judged = []
+    for option, tell, found in (("--real", _real, real), ("--benchmark", _benchmark, benchmark)):
+        try:
+            judged.append(tell(header.method, found))
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+            raise ConfigError(
+                f"card of {header.method}: {option} is no such judgement as hri-predict evaluate "
+                f"writes; evaluate again, and give the JSON file"
+            ) from error
+    return "\n".join([_head(header, weights), _origin(header), *judged])
 
 
 def latency_ms(predictor: NeuralPredictor, people: int) -> float:
@@ -117,9 +117,10 @@ def _head(header: Header, weights: Path) -> str:
 
 
 def _validation(found: Any) -> str:
-    if not isinstance(found, Mapping) or not found.get("mpjpe_mm"):
+    error = found.get("mpjpe_mm") if isinstance(found, Mapping) else None
+    if not isinstance(error, int | float) or not error:
         return "none"
-    return f"{found['mpjpe_mm']:.1f} mm, mean over actions and horizons"
+    return f"{error:.1f} mm, mean over actions and horizons"
 
 
 def _origin(header: Header) -> str:
@@ -202,8 +203,18 @@ def _judgement(path: Path | None) -> Any:
         return None
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(f"judgement {path}: cannot be read ({error}); evaluate again") from error
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        write_whole(path, text.encode())
+    except OSError as error:
+        raise ConfigError(
+            f"card {path}: cannot be written: {error.strerror}; its weights are there; mend that "
+            f"and ship again"
+        ) from error
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -218,10 +229,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         shipped = shipped_weights(read_header(given.weights).method)
         destination = shipped if given.out is None else given.out / shipped.name
         real, benchmark = _judgement(given.real), _judgement(given.benchmark)
+        text = card_of(given.weights, real, benchmark)  # all is checked before anything is written
         ship(given.weights, destination)
-        write_card(destination, real, benchmark, destination.with_suffix(".md"))
+        _write(destination.with_suffix(".md"), text)
     except HriPredictError as error:
-        print(error, file=sys.stderr)
+        print(f"error: {error}", file=sys.stderr)
         return 2
     print(f"written: {destination}, {destination.with_suffix('.md')}")
     return 0

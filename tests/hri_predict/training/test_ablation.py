@@ -1,14 +1,18 @@
 """The ablation leaves out one augmentation at a time, trains for real, and does nothing twice."""
 
+import argparse
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from hri_predict.errors import ConfigError
 from hri_predict.training import ablation
 from hri_predict.training.augment import AugmentSettings
 from hri_predict.training.config import load_training_config
+from hri_predict.training.motion import MotionSamples
 
 
 @pytest.fixture
@@ -64,6 +68,56 @@ def test_all_are_trained_and_judged_once(config, tmp_path, capsys):
     assert ablation.main([*given, *smaller]) == 0
     assert capsys.readouterr().out == printed
     assert (out / "all" / "trajectorycnn.safetensors").stat().st_mtime_ns == stamp
+
+
+def test_a_folder_s_name_may_hold_anything(config, tmp_path):
+    out = str(tmp_path / "runs #1: a")
+    given = argparse.Namespace(config=config, data="data #2", out=out, changes=[])
+    made = ablation._configuration(given)
+    assert (str(made.out), made.data["root"]) == (out, "data #2")
+
+
+def test_ctrl_c_saves_and_the_same_command_goes_on(config, tmp_path, monkeypatch, capsys):
+    draw, calls = MotionSamples.batch, iter(range(100))
+
+    def interrupted(self, rng, size):
+        if size == 8 and next(calls) == 1:
+            signal.raise_signal(signal.SIGINT)
+        return draw(self, rng, size)
+
+    monkeypatch.setattr(MotionSamples, "batch", interrupted)
+    given = [str(config), "--data", str(tmp_path), "--out", str(tmp_path / "runs")]
+    smaller = ["--set", "train.epochs=3", "--set", "options.channels=2"]
+    assert ablation.main([*given, *smaller]) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "saved; go on with the same command"
+    assert (tmp_path / "runs" / "all" / "last.pt").exists()
+    assert not (tmp_path / "runs" / "none").exists()
+
+
+def test_a_table_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "ablation.md").mkdir()
+    with pytest.raises(ConfigError, match=r"ablation.md: cannot be written: Is a directory"):
+        ablation._write(tmp_path / "ablation.md", "table")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("data.augment=3", "training configuration: data.augment: "),
+        ("predictor=sinn", "is of 'sinn', and a small trajectorycnn is trained"),
+        ("shape.rate_hz=50", "shape.rate_hz 50: the Real judgement is at 25; leave it out"),
+    ],
+)
+def test_what_cannot_end_well_is_refused_before_the_first_run(
+    config, tmp_path, capsys, change, says
+):
+    out = tmp_path / "runs"
+    given = [str(config), "--data", str(tmp_path), "--out", str(out), "--set", change]
+    assert ablation.main(given) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert says in line
+    assert not out.exists()
 
 
 def test_a_benchmark_has_no_augmentations(config, tmp_path, capsys):

@@ -13,7 +13,7 @@ from hri_predict.predictors.trajectorycnn import TrajectoryCNN, TrajectoryCNNOpt
 from hri_predict.predictors.weights import load_weights, read_header, save_weights
 from hri_predict.training import benchmark_report, report
 from hri_predict.training.benchmark import Protocol, Score
-from hri_predict.training.card import ATTRIBUTION, main, ship, write_card
+from hri_predict.training.card import ATTRIBUTION, card_of, main, ship
 from hri_predict.training.cmu_benchmark import MEAN_OVER
 from hri_predict.training.corruption import standard
 from hri_predict.training.real import Errors, RealResult
@@ -66,9 +66,8 @@ def benchmark():
     )
 
 
-def test_says_all_that_it_must(weights, real, benchmark, tmp_path):
-    write_card(weights, real, benchmark, tmp_path / "card.md")
-    text = (tmp_path / "card.md").read_text(encoding="utf-8")
+def test_says_all_that_it_must(weights, real, benchmark):
+    text = card_of(weights, real, benchmark)
     for said in (
         "# trajectorycnn",
         "| skeleton | body28, 28 joints",
@@ -107,15 +106,35 @@ def test_shipping_changes_no_weight(weights, tmp_path):
         torch.testing.assert_close(after[name], tensor, rtol=0, atol=0)
 
 
-def test_judgements_not_done_are_said_to_be(weights, tmp_path):
-    write_card(weights, None, None, tmp_path / "card.md")
-    assert (tmp_path / "card.md").read_text(encoding="utf-8").count("Not done.") == 2
+def test_judgements_not_done_are_said_to_be(weights):
+    assert card_of(weights, None, None).count("Not done.") == 2
 
 
-def test_a_judgement_of_another_predictor_is_refused(weights, real, tmp_path):
+def test_a_judgement_of_another_predictor_is_refused(weights, real):
     real["results"] = [r for r in real["results"] if r["predictor"] != "trajectorycnn"]
     with pytest.raises(ConfigError, match="the Real judgement does not judge it"):
-        write_card(weights, real, None, tmp_path / "card.md")
+        card_of(weights, real, None)
+
+
+def test_a_validation_that_is_no_number_is_none(weights, tmp_path):
+    loaded = load_weights(weights)
+    card = loaded.card | {"validation": {"mpjpe_mm": "x"}}
+    save_weights(tmp_path / "odd.safetensors", "trajectorycnn", loaded.network, card)
+    assert "| validation | none |" in card_of(tmp_path / "odd.safetensors", None, None)
+
+
+@pytest.mark.parametrize("option", ["--real", "--benchmark"])
+@pytest.mark.parametrize("text", ["[1, 2]", "{}", '{"results": [3]}', '{"results": {"a": 1}}', "7"])
+def test_what_is_no_judgement_changes_nothing_shipped(weights, tmp_path, capsys, option, text):
+    (tmp_path / "odd.json").write_text(text, encoding="utf-8")
+    folder = tmp_path / "shipped"
+    folder.mkdir()
+    for ending in ("safetensors", "md"):
+        (folder / f"trajectorycnn.{ending}").write_text("as it was", encoding="utf-8")
+    assert main([str(weights), "--out", str(folder), option, str(tmp_path / "odd.json")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: card of trajectorycnn: {option} is no such judgement")
+    assert {path.read_text(encoding="utf-8") for path in folder.iterdir()} == {"as it was"}
 
 
 def test_mistakes_are_told_in_one_line(weights, tmp_path, capsys):
@@ -125,5 +144,6 @@ def test_mistakes_are_told_in_one_line(weights, tmp_path, capsys):
     assert main([str(tmp_path / "none.safetensors")]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2
+    assert all(line.startswith("error: ") for line in lines)
     assert "real.json: cannot be read" in lines[0]
     assert "there is no such file" in lines[1]
