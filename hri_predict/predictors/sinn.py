@@ -28,6 +28,7 @@ was first observed. A mask channel marks each momentum that has an unobserved en
 """
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Literal
 
 import torch
@@ -46,13 +47,14 @@ from hri_predict.predictors.network import (
     last_pose,
     mpjpe,
 )
-from hri_predict.predictors.neural import NeuralPredictor
+from hri_predict.predictors.neural import NeuralPredictor, NeuralSettings
 from hri_predict.predictors.symplectic import (
     Critic,
     Operator,
     Representation,
     momentum_error,
 )
+from hri_predict.predictors.weights import Header, LoadedWeights, load_weights
 
 
 class SINNOptions(NetworkOptions):
@@ -217,3 +219,10 @@ class SINNPredictor(NeuralPredictor):
 
     method = "sinn"
     network_class = SINN
+
+    def _load(
+        self, path: Path, header: Header, settings: NeuralSettings, horizon_steps: int
+    ) -> LoadedWeights:
+        if header.options.get("aggregation") is False:  # its horizon is in the weights
+            return load_weights(path)
+        return super()._load(path, header, settings, horizon_steps)

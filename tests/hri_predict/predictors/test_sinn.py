@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 
 from hri_predict.predictors.body import BODY
 from hri_predict.predictors.network import Network, Shape, Target, Window
-from hri_predict.predictors.sinn import SINN, SINNOptions
+from hri_predict.predictors.neural import NeuralSettings
+from hri_predict.predictors.sinn import SINN, SINNOptions, SINNPredictor
 from hri_predict.predictors.symplectic import Critic, momentum, momentum_error, velocity
+from hri_predict.predictors.weights import save_weights
 
 SHAPE = Shape(BODY, 12, 10, 25.0)
 
@@ -108,6 +110,17 @@ def test_the_mask_is_read():
     hidden = Window(window.positions, window.observed.clone())
     hidden.observed[:, -3:, 5] = False
     assert not torch.equal(network(hidden), network(window))
+
+
+@pytest.mark.parametrize(("horizon_s", "steps"), [(2.0, 10), (0.2, 5)])
+def test_without_aggregation_the_node_has_the_horizon_of_the_weights(
+    tmp_path, caplog, horizon_s, steps
+):
+    path = tmp_path / "sinn.safetensors"
+    save_weights(path, "sinn", small(aggregation=False), {})
+    asked = NeuralSettings(name="sinn", weights=str(path), horizon_s=horizon_s)
+    assert SINNPredictor(asked).horizon_steps == steps
+    assert ("its weights reach 0.4 s" in caplog.text) == (steps == 10)
 
 
 def test_runs_to_two_seconds_by_the_same_weights():
