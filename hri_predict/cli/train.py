@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hri_predict.settings import data_path
 from hri_predict.training.config import load_training_config
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def train(
 
     Example: hri-predict train configs/training/trajectorycnn_real.yaml --set train.epochs=20
     """
-    settings = load_training_config(config, _changes(changes, data, out))
+    settings = load_training_config(_found(config), _changes(changes, data, out))
     # torch takes seconds to import, which the other commands need not wait for
     from hri_predict.training.building import build_network, open_samples
     from hri_predict.training.loop import train as run_training
@@ -61,6 +62,13 @@ def train(
             again = [a for a in sys.argv[1:] if a != "--resume"] + ["--resume"]
             print(f"saved; go on with: hri-predict {shlex.join(again)}", file=sys.stderr)
         raise typer.Exit(130)
+
+
+def _found(path: Path) -> Path:
+    """Return ``path``, or the shipped configuration of that name (``configs/training/…``)."""
+    shipped = data_path("training", path.name)
+    known = path.parent in (Path("."), Path("configs/training")) and shipped.is_file()
+    return shipped if known and not path.exists() else path
 
 
 def _changes(changes: list[str] | None, data: Path | None, out: Path | None) -> list[str]:
