@@ -67,6 +67,8 @@ def read_arrays(path: Path, keys: Collection[str]) -> dict[str, Any]:
         with archive:
             _check_size(path, archive.zip, keys)
             arrays = {key: archive[key] for key in archive.files if key in keys}
+            if not all(isinstance(array, np.ndarray) for array in arrays.values()):
+                raise ValueError("an entry without NumPy's header comes as bytes")
             return arrays or dict.fromkeys(archive.files)
     except _BROKEN as error:
         raise RecordingError(

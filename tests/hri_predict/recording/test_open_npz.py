@@ -159,6 +159,8 @@ def test_a_damaged_header_or_archive_is_one_clear_error(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     cut = b"{'descr': '<f8', 'fortran_order': False, 'shape': (((((3, )"
     assert "copy it again" in _error(_stored(path, b"\x93NUMPY\x01\x00v\x00" + cut.ljust(182)))
+    with pytest.raises(RecordingError, match="copy it again"):
+        read_arrays(_stored(path, b"no header"), ("positions_world",))
     huge = io.BytesIO()
     shape = {"descr": "<f8", "fortran_order": False, "shape": (10**12, 38, 3)}
     np.lib.format.write_array_header_1_0(huge, shape)
