@@ -41,16 +41,24 @@ def evaluate(
         str | None, typer.Option(help="cmu or human36m: judge as the papers do.")
     ] = None,
     windows: Annotated[
-        str, typer.Option(help="Benchmark: all, 8-seeds or 80-seeds of each test recording.")
-    ] = "all",
-    n_out: Annotated[int, typer.Option(help="Benchmark: frames predicted, 10 or 25.")] = 25,
+        str | None,
+        typer.Option(
+            help="Benchmark: all, 8-seeds or 80-seeds of each test recording.", show_default="all"
+        ),
+    ] = None,
+    n_out: Annotated[
+        int | None, typer.Option(help="Benchmark: frames predicted, 10 or 25.", show_default="25")
+    ] = None,
     error: Annotated[
         str | None,
         typer.Option(help="Benchmark: mpjpe, or euler (KD-Former's own); else as the weights are."),
     ] = None,
     split: Annotated[
-        str, typer.Option(help="Which recordings of the data pack: validation, test, ...")
-    ] = "test",
+        str | None,
+        typer.Option(
+            help="Which recordings of the data pack: validation, test, ...", show_default="test"
+        ),
+    ] = None,
     disturb: Annotated[
         bool, typer.Option("--disturb", help="Also with joints missing, noise, dropped frames.")
     ] = False,
@@ -69,9 +77,35 @@ def evaluate(
     if out is not None:
         _check_writable(out)
     if benchmark is None:
-        _real(data, asked, _one_of("--split", split, _SPLITS), disturb, out, as_json)
+        _without_effect(
+            {"--windows": windows, "--n-out": n_out, "--error": error}, "without --benchmark"
+        )
+        if split is not None:
+            _one_of("--split", split, _SPLITS)
+        _real(data, asked, split, disturb, out, as_json)
     else:
-        _benchmark(data, asked, (benchmark, windows, n_out, error), out, as_json)
+        _without_effect(
+            {"--split": split, "--disturb": True if disturb else None}, "with --benchmark"
+        )
+        _benchmark(
+            data,
+            asked,
+            (
+                benchmark,
+                "all" if windows is None else windows,
+                25 if n_out is None else n_out,
+                error,
+            ),
+            out,
+            as_json,
+        )
+
+
+def _without_effect(flags: Mapping[str, Any], where: str) -> None:
+    """Refuse flags that would be passed over: the numbers would not be what was asked for."""
+    for flag, value in flags.items():
+        if value is not None:
+            raise ConfigError(f"{flag}: has no effect {where}; leave it out")
 
 
 def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> dict[str, Path | None]:
@@ -213,7 +247,7 @@ def _forecasters(
 def _real(
     data: list[Path],
     asked: Mapping[str, Path | None],
-    split: str,
+    split: str | None,
     disturb: bool,
     out: Path | None,
     as_json: bool,
@@ -225,7 +259,7 @@ def _real(
 
     own = {name: _built(name, weights) for name, weights in asked.items()}
     predictors = {**own, **baselines()}
-    motions = read_motions([path for entry in data for path in recordings(entry, split)])
+    motions = read_motions(_files(data, split))
     windows = sum(len(origins(motion)[0]) for motion in motions)
     if windows == 0:
         raise ConfigError("--data: no recording is long enough to judge; give longer ones")
@@ -284,7 +318,7 @@ def recordings(entry: Path, split: str) -> list[Path]:
         raise ConfigError(f"--data {entry}: no such file or folder; check the path")
     if entry.is_file():
         return [entry]
-    if any((entry / pack / "test").is_dir() for pack in ("", "cmu_mocap")):
+    if _is_pack(entry):
         return RecordingsSettings(root=entry).files(split)
     found = sorted(p for p in entry.rglob("*") if p.suffix.lower() in _RECORDINGS)
     if not found:
@@ -292,6 +326,32 @@ def recordings(entry: Path, split: str) -> list[Path]:
             f"--data {entry}: no recording there ({', '.join(_RECORDINGS)}); give another folder"
         )
     return found
+
+
+def _is_pack(entry: Path) -> bool:
+    return any((entry / pack / "test").is_dir() for pack in ("", "cmu_mocap"))
+
+
+def _files(data: Sequence[Path], split: str | None) -> list[Path]:
+    """All recordings that are to be judged, each once.
+
+    Raises:
+        ConfigError: see ``recordings``; or one is named twice, or no ``--data`` has splits.
+    """
+    files = [path for entry in data for path in recordings(entry, split or "test")]
+    known: set[Path] = set()
+    for path in files:
+        if path.resolve() in known:
+            raise ConfigError(
+                f"--data: {path} is named twice, and would weigh double; name it once"
+            )
+        known.add(path.resolve())
+    if split is not None and not any(map(_is_pack, data)):
+        raise ConfigError(
+            f"--split {split}: has no effect on {data[0]}, for the data pack alone has splits; "
+            f"leave it out"
+        )
+    return files
 
 
 def _progress() -> Progress:

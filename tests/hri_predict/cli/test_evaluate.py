@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import sys
 
 import numpy as np
@@ -123,6 +124,12 @@ def test_euler_error_is_read_twice(cli, pack):
         (["--predictor", "sinn", "--weights", "w"], "weights w: there is no such file"),
         (["--predictor", "sin"], "did you mean 'sinn'"),
         (["--out", "/dev/null/report"], "--out /dev/null/report: cannot be written"),
+        (["--n-out", "10"], "--n-out: has no effect without --benchmark"),
+        (["--windows", "8-seeds"], "--windows: has no effect without --benchmark"),
+        (["--error", "euler"], "--error: has no effect without --benchmark"),
+        (["--benchmark", "cmu", "--split", "test"], "--split: has no effect with --benchmark"),
+        (["--benchmark", "cmu", "--disturb"], "--disturb: has no effect with --benchmark"),
+        (["--benchmark", "cmu", "--n-out", "0"], "10 or 25"),
     ],
 )
 def test_mistakes_end_in_one_line(cli, pack, arguments, told):
@@ -229,6 +236,40 @@ def test_several_predictors_are_judged_on_the_same_windows(cli, walk, tmp_path):
     markdown = (tmp_path / "report" / "real.md").read_text(encoding="utf-8")
     assert "| sinn |" in markdown
     assert "| constant_velocity |" in markdown
+
+
+def test_a_split_of_what_has_none_and_a_recording_twice_are_refused(cli, walk, tmp_path):
+    for entry in (walk, tmp_path):
+        status, _, error = cli("--data", entry, "--split", "fit", "--predictor", "zero_velocity")
+        assert status == 2
+        assert error == (
+            f"error: --split fit: has no effect on {entry}, for the data pack alone has splits; "
+            f"leave it out\n"
+        )
+    (tmp_path / "link.npz").symlink_to(walk)
+    for other in (walk, tmp_path, tmp_path / "link.npz"):
+        status, _, error = cli("--data", walk, "--data", other, "--predictor", "zero_velocity")
+        assert status == 2
+        assert "is named twice" in error
+        assert len(error.splitlines()) == 1
+
+
+def test_a_benchmark_report_that_cannot_be_finished_leaves_the_old_one(
+    cli, pack, tmp_path, monkeypatch
+):
+    out = tmp_path / "report"
+    asked = ["--benchmark", "cmu", "--data", pack, "--windows", "8-seeds", "--out", out]
+    assert cli(*asked, "--predictor", "zero_velocity")[0] == 0
+    before = {path: path.read_bytes() for path in out.iterdir()}
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    status, _, error = cli(*asked, "--predictor", "zero_velocity", "--json")
+    assert status == 2
+    assert "No space left on device; name another folder" in error
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
 
 
 def test_weights_go_to_the_predictor_in_the_same_place(cli, walk):
