@@ -188,12 +188,11 @@ class MotionSamples:
                 f"data: no recording lasts {self._least_s:g} s; longer ones are needed"
             )
         weights, known = self._settings.weights, sorted({t.action for t in self._tracks})
-        for name in weights:
-            if name not in self.actions:
-                raise ConfigError(
-                    f"data.weights: no recording is of '{name}'{nearest(name, known)} "
-                    f"(known: {', '.join(known)})"
-                )
+        for name in weights.keys() - set(self.actions):  # a user's own may be of other actions
+            log.warning(
+                "data.weights: no recording is of '%s'%s (known: %s)",
+                name, nearest(name, known), ", ".join(known),
+            )  # fmt: skip
         share = np.zeros(len(usable))
         for k, track in enumerate(self._tracks):
             same = sum(

@@ -250,7 +250,6 @@ def test_a_recording_is_fitted_or_validates(folder):
     [
         ({"line": -1.0}, "greater than or equal to 0; got -1"),
         ({"line": 1e308}, "less than or equal to 1000000"),
-        ({"lien": 5.0}, "no recording is of 'lien'; did you mean 'line'?"),
         ({"line": 0.0}, "data.weights: are 0 for all"),
     ],
 )
@@ -258,6 +257,11 @@ def test_weights_that_mean_nothing_are_refused(folder, weights, says):
     with pytest.raises(HriPredictError, match=re.escape(says)) as error:
         opened(folder, ["line_*.npz"], ["check_1.npz"], weights=weights)
     assert "\n" not in str(error.value)
+
+
+def test_a_weight_of_an_action_that_is_not_there_is_told(folder, caplog):
+    opened(folder, ["line_*.npz"], ["check_1.npz"], weights={"lien": 5.0})
+    assert "no recording is of 'lien'; did you mean 'line'?" in caplog.text
 
 
 def test_action_is_the_name_without_its_number():
