@@ -188,7 +188,8 @@ class MotionSamples:
                 f"data: no recording lasts {self._least_s:g} s; longer ones are needed"
             )
         weights, known = self._settings.weights, sorted({t.action for t in self._tracks})
-        for name in weights.keys() - set(self.actions):  # a user's own may be of other actions
+        # a user's recordings may be of other actions than the shipped configurations name
+        for name in sorted(weights.keys() - set(self.actions)):
             log.warning(
                 "data.weights: no recording is of '%s'%s (known: %s)",
                 name, nearest(name, known), ", ".join(known),
