@@ -125,9 +125,12 @@ def _validation(found: Any) -> str:
 
 def _origin(header: Header) -> str:
     config = header.card.get("config")
+    data = config.get("data") if isinstance(config, Mapping) else None
+    refit = isinstance(data, Mapping) and data.get("refit")
+    lists = "splits `fit` and `validation`" if refit else "split `fit`"
     text = yaml.safe_dump(_portable(config), sort_keys=False) if config else "not known\n"
     return (
-        f"## Data\n\nThe recordings of the split `fit` (configs/training/splits.yaml) of "
+        f"## Data\n\nThe recordings of the {lists} (configs/training/splits.yaml) of "
         f"CMU-Mocap. {ATTRIBUTION}\n\n## Configuration\n\n```yaml\n{text}```\n"
     )
 
