@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from hri_predict.errors import ConfigError, RecordingError, nearest
+from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.predictors.body import BODY
 from hri_predict.predictors.body_frame import body_frame
 from hri_predict.predictors.network import Shape
@@ -189,10 +189,11 @@ class MotionSamples:
             )
         weights, known = self._settings.weights, sorted({t.action for t in self._tracks})
         # a user's recordings may be of other actions than the shipped configurations name
-        for name in sorted(weights.keys() - set(self.actions)):
+        absent = sorted(weights.keys() - set(self.actions))
+        if absent:
             log.warning(
-                "data.weights: no recording is of '%s'%s (known: %s)",
-                name, nearest(name, known), ", ".join(known),
+                "data.weights: without effect for %s; the recordings are of %s",
+                ", ".join(absent), ", ".join(known),
             )  # fmt: skip
         share = np.zeros(len(usable))
         for k, track in enumerate(self._tracks):

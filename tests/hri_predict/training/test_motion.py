@@ -261,7 +261,7 @@ def test_weights_that_mean_nothing_are_refused(folder, weights, says):
 
 def test_a_weight_of_an_action_that_is_not_there_is_told(folder, caplog):
     opened(folder, ["line_*.npz"], ["check_1.npz"], weights={"lien": 5.0})
-    assert "no recording is of 'lien'; did you mean 'line'?" in caplog.text
+    assert "without effect for lien; the recordings are of" in caplog.text
 
 
 def test_action_is_the_name_without_its_number():
