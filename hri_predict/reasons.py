@@ -18,6 +18,7 @@ class Reason(IntEnum):
     PERSON_LOST = 6
     LATCHED = 7
     RELEASE_PENDING = 8
+    PERSON_FAST = 9
     NO_INPUT = 20
     INPUT_STALE = 21
     INPUT_FROZEN = 22
@@ -37,6 +38,8 @@ class Reason(IntEnum):
     STARTING = 44
     STOPPING = 45
     HORIZON_TOO_SHORT = 46
+    ZONES_WIDENED = 47
+    MOTION_UNLIKE = 48
 
     @property
     def text(self) -> str:
@@ -76,6 +79,10 @@ _TEXT = {
     Reason.RELEASE_PENDING: (
         "the cause has cleared, waiting for more captures",
         "further distinct captures agree",
+    ),
+    Reason.PERSON_FAST: (
+        "a person is faster than the standard assumes of people",
+        "the person slows down",
     ),
     Reason.NO_INPUT: ("no scene was received yet", "the source delivers"),
     Reason.INPUT_STALE: ("the newest scene is too old", "fresh scenes arrive"),
@@ -125,5 +132,13 @@ _TEXT = {
     Reason.HORIZON_TOO_SHORT: (
         "the delay now exceeds the forecast's horizon",
         "the delay falls, or predictor.horizon_s is raised",
+    ),
+    Reason.ZONES_WIDENED: (
+        "forecasts erred more than calibrated; zones are widened",
+        "forecasts were as good as calibrated for long enough",
+    ),
+    Reason.MOTION_UNLIKE: (
+        "a motion is unlike all that was calibrated; physical limits are used instead",
+        "the motion is like the calibrated ones for long enough",
     ),
 }

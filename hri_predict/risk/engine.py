@@ -100,32 +100,41 @@ class RiskEngine:
         *unknown*.
         """
         try:
-            return self._assess(snapshot, forecast, tuple(reasons))
+            if forecast is not None and not _is_sound(
+                forecast, snapshot, self._builder.horizon_steps
+            ):
+                forecast, reasons = None, (*reasons, Reason.PREDICTOR_FAILED)
+            bodies = self._builder.build(snapshot, forecast, with_paths=bool(self._named))
+            return self.judge(snapshot, bodies, reasons)
         except Exception:
             for machine in self._machines:
                 machine.reset()
             raise
 
-    def acknowledge(self, latch_id: int) -> bool:
-        """Release the latched stop ``latch_id`` if its cause has cleared; whether it was."""
-        return any(machine.acknowledge(latch_id) for machine in self._machines)
-
-    def _assess(
-        self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: tuple[Reason, ...]
+    def judge(
+        self, snapshot: PeopleSnapshot, bodies: BodyZones, reasons: Sequence[Reason] = ()
     ) -> Assessment:
-        if forecast is not None and not _is_sound(forecast, snapshot, self._builder.horizon_steps):
-            forecast, reasons = None, (*reasons, Reason.PREDICTOR_FAILED)
-        bodies = self._builder.build(snapshot, forecast, with_paths=bool(self._named))
+        """Judge zones that are built already: the second half of ``assess``.
+
+        Args:
+            snapshot: people at this tick.
+            bodies: their zones.
+            reasons: why they are no better, if so.
+        """
         blind = self._distrust(snapshot)
         named = tuple(
             zone.state(bodies) if not blind else NamedZoneState(zone.settings.name, True, 0.0)
             for zone in self._named
         )
         advices = tuple(
-            self._advise(robot, snapshot, bodies, named, blind, reasons)
+            self._advise(robot, snapshot, bodies, named, blind, tuple(reasons))
             for robot in range(len(self._judges))
         )
         return Assessment(advices, bodies.zones, named)
+
+    def acknowledge(self, latch_id: int) -> bool:
+        """Release the latched stop ``latch_id`` if its cause has cleared; whether it was."""
+        return any(machine.acknowledge(latch_id) for machine in self._machines)
 
     def _distrust(self, snapshot: PeopleSnapshot) -> tuple[Reason, ...]:
         """Why the scene cannot be trusted; the engine looks for itself where that is cheap."""

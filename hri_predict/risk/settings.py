@@ -7,6 +7,10 @@ from pydantic import Field, model_validator
 from hri_predict.settings import Settings
 
 
+LEVELS = (0.9, 0.95, 0.99)
+"""The coverages that zones are calibrated for."""
+
+
 class HumanLimits(Settings):
     """How fast people move, and how far a forecast of theirs is trusted.
 
@@ -36,6 +40,31 @@ class HumanLimits(Settings):
     extend_beyond_horizon: bool = Field(
         False, description="past the last horizon zones grow at the physical speed"
     )
+
+
+class CoverageSettings(Settings):
+    """How often zones hold the body (``risk.coverage``); see ``calibration``.
+
+    ``of: body`` asks that all joints are inside at once, ``joint`` each by itself. ``guaranteed``
+    radii exist only where enough independent recordings support the level; ``estimated`` ones rest
+    on all windows pooled.
+    """
+
+    level: float = Field(0.99, description="0.9, 0.95 or 0.99")
+    of: Literal["body", "joint"] = "body"
+    basis: Literal["estimated", "guaranteed"] = "estimated"
+    calibration: str | None = Field(
+        None, description="file of hri-predict calibrate; default the predictor's shipped one"
+    )
+    self_check: bool = Field(
+        True, description="compare each forecast with what came, and widen zones that fall short"
+    )
+
+    @model_validator(mode="after")
+    def _known_level(self) -> Self:
+        if self.level not in LEVELS:
+            raise ValueError(f"level must be one of {', '.join(map(str, LEVELS))}")
+        return self
 
 
 class RiskSettings(Settings):
@@ -81,6 +110,7 @@ class RiskSettings(Settings):
         False, description="a stop stays until acknowledged after its cause has cleared"
     )
     limits: HumanLimits = HumanLimits()
+    coverage: CoverageSettings = CoverageSettings()
 
     @model_validator(mode="after")
     def _slower_than_fastest(self) -> Self:
