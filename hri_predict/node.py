@@ -86,7 +86,7 @@ class Node:
             forecast, reason = self._prediction.run(snapshot)
             reasons = (reason,) if reason is not None else ()
             assessment = self._risk.assess(snapshot, forecast, reasons)
-            advices = assessment.advices
+            advices, reasons = assessment.advices, assessment.reasons
         except Exception:  # the last line of defence: whatever failed, the robots stop
             if self.assess_failures == 0 or self.assess_failures % 1000 == 0:
                 log.exception("the tick failed (%d times before)", self.assess_failures)

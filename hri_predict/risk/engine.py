@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -100,37 +101,33 @@ class RiskEngine:
         *unknown*.
         """
         try:
-            if forecast is not None and not _is_sound(
-                forecast, snapshot, self._builder.horizon_steps
-            ):
-                forecast, reasons = None, (*reasons, Reason.PREDICTOR_FAILED)
-            bodies = self._builder.build(snapshot, forecast, with_paths=bool(self._named))
-            return self.judge(snapshot, bodies, reasons)
+            return self.judge(snapshot, self.zones(snapshot, forecast, reasons))
         except Exception:
             for machine in self._machines:
                 machine.reset()
             raise
 
-    def judge(
-        self, snapshot: PeopleSnapshot, bodies: BodyZones, reasons: Sequence[Reason] = ()
-    ) -> Assessment:
-        """Judge zones that are built already: the second half of ``assess``.
+    def zones(
+        self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
+    ) -> BodyZones:
+        """Where everybody may be: the first half of ``assess``; depends on no robot."""
+        if forecast is not None and not _is_sound(forecast, snapshot, self._builder.horizon_steps):
+            forecast, reasons = None, (*reasons, Reason.PREDICTOR_FAILED)
+        bodies = self._builder.build(snapshot, forecast, with_paths=bool(self._named))
+        return replace(bodies, reasons=tuple(reasons))
 
-        Args:
-            snapshot: people at this tick.
-            bodies: their zones.
-            reasons: why they are no better, if so.
-        """
+    def judge(self, snapshot: PeopleSnapshot, bodies: BodyZones) -> Assessment:
+        """Judge zones: the second half of ``assess``."""
         blind = self._distrust(snapshot)
         named = tuple(
             zone.state(bodies) if not blind else NamedZoneState(zone.settings.name, True, 0.0)
             for zone in self._named
         )
         advices = tuple(
-            self._advise(robot, snapshot, bodies, named, blind, tuple(reasons))
+            self._advise(robot, snapshot, bodies, named, blind)
             for robot in range(len(self._judges))
         )
-        return Assessment(advices, bodies.zones, named)
+        return Assessment(advices, bodies.zones, named, bodies.reasons)
 
     def acknowledge(self, latch_id: int) -> bool:
         """Release the latched stop ``latch_id`` if its cause has cleared; whether it was."""
@@ -156,7 +153,6 @@ class RiskEngine:
         bodies: BodyZones,
         named: tuple[NamedZoneState, ...],
         blind: tuple[Reason, ...],
-        reasons: tuple[Reason, ...],
     ) -> Advice:
         judge, machine = self._judges[robot], self._machines[robot]
         now = judge.tracker.at(snapshot.now_ns)
@@ -171,8 +167,8 @@ class RiskEngine:
         demand = combined(demands, judge.max_speed_m_s)
         advised = machine.update(demand, snapshot.captures, snapshot.now_ns)
         reason = advised.reason
-        if reason is Reason.NONE and reasons:
-            reason = reasons[0]
+        if reason is Reason.NONE and bodies.reasons:
+            reason = bodies.reasons[0]
         people = judgement.people
         who = people if people is not None and _decided_by_people(demand) else None
         return Advice(

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from hri_predict.protocol.messages import Advice
+from hri_predict.reasons import Reason
 from hri_predict.scene import Floats
 
 
@@ -46,11 +47,13 @@ class Assessment:
         advices: one per robot, in the configuration's order.
         zones: the zones they rest on.
         named_zones: per named zone of the user's: inside now, and seconds to predicted entry.
+        reasons: why the zones are no better than they are; empty when nothing is the matter.
     """
 
     advices: tuple[Advice, ...]
     zones: Zones
     named_zones: tuple["NamedZoneState", ...]
+    reasons: tuple[Reason, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.base import Forecast
+from hri_predict.reasons import Reason
 from hri_predict.risk.settings import HumanLimits
 from hri_predict.risk.types import Capsules, Zones
 from hri_predict.scene import Bools, Floats
@@ -55,6 +56,7 @@ class BodyZones:
         lost: (P,) who is lost.
         age_s: seconds from the oldest capture that the zones rest on to now, 0 where nobody is.
         capture_ns: that capture; the newest good one where nobody is here.
+        reasons: why the zones are no better than they are.
     """
 
     zones: Zones
@@ -62,6 +64,7 @@ class BodyZones:
     lost: Bools
     age_s: float
     capture_ns: int | None
+    reasons: tuple[Reason, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
