@@ -6,7 +6,6 @@ from pydantic import Field, model_validator
 
 from hri_predict.settings import Settings
 
-
 LEVELS = (0.9, 0.95, 0.99)
 """The coverages that zones are calibrated for."""
 

@@ -121,7 +121,7 @@ def test_a_risk_stage_that_raises_is_a_fault_and_recovers(near, monkeypatch, cap
         raise ZeroDivisionError("injected")
 
     with monkeypatch.context() as patch:
-        patch.setattr(near.node._risk, "_assess", raises)
+        patch.setattr(near.node._risk, "judge", raises)
         ticks = near.run(0.4)
     assert {t.advices[0].level for t in ticks} == {Level.FAULT}
     assert {t.advices[0].reason for t in ticks} == {Reason.NODE_FAULT}
