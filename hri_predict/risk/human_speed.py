@@ -1,0 +1,101 @@
+"""How fast people move: measured from what was seen, and set against what the standard assumes.
+
+ISO 13855:2010 assumes K = 1.6 m/s of a walking body and 2.0 m/s of an upper limb; running and
+jumping are outside it (the abstract of that edition says so). So whoever is seen to be faster is
+outside what a separation by that standard covers, and the advice has to say it.
+
+Speeds are slopes of least squares over ``SPAN_S``: a difference of two captures would turn a few
+millimetres of noise into tenths of a metre per second. A slope is the mean over the span; who
+changes speed within it is faster for a moment than it says.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.risk.settings import HumanLimits
+from hri_predict.scene import Bools, Floats
+from hri_predict.skeleton import Skeleton
+
+SPAN_S = 0.2
+"""Over this time before the newest capture speeds are measured."""
+
+_TRUNK = ("waist", "torso")
+_HANDS = ("l_wrist", "l_hand", "r_wrist", "r_hand")
+
+
+def joint_velocities(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floats, Bools]:
+    """Velocity of every joint over the last ``SPAN_S`` of the history.
+
+    Args:
+        history: (P, T, J, 3) metres, as in ``PeopleSnapshot``.
+        observed: (P, T, J); only these steps count.
+        rate_hz: steps per second of the history.
+
+    Returns:
+        (P, J, 3) m/s, always finite, and (P, J) whether it was measured: 0 and false where the
+        observed steps do not span half of ``SPAN_S`` (no two of them, a short history).
+    """
+    steps = max(2, round(SPAN_S * rate_hz) + 1)
+    points, seen = history[:, -steps:], observed[:, -steps:]
+    seen = seen & np.isfinite(points).all(-1)
+    time = np.arange(1 - points.shape[1], 1) / rate_hz  # (T,), 0 at the newest step
+    weight = seen.astype(np.float64)
+    count = np.maximum(weight.sum(1), 1.0)  # (P, J)
+    middle = (weight * time[:, None]).sum(1) / count
+    centred = weight * (time[:, None] - middle[:, None])  # (P, T, J), 0 where not seen
+    spread = (centred**2).sum(1)
+    slope = (centred[..., None] * np.where(seen[..., None], points, 0.0)).sum(1)
+    first = np.where(seen, time[:, None], np.inf).min(1, initial=np.inf)
+    last = np.where(seen, time[:, None], -np.inf).max(1, initial=-np.inf)
+    measured = (last - first >= SPAN_S / 2 - 1e-9) & (spread > 0)
+    velocity = slope / np.where(measured, spread, 1.0)[..., None]
+    return np.where(measured[..., None], velocity, 0.0), measured
+
+
+def joint_speeds(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floats, Bools]:
+    """(P, J) speed of every joint, m/s, and whether it was measured; see ``joint_velocities``."""
+    velocity, measured = joint_velocities(history, observed, rate_hz)
+    return np.linalg.norm(velocity, axis=-1), measured
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HumanSpeeds:
+    """How fast P people are, m/s; 0 where it was not measured.
+
+    Attributes:
+        trunk: (P,) of waist or torso, the faster.
+        hand: (P,) of the fastest hand or wrist, relative to the trunk (to the room, where the
+            trunk's velocity was not measured).
+        fast: (P,) whose trunk or hand is faster than the standard assumes.
+    """
+
+    trunk: Floats
+    hand: Floats
+    fast: Bools
+
+
+def measure_people(
+    history: Floats, observed: Bools, rate_hz: float, skeleton: Skeleton, limits: HumanLimits
+) -> HumanSpeeds:
+    """Measure everybody in a history; see ``joint_velocities`` for its arguments.
+
+    A skeleton without joints of these names has its roots for a trunk, and no hands.
+    """
+    velocity, measured = joint_velocities(history, observed, rate_hz)
+    speed = np.linalg.norm(velocity, axis=-1)
+    roots = [j for j, parent in enumerate(skeleton.parents) if parent < 0]
+    trunk = _indices(skeleton, _TRUNK) or roots
+    hands = _indices(skeleton, _HANDS)
+    count = np.maximum(measured[:, trunk].sum(1), 1)[:, None]
+    trunk_velocity = velocity[:, trunk].sum(1) / count  # what was not measured is 0 in the sum
+    relative = np.linalg.norm(velocity[:, hands] - trunk_velocity[:, None], axis=-1)
+    hand_speed = np.where(measured[:, hands], relative, 0.0).max(1, initial=0.0)
+    trunk_speed = speed[:, trunk].max(1)
+    fast = (trunk_speed > limits.body_speed_m_s) | (hand_speed > limits.arm_speed_m_s)
+    return HumanSpeeds(trunk_speed, hand_speed, fast)
+
+
+def _indices(skeleton: Skeleton, names: Sequence[str]) -> list[int]:
+    return [skeleton.joints.index(name) for name in names if name in skeleton.joints]
