@@ -29,6 +29,7 @@ MAX_LATCH_ID = 65_000
 """Latch ids wrap here: they are 16 bits on the wire."""
 FUTURE_NS = 50_000_000
 """A capture later than now by more than this is a broken clock."""
+_OF_PREDICTOR = (Reason.PREDICTOR_FAILED, Reason.PREDICTOR_LATE)
 
 
 class RiskEngine:
@@ -79,7 +80,7 @@ class RiskEngine:
             settings.limits,
             forecast_rate_hz,
             horizon_steps,
-            steps if settings.limits.extend_beyond_horizon else horizon_steps,
+            steps if settings.beyond_horizon else horizon_steps,
         )
         self._named = tuple(NamedZone(z, settings.person_uncertainty_m) for z in named_zones)
         self._next_latch = 0
@@ -111,6 +112,8 @@ class RiskEngine:
         self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
     ) -> BodyZones:
         """Where everybody may be: the first half of ``assess``; depends on no robot."""
+        if self._settings.mode == "reactive":  # asks for no forecast, so none can be missing
+            forecast, reasons = None, [r for r in reasons if r not in _OF_PREDICTOR]
         if forecast is not None and not _is_sound(forecast, snapshot, self._builder.horizon_steps):
             forecast, reasons = None, (*reasons, Reason.PREDICTOR_FAILED)
         bodies = self._builder.build(snapshot, forecast, with_paths=bool(self._named))
@@ -208,10 +211,9 @@ class RiskEngine:
         if demand.reason not in (Reason.NONE, reason):
             parts.append(demand.reason.text)
         if who is not None:
-            link = judge.tracker.model.capsule_names[who.link]
             parts.append(
                 f"person {bodies.zones.ids[who.person]}, {bodies.zones.segments[who.segment]},"
-                f" {max(who.separation_m, 0.0):.2f} m from {link}"
+                f" {judge.where(who)}"
             )
             if who.slack_m < 0:
                 parts.append(f"{-who.slack_m:.2f} m too near at its present speed")

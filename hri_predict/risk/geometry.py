@@ -81,6 +81,17 @@ def segment_distance(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> Floats:
     return distance
 
 
+def horizontal_distance(capsules: Capsules, point: Floats) -> Floats:
+    """Distance (...,) of each capsule's surface from the vertical line through ``point`` (3,).
+
+    Negative where the line passes through; minus infinity for a capsule that is not finite.
+    """
+    flat = np.array([1.0, 1.0, 0.0])
+    at = point * flat
+    distance = segment_distance(capsules.a * flat, capsules.b * flat, at, at) - capsules.radius
+    return np.where(np.isfinite(distance), distance, -np.inf)
+
+
 def pairwise_min(people: Capsules, robot: Capsules) -> Nearest:
     """Nearest pair of body segment and robot capsule, per person and horizon step.
 

@@ -1,23 +1,19 @@
 """One robot against everybody: what the people, and what the sensor does not see, ask of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hri_predict.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, approach_m
 from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.geometry import horizontal_distance
 from hri_predict.risk.levels import Demand, demand_of, margins
 from hri_predict.risk.nearest_in_time import BodiesInTime, NearestInTime
 from hri_predict.risk.robot_tracker import RobotNow, RobotTracker
-from hri_predict.risk.separation import (
-    Course,
-    Finding,
-    StoppingCurve,
-    farthest,
-    judge_iso,
-    judge_predictive,
-)
+from hri_predict.risk.separation import Finding, StoppingCurve
+from hri_predict.risk.separation_in_time import Course, farthest, judge_in_time
+from hri_predict.risk.separation_now import judge_fixed, judge_iso
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Capsules
 from hri_predict.risk.zones import BodyZones
@@ -71,6 +67,7 @@ class RobotJudge:
         name: the robot's.
         max_speed_m_s: its highest speed in production.
         longest_s: T_r + T_s at worst: input almost stale, highest speed.
+        fixed_radius_m: of mode ``fixed``: as set, or the reach plus S_p at worst.
 
     Raises:
         ConfigError: that goes past the horizon.
@@ -88,17 +85,20 @@ class RobotJudge:
         self.name = tracker.settings.name
         self.max_speed_m_s = tracker.settings.max_speed_m_s
         self._settings = settings
+        self._in_time = settings.mode in ("predictive", "reactive")
         self._margins = margins(settings)
         self._budget = budget
         self._view = view
         self._horizon_s = horizon_s
         self._curve = StoppingCurve.of(tracker.model.stopping, self.max_speed_m_s)
         slowest_s = float(self._curve.time_s[-1])
-        extend = settings.limits.extend_beyond_horizon
-        budget.check(self.name, slowest_s, horizon_s, extend)
+        budget.check(self.name, slowest_s, horizon_s, settings.beyond_horizon)
         self._farthest_of = (0, 0.0)
         self._farthest_m: Floats = np.zeros((0, 0))
-        self.longest_s = budget.reaction_s(budget.stale_s, self.name) + slowest_s
+        reaction_s = budget.reaction_s(budget.stale_s, self.name)
+        self.longest_s = reaction_s + slowest_s
+        needed_m = float(self._curve.required_m(reaction_s, settings.clearance_m)[-1])
+        self.fixed_radius_m = settings.fixed_radius_m or tracker.model.reach_m + needed_m
 
     def judge(self, now: RobotNow, bodies: BodyZones) -> Judgement:
         """Judge the robot as it is ``now`` against ``bodies``."""
@@ -120,6 +120,13 @@ class RobotJudge:
         decides = both.reason is Reason.OUT_OF_VIEW
         return Judgement(both, people, decides)
 
+    def where(self, people: Finding) -> str:
+        """How far from what the person is that decides, for people."""
+        if self._settings.mode == "fixed":
+            return f"{max(people.slack_m + self.fixed_radius_m, 0.0):.2f} m from the base's axis"
+        link = self.tracker.model.capsule_names[people.link]
+        return f"{max(people.separation_m, 0.0):.2f} m from {link}"
+
     def _demand(self, finding: Finding, reason: Reason) -> Demand:
         return demand_of(finding, self._settings, self.max_speed_m_s, reason)
 
@@ -129,8 +136,8 @@ class RobotJudge:
         until_braking_s = self._budget.after_now_s(self.name)
         end_s = until_braking_s + max(stopping_s, float(self._curve.time_s[-1]))
         times_s = bodies.zones.times_s
-        if self._settings.mode == "predictive":
-            extend = self._settings.limits.extend_beyond_horizon
+        if self._in_time:
+            extend = self._settings.beyond_horizon
             reach_s = times_s[-1] if extend else min(times_s[-1], self._horizon_s - bodies.age_s)
             if end_s > reach_s + 1e-9:
                 return None
@@ -149,29 +156,29 @@ class RobotJudge:
 
     def _people(self, motion: _Motion, bodies: BodyZones) -> Finding:
         zones = bodies.zones.capsules
-        iso = self._settings.mode == "iso"
-        steps = 1 if iso else len(motion.times_s)
+        steps = len(motion.times_s) if self._in_time else 1
         course = BodiesInTime(
             Capsules(zones.a[:, :steps], zones.b[:, :steps], zones.radius[:, :steps])
         )
         standing = course.nearest(_once(motion.capsules))
         distance = float(standing.distance[0])
-        if iso:
+        if not self._in_time:
             who = int(standing.person[0]), int(standing.segment[0]), int(standing.link[0])
-            return self._iso(distance, motion, bodies.age_s, who)
+            found = self._iso(distance, motion, bodies.age_s, who)
+            return found if self._settings.mode == "iso" else self._fixed(found, motion, zones)
 
         def at_speeds(speeds_m_s: Floats) -> NearestInTime:
             return _later(course.nearest(self._stopping(motion, speeds_m_s)))
 
         moving = motion.speed_m_s > MOVING_M_S
-        return self._predictive(
+        return self._over_time(
             Course(distance, _later(standing), at_speeds if moving else None), motion
         )
 
     def _unseen(self, motion: _Motion, age_s: float, view: FieldOfView) -> Finding:
         """A person who stands just outside the field of view since the capture."""
         distance = float(view.distance_outside(motion.capsules).min())
-        if self._settings.mode == "iso":
+        if not self._in_time:
             return self._iso(distance, motion, age_s, (-1, -1, -1))
         come = approach_m(motion.times_s[1:] + age_s)
         nobody = np.full(len(come), -1)
@@ -184,7 +191,7 @@ class RobotJudge:
             return NearestInTime(outside - come, unknown, unknown, unknown)
 
         moving = motion.speed_m_s > MOVING_M_S
-        return self._predictive(Course(distance, standing, at_speeds if moving else None), motion)
+        return self._over_time(Course(distance, standing, at_speeds if moving else None), motion)
 
     def _stopping(self, motion: _Motion, speeds_m_s: Floats) -> Capsules:
         """(L, K+1, C) the robot as it stops from each speed in its present direction."""
@@ -214,8 +221,24 @@ class RobotJudge:
             who,
         )
 
-    def _predictive(self, course: Course, motion: _Motion) -> Finding:
-        return judge_predictive(
+    def _fixed(self, found: Finding, motion: _Motion, zones: Capsules) -> Finding:
+        """The circle around the base, and who is nearest to it."""
+        base = self.tracker.model.base
+        now = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
+        from_base = horizontal_distance(now, base)  # (P, S)
+        person, segment = np.unravel_index(int(from_base.argmin()), from_base.shape)
+        found = replace(found, person=int(person), segment=int(segment), link=0)
+        return judge_fixed(
+            found,
+            float(from_base[person, segment]),
+            self.fixed_radius_m,
+            self.max_speed_m_s,
+            self._margins,
+            motion.speed_m_s,
+        )
+
+    def _over_time(self, course: Course, motion: _Motion) -> Finding:
+        return judge_in_time(
             course,
             motion.times_s,
             motion.speed_m_s,

@@ -70,10 +70,19 @@ class RiskSettings(Settings):
     """How separation is judged, and how levels change.
 
     ``iso``: the distance now against the protective separation distance of ISO/TS 15066.
-    ``predictive``: the zones against the stopping robot, time by time.
+    ``predictive``: the zones against the stopping robot, time by time. ``reactive``: the same with
+    zones that grow from the body as seen, whatever is forecast. ``fixed``: a circle around the
+    robot's base, inside which nobody may be while it moves.
     """
 
-    mode: Literal["iso", "predictive"] = "iso"
+    mode: Literal["iso", "predictive", "reactive", "fixed"] = "iso"
+    fixed_radius_m: float | None = Field(
+        None,
+        gt=0,
+        le=100,
+        description="of mode fixed; default the robot's reach and the protective separation"
+        " distance at its highest speed and the longest delay",
+    )
     intrusion_m: float = Field(0.0, ge=0, le=2, description="C: reach into the field, ISO 13855")
     person_uncertainty_m: float = Field(
         0.05, ge=0, le=1, description="Z_d: of a person's position as sensed"
@@ -116,6 +125,11 @@ class RiskSettings(Settings):
         if self.limits.arm_speed_m_s < self.limits.body_speed_m_s:
             raise ValueError("limits.arm_speed_m_s must be at least limits.body_speed_m_s")
         return self
+
+    @property
+    def beyond_horizon(self) -> bool:
+        """Whether zones may go past the forecast's last step; ``reactive`` asks for no forecast."""
+        return self.limits.extend_beyond_horizon or self.mode == "reactive"
 
     @property
     def clearance_m(self) -> float:

@@ -68,7 +68,7 @@ MISTAKES = [
     (["robots", 0, "max_speed_m_s"], -1, ["robots.0.max_speed_m_s"]),
     (["robots", 0, "motion", "kind"], "dance", ["robots.0.motion", "dance", "standing"]),
     (["robots", 0, "motion", "stale"], 1, ["stale", "did you mean 'stale_s'?"]),
-    (["risk", "mode"], "bold", ["risk.mode", "iso", "predictive"]),
+    (["risk", "mode"], "bold", ["risk.mode", "iso", "predictive", "reactive", "fixed"]),
     (["risk", "mod"], "iso", ["risk.mod", "did you mean 'mode'?"]),
     (["links", 0, "kind"], "canbus", ["links.0.kind", "serial", "can"]),
     (["links", 0, "baudrate"], "quick", ["links.0", "baudrate", "'quick'"]),

@@ -34,7 +34,7 @@ SETTINGS = RiskSettings(release_captures=2)
 LINK = LinkSettings(name="bus", kind="can")
 ROBOT = RobotSettings(name="arm", model="ur5e", room_from_robot=Pose(), max_speed_m_s=1.0)
 MODEL = load_robot(ROBOT, None)
-MODES = pytest.mark.parametrize("mode", ["iso", "predictive"])
+MODES = pytest.mark.parametrize("mode", ["iso", "predictive", "reactive", "fixed"])
 
 
 def body(x: float, y: float = 0.0) -> Floats:
@@ -119,6 +119,8 @@ def test_a_person_who_comes_and_goes(mode):
     assert cell.settle().level is Level.CLEAR
     levels = [cell.step(x).level for x in np.arange(6.0, 0.6, -0.04)]
     order = [Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP]
+    if mode == "fixed":  # knows no slow speed
+        order.remove(Level.SLOW)
     assert sorted(set(levels), key=order.index) == order
     assert levels == sorted(levels, key=order.index)
     near = cell.step(0.6)
@@ -206,8 +208,22 @@ def test_without_a_forecast_the_physical_limits_serve(mode):
     cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
     why = (Reason.PREDICTOR_LATE,)
     assert cell.settle(6.0, forecast=None, why=why).level is Level.CLEAR
-    assert cell.step(6.0, forecast=None, why=why).reason is Reason.PREDICTOR_LATE
+    reason = cell.step(6.0, forecast=None, why=why).reason
+    assert reason is (Reason.NONE if mode == "reactive" else Reason.PREDICTOR_LATE)
+    assert cell.assessment.reasons == (() if mode == "reactive" else why)
     assert cell.step(0.7, forecast=None, why=why).level is Level.STOP
+
+
+def test_reactive_gives_nothing_for_a_forecast():
+    advices = []
+    for drift in (0.0, 2.0, np.nan):  # metres per step, towards the robot or away
+        cell = Cell(SETTINGS.model_copy(update={"mode": "reactive"}))
+        for x in np.arange(4.0, 1.0, -0.04):
+            forecast = Forecast(cell.still(cell.snapshot(x)).positions + drift, None)
+            advice = cell.step(x, forecast=forecast)
+        advices.append(advice)
+    assert advices[0] == advices[1] == advices[2]
+    assert advices[0].level is Level.STOP
 
 
 def test_a_forecast_that_is_no_forecast_is_not_used():

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from hri_predict.protocol.messages import Level
 from hri_predict.reasons import Reason
 from hri_predict.risk.levels import Demand, LevelMachine, combined, demand_of, margins, severity
-from hri_predict.risk.separation import Finding, StoppingCurve, judge_iso
+from hri_predict.risk.separation import Finding, StoppingCurve
+from hri_predict.risk.separation_now import judge_iso
 from hri_predict.risk.settings import RiskSettings
 
 MAX = 1.0

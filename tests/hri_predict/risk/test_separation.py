@@ -10,15 +10,14 @@ from hypothesis import strategies as st
 from hri_predict.risk.geometry import capsule_distance
 from hri_predict.risk.nearest_in_time import NearestInTime, nearest_in_time
 from hri_predict.risk.separation import (
-    Course,
     StoppingCurve,
-    judge_iso,
-    judge_predictive,
     person_travel,
     protective_distance,
     speed_limit,
     travel_m,
 )
+from hri_predict.risk.separation_in_time import Course, judge_in_time
+from hri_predict.risk.separation_now import judge_iso
 from hri_predict.risk.types import Capsules
 from hri_predict.scene import Floats
 
@@ -230,7 +229,7 @@ def course(
 def test_a_robot_within_its_limit_keeps_clear_in_any_direction(d, approach, v, a, reaction_s):
     curve = constant(a, 1.5)
     assume(reaction_s + 1.5 / a < TIMES[-1])
-    finding = judge_predictive(
+    finding = judge_in_time(
         course(d, approach, a, reaction_s, 0),
         TIMES,
         v,
@@ -254,7 +253,7 @@ def test_a_robot_within_its_limit_keeps_clear_in_any_direction(d, approach, v, a
 def test_moving_away_permits_more_than_moving_near():
     curve = constant(5.0, 1.5)
     limits = {
-        direction: judge_predictive(
+        direction: judge_in_time(
             course(0.9, 1.0, 5.0, 0.2, direction),
             TIMES,
             0.3,
@@ -282,7 +281,7 @@ def test_predictive_nearer_is_never_faster(d, nearer, approach, v, direction):
     curve, margins = constant(5.0, 1.5), (0.25, 0.35, 0.75, 0.85)
 
     def judged(distance: float):
-        return judge_predictive(
+        return judge_in_time(
             course(distance, approach, 5.0, 0.2, direction),
             TIMES,
             v,
@@ -301,7 +300,7 @@ def test_predictive_nearer_is_never_faster(d, nearer, approach, v, direction):
 def test_time_to_breach_is_zero_once_the_separation_is_violated():
     curve = constant(5.0, 1.5)
     # the gap is 1.0 - 1.0 t - 1.0 t: 0.1 at 0.45 s, while the robot (reaction 0.5 s) still moves
-    finding = judge_predictive(
+    finding = judge_in_time(
         course(1.0, 1.0, 5.0, 0.5, 1.0), TIMES, 1.0, curve.at(1.0), curve, 0.5, 0.1, (0.2, 0.3)
     )
     assert finding.slack_m < 0

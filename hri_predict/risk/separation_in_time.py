@@ -1,0 +1,145 @@
+"""Separation judged time by time until the robot has stopped: modes ``predictive``, ``reactive``.
+
+At every moment zone and stopping robot are C + Z_d + Z_r apart; how far people and robot move is in
+the zones and in the stopping robot already.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.risk.nearest_in_time import NearestInTime
+from hri_predict.risk.separation import Finding, StoppingCurve, closing_s, travel_m
+from hri_predict.scene import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """One hazard's distances over the zones' steps after now. K steps.
+
+    Attributes:
+        separation_m: distance now, as captured.
+        standing: to the robot where it is now.
+        at_speeds: (L,) speeds -> (L, K) to the robot as it moves on in its present direction at
+            each and stops; ``None`` where the direction means nothing, so that any may come.
+    """
+
+    separation_m: float
+    standing: NearestInTime
+    at_speeds: Callable[[Floats], NearestInTime] | None = None
+
+
+_NEVER_M = 1e9
+"""Stands for infinity where a distance that is minus infinity must stay so."""
+SPEED_LEVELS = 4
+"""How many speeds in the present direction are tried, evenly up to the robot's highest."""
+
+
+def judge_in_time(
+    course: Course,
+    times_s: Floats,
+    speed_m_s: float,
+    stopping: tuple[float, float],
+    curve: StoppingCurve,
+    reaction_s: float,
+    clearance_m: float,
+    margins_m: Sequence[float],
+    farthest_m: Floats | None = None,
+) -> Finding:
+    """Judge zones against the stopping robot, time by time.
+
+    First the robot may move in *any* direction: a bound from its distance where it is now and how
+    far it can come. Where that permits its highest speed nothing more is asked, and the figures
+    are of that bound. Else it moves on in its *present* direction, and the speed limit is the
+    larger of what any direction permits and the highest of ``SPEED_LEVELS`` speeds up to which
+    every one is clear. (A faster robot may be past a person whom a slower one would meet: hence
+    every one.)
+
+    Args:
+        course: the hazard's distances.
+        times_s: (K+1,) as in ``Zones``; the course's steps are 1..K of it.
+        speed_m_s: of the robot's fastest point now.
+        stopping: T_s and S_s at that speed.
+        curve: the robot's stopping curve.
+        reaction_s: from *now* until the robot begins to brake.
+        clearance_m: C + Z_d + Z_r.
+        margins_m: for the limits, each counted on top of the clearance. The first two regard the
+            present direction; the others, which only warn, any.
+        farthest_m: ``farthest(curve, times_s, reaction_s)``, where it is known already.
+    """
+    begins, ends = times_s[:-1], times_s[1:]
+    top = curve.max_speed_m_s
+    if farthest_m is None:
+        farthest_m = farthest(curve, times_s, reaction_s)
+    left = (course.standing.distance[:, None] - farthest_m).min(0)
+    any_way = np.minimum.accumulate(left) - clearance_m  # (N,) falls with speed
+    fits = np.searchsorted(-any_way, -np.asarray(margins_m), side="right")
+    limits = [float(curve.speed_m_s[f - 1]) if f > 0 else 0.0 for f in fits]
+
+    if course.at_speeds is None or (min(limits[:2]) >= top and speed_m_s <= top):
+        row: tuple[int, ...] = ()
+        nearest = course.standing
+        then = nearest.distance - travel_m(ends, reaction_s, speed_m_s, *stopping)
+    else:
+        # Where it may not even stand there is nothing to try but the present speed.
+        levels = _levels(top, min(limits[:2])) if any_way[0] >= 0 else np.empty(0)
+        nearest, row = course.at_speeds(np.append(speed_m_s, levels)), (0,)
+        then = nearest.distance[0]
+        ahead = nearest.distance[1:]
+        stops_s = reaction_s + np.interp(levels, curve.speed_m_s, curve.time_s)
+        ahead = np.where(begins <= stops_s[:, None], ahead, np.inf).min(1)  # one per level
+        for i, margin in enumerate(margins_m[:2]):
+            if fits[i] > 0:
+                limits[i] = _directed_limit(levels, ahead, clearance_m + margin, limits[i])
+    then = np.where(begins <= reaction_s + stopping[0], then, np.inf)
+    step = int(then.argmin())
+    slack = float(then[step]) - clearance_m
+    violated = np.nonzero(then < clearance_m)[0]
+    return Finding(
+        separation_m=course.separation_m,
+        predicted_m=float(then[step]),
+        slack_m=slack,
+        near=bool(any_way[0] < 0),
+        breach_s=0.0 if len(violated) else closing_s(slack, speed_m_s),
+        limits=tuple(limits),
+        person=int(nearest.person[(*row, step)]),
+        segment=int(nearest.segment[(*row, step)]),
+        link=int(nearest.link[(*row, step)]),
+    )
+
+
+def farthest(curve: StoppingCurve, times_s: Floats, reaction_s: float) -> Floats:
+    """(K, N) how far the fastest point comes by the end of each step, at each of its speeds.
+
+    Steps that begin when it stands again do not count: minus ``_NEVER_M``.
+    """
+    begins, ends = times_s[:-1, None], times_s[1:, None]
+    travel = travel_m(ends, reaction_s, curve.speed_m_s, curve.time_s, curve.distance_m)
+    return np.where(begins <= reaction_s + curve.time_s, travel, -_NEVER_M)
+
+
+def _levels(top_m_s: float, above_m_s: float) -> Floats:
+    """The few speeds that are tried: those above what any direction permits."""
+    levels: Floats = top_m_s * np.arange(1, SPEED_LEVELS + 1) / SPEED_LEVELS
+    return levels[levels > above_m_s]
+
+
+def _directed_limit(
+    levels_m_s: Floats, distance_m: Floats, needed_m: float, any_way_m_s: float
+) -> float:
+    """The highest of the speeds up to which each is clear, at least ``any_way_m_s``.
+
+    Args:
+        levels_m_s: (L,) ascending.
+        distance_m: (L,) smallest distance at each until the robot stands.
+        needed_m: what is clear.
+        any_way_m_s: what any direction permits; speeds up to it need no look.
+    """
+    limit = any_way_m_s
+    for level, distance in zip(levels_m_s.tolist(), distance_m.tolist(), strict=True):
+        if level > any_way_m_s:
+            if not distance >= needed_m:
+                break
+            limit = level
+    return limit
