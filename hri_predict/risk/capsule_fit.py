@@ -32,7 +32,7 @@ class FittedCapsule:
     @property
     def volume(self) -> float:
         """Cubic metres."""
-        return float(_volume(np.linalg.norm(self.b - self.a, keepdims=True), self.radius)[0])
+        return float(_volume(np.asarray(np.linalg.norm(self.b - self.a)), self.radius))
 
 
 def needed_radius(points: Floats, radii: Floats, a: Floats, b: Floats) -> float:

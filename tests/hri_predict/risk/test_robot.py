@@ -369,8 +369,8 @@ def test_a_payload_above_the_table_is_refused() -> None:
 
 
 def test_a_model_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(RobotError, match="unknown robot model 'ur5'; did you mean 'ur5e'"):
-        load_robot(settings_of("ur5"), None)
+    with pytest.raises(RobotError, match="unknown robot model 'ur5x'; did you mean 'ur5"):
+        load_robot(settings_of("ur5x"), None)
     with pytest.raises(RobotError, match=r"nowhere\.yaml: cannot be read"):
         load_robot(settings_of("nowhere.yaml"), tmp_path)
     (tmp_path / "list.yaml").write_text("- 1\n")

@@ -16,17 +16,21 @@ from hri_predict.risk.trajectory import PEAK, Trajectory, load_trajectory
 from hri_predict.settings import Pose, data_path
 
 FILE: dict[str, Any] = yaml.safe_load(data_path("trajectories", "pick_and_place.yaml").read_text())
-SHIPPED = sorted(p.stem for p in data_path("trajectories").glob("*.yaml"))
+SHIPPED = {"pick_and_place": ["ur5e", "ur5"], "panda_pick_and_place": ["panda"]}
 
 
-def ur5e() -> RobotModel:
+def robot(name: str, payload_kg: float) -> RobotModel:
     settings = RobotSettings(
-        name="arm", model="ur5e", room_from_robot=Pose(), payload_kg=2.5, max_speed_m_s=1.0
+        name="arm", model=name, room_from_robot=Pose(), payload_kg=payload_kg, max_speed_m_s=1.0
     )
     return load_robot(settings, None)
 
 
-MODEL = ur5e()
+MODEL = robot("ur5e", 2.5)
+
+
+def test_every_shipped_trajectory_is_tested() -> None:
+    assert set(SHIPPED) == {p.stem for p in data_path("trajectories").glob("*.yaml")}
 
 
 @st.composite
@@ -89,33 +93,55 @@ def test_shapes_and_slower_running() -> None:
     assert np.all(path.at_phase(1.7, 0.0)[1] == 0)
 
 
-@pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_trajectories_are_what_they_say(name: str) -> None:
-    path = load_trajectory(name, MODEL, None)
-    assert path.peak_tip_speed(MODEL) <= 1.0
+@pytest.mark.parametrize(("name", "arm"), [(n, arm) for n in SHIPPED for arm in SHIPPED[n]])
+def test_shipped_trajectories_are_what_they_say(name: str, arm: str) -> None:
+    model = robot(arm, 2.5)
+    path = load_trajectory(name, model, None)
+    assert 0.9 <= path.peak_tip_speed(model) <= 1.0
     q, _ = path.at(np.linspace(0, path.duration_s, 500))
-    placed = MODEL.capsules(q)
+    placed = model.capsules(q)
     lowest = np.minimum(placed.a[..., 2], placed.b[..., 2]) - placed.radius
-    moving = [i for i, link in enumerate(MODEL.capsule_names) if link != "base"]
+    moving = [
+        i for i, name in enumerate(model.capsule_names) if name not in ("base", "panda_link0")
+    ]
     assert lowest[:, moving].min() > -0.1  # above the floor of a cell with the arm on a pedestal
 
 
-def test_the_pick_and_place_goes_where_its_comment_says() -> None:
-    path = load_trajectory("pick_and_place", MODEL, None)
-    payload = MODEL.capsule_names.index("payload")
-    for time_s, side, height in (
-        (0.5, 40, 0.15),
-        (1.0, 40, 0.35),
-        (3.2, -40, 0.35),
-        (3.7, -40, 0.15),
+@pytest.mark.parametrize(
+    ("name", "arm", "out", "sides", "low", "high", "duration", "peak"),
+    [
+        ("pick_and_place", "ur5e", 0.7, (40, -40), 0.15, 0.35, 6.4, 0.95),
+        ("pick_and_place", "ur5", 0.691, (38.1, -41.9), 0.094, 0.294, 6.4, 0.94),
+        ("panda_pick_and_place", "panda", 0.55, (40, -40), 0.15, 0.35, 5.6, 0.95),
+    ],
+)
+def test_it_goes_where_its_comment_says(
+    name: str,
+    arm: str,
+    out: float,
+    sides: tuple[float, float],
+    low: float,
+    high: float,
+    duration: float,
+    peak: float,
+) -> None:
+    model = robot(arm, 2.5)
+    path = load_trajectory(name, model, None)
+    payload = model.capsule_names.index("payload")
+    place_s = duration / 2  # the second half mirrors the first
+    for time_s, degrees, height in (
+        (0.5, sides[0], low),
+        (1.0, sides[0], high),
+        (place_s, sides[1], high),
+        (place_s + 0.5, sides[1], low),
     ):
-        placed = MODEL.capsules(path.at(time_s)[0])
+        placed = model.capsules(path.at(time_s)[0])
         grip = (placed.a[payload] + placed.b[payload]) / 2
-        angle = np.radians(side)
-        expected = [0.7 * np.cos(angle), 0.7 * np.sin(angle), height]
+        angle = np.radians(degrees)
+        expected = [out * np.cos(angle), out * np.sin(angle), height]
         np.testing.assert_allclose(grip, expected, atol=0.002)
-    assert path.duration_s == 6.4
-    assert path.peak_tip_speed(MODEL) == pytest.approx(0.95, abs=0.005)
+    assert path.duration_s == duration
+    assert path.peak_tip_speed(model) == pytest.approx(peak, abs=0.005)
 
 
 MISTAKES: dict[str, tuple[Any, str]] = {
