@@ -56,6 +56,41 @@ def build_predictor(config: Config) -> Predictor:
     return predictor
 
 
+def build_people(config: Config, source: Source, predictor: Predictor) -> People:
+    """The stage that follows everybody in the source's scenes."""
+    return People(
+        config.node.people,
+        source.joint_map,
+        config.source,
+        source.rate_hz,
+        source.declares_noise,
+        predictor.history_steps,
+        predictor.rate_hz,
+    )
+
+
+def build_risk(
+    config: Config, source: Source, predictor: Predictor, trackers: Sequence[RobotTracker]
+) -> RiskEngine:
+    """The risk stage for the forecasts of ``predictor`` and these robots."""
+    return RiskEngine(
+        config.node.risk,
+        trackers,
+        predictor.skeleton,
+        config.node.people.absent_parts,
+        config.node.zones,
+        config.source.field_of_view,
+        build_budget(config, source),
+        predictor.rate_hz,
+        predictor.horizon_steps,
+    )
+
+
+def advised_on_links(config: Config) -> list[frozenset[int]]:
+    """Indices of the robots that are advised on each opened link."""
+    return [frozenset(_advised(config, settings)) for settings in config.opened_links]
+
+
 def _built(cls: Any, what: str, *arguments: Any) -> Any:
     """Construct a source or predictor, a third party's perhaps.
 
@@ -136,26 +171,8 @@ def build(
         RobotTracker(settings, model, config.base_dir, clock.now_ns())
         for settings, model in zip(node.robots, robots, strict=True)
     )
-    people = People(
-        node.people,
-        source.joint_map,
-        config.source,
-        source.rate_hz,
-        source.declares_noise,
-        predictor.history_steps,
-        predictor.rate_hz,
-    )
-    risk = RiskEngine(
-        node.risk,
-        trackers,
-        predictor.skeleton,
-        node.people.absent_parts,
-        node.zones,
-        config.source.field_of_view,
-        build_budget(config, source),
-        predictor.rate_hz,
-        predictor.horizon_steps,
-    )
+    people = build_people(config, source, predictor)
+    risk = build_risk(config, source, predictor, trackers)
     links: tuple[Link, ...] = tuple(
         build_link(
             settings,
@@ -168,9 +185,7 @@ def build(
     ) or played_links(source, clock)
     prediction = PredictionRunner(predictor, LATE_FRACTION / node.rate_hz if deadline else None)
     everybody = frozenset(range(len(robots)))
-    advised = [frozenset(_advised(config, settings)) for settings in config.opened_links] or (
-        [everybody for _ in links]
-    )
+    advised = advised_on_links(config) or [everybody for _ in links]
     publisher = Publisher(links, advised, predictor, shadow)
     index = registry.names("predictors").index(config.predictor.name)
     return Assembly(

@@ -28,6 +28,7 @@ class LinkSettings(Settings):
     reserved_load: float = Field(
         0.3, ge=0, lt=1, description="fraction of the wire kept free for others"
     )
+    zones: bool = Field(True, description="whether Zone and Pose are sent on it")
     simulate: dict[str, Any] | None = Field(
         None, description="a mock controller at the other end; see hri_sim.controller"
     )

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from hri_predict.errors import ConfigError, nearest
 
-Kind = Literal["sources", "predictors", "links", "cells", "faults"]
+Kind = Literal["sources", "predictors", "links", "cells", "faults", "simulations"]
 
 
 def _entry_points(kind: Kind) -> dict[str, metadata.EntryPoint]:

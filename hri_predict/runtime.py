@@ -172,14 +172,25 @@ def run_virtual(
     """Step everything on the virtual clock until the source has no more or the time is over."""
     pace = Pace()
     with _quiet_collector():
-        _step_all(assembly, pace, beside, duration_s, each_tick)
-    for link in assembly.links:
-        link.stop()
-    assembly.source.close()
+        step_all(assembly, pace, beside, duration_s, each_tick)
     return pace
 
 
-def _step_all(
+def step_all(
+    assembly: Assembly,
+    pace: Pace,
+    beside: Stepped | None = None,
+    duration_s: float | None = None,
+    each_tick: Callable[[int], None] | None = None,
+) -> None:
+    """What ``run_virtual`` does, for who runs many and looks after the collector alone."""
+    _steps(assembly, pace, beside, duration_s, each_tick)
+    for link in assembly.links:
+        link.stop()
+    assembly.source.close()
+
+
+def _steps(
     assembly: Assembly,
     pace: Pace,
     beside: Stepped | None,

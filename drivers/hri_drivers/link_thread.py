@@ -69,6 +69,7 @@ class SupervisedLink(Generic[U]):
         self._bulk_waits = False  # for the wire to become free
         self._wire_free_ns = 0  # when all that was written will have left, by calculation
         self._wait_for_device = wait_for_device
+        self._zones = settings.zones
         self._slots = Slots()
         self._inbox = Inbox()
         self._echo: dict[int, int] = {}
@@ -106,7 +107,7 @@ class SupervisedLink(Generic[U]):
 
     def post(self, message: Message) -> None:
         """Put a message into its newest-wins slot; never blocks."""
-        if not self._codec.carries(message):
+        if not self._codec.carries(message) or (isinstance(message, BULK) and not self._zones):
             self.counters.decimated += 1
             return
         displaced = self._slots.post(message)

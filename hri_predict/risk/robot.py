@@ -22,6 +22,9 @@ class StateMotion(Settings):
 
     kind: Literal["state"] = "state"
     stale_s: float = Field(0.1, gt=0, le=2, description="age at which RobotState is stale")
+    delay_s: float = Field(
+        0.0, ge=0, le=1, description="age of a RobotState when it comes: its link's delay"
+    )
     acceleration_m_s2: float = Field(
         5.0, ge=0, description="of the fastest point, at most; bounds its motion since RobotState"
     )

@@ -137,8 +137,8 @@ class RobotTracker:
         """Where the robot is at ``now_ns``, node's clock.
 
         By RobotState: the joints are carried on at their reported velocity over the state's age
-        (no longer than ``stale_s``, and not past their limits); what a change of speed since may
-        have added is ``uncertainty_m``.
+        (its link's delay, and no longer than ``stale_s`` since its receipt; not past their
+        limits); what a change of speed since may have added is ``uncertainty_m``.
         """
         motion = self.settings.motion
         if isinstance(motion, StateMotion):
@@ -164,7 +164,7 @@ class RobotTracker:
             reasons.append(Reason.ROBOT_STATE_STALE)
         if state.mode != RobotMode.AUTOMATIC:
             reasons.append(Reason.ROBOT_NOT_AUTOMATIC)
-        ahead_s = min(age_s, motion.stale_s)
+        ahead_s = min(age_s, motion.stale_s) + motion.delay_s
         q = np.clip(
             state.q + state.qd * ahead_s,
             np.minimum(self.model.position_min, state.q),

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_drivers.transport import PipeEnd, pipe
+from hri_drivers.transport import PipeEnd, Transport, pipe
 from hri_predict.clock import Clock
 from hri_predict.errors import LinkError
 from hri_predict.link import LinkSettings
@@ -26,6 +26,7 @@ from hri_predict.scene import Floats
 from hri_predict.source import Source
 from hri_sim.controller import ControllerReport
 from hri_sim.controller_process import job_for
+from hri_sim.link_faults import at_far_end
 from hri_sim.referee import Referee, TruePeople
 from hri_sim.station import Post, Station, channels, codec_for, posts
 from hri_sim.wiring import Wiring
@@ -62,7 +63,7 @@ class MockCell:
         self._wirings: dict[int, Wiring] = {}
         self._processes: dict[str, _Process] = {}
         self._ended: list[ControllerReport] = []
-        self._stations: list[tuple[Station[Any], PipeEnd[Any]]] = []
+        self._stations: list[tuple[Station[Any], Transport[Any]]] = []
         self._due_ns: list[int] = []
 
     # -- real time --------------------------------------------------------------------------------
@@ -114,7 +115,8 @@ class MockCell:
         ends: dict[str, PipeEnd[Any]] = {}
         now_ns = self._clock.now_ns()
         for post in self._posts.values():
-            near, far = pipe()  # type: ignore[var-annotated]  # bytes or frames, as the link is
+            near, wire = pipe()  # type: ignore[var-annotated]  # bytes or frames, as the link is
+            far = at_far_end(wire, post.settings, post.name, self._clock)
             far.open()
             station: Station[Any] = Station(
                 post, codec_for(post.link), self._wirings[post.robot_index]
@@ -149,6 +151,15 @@ class MockCell:
             if now is not None:
                 truth[post.robot.name] = now.at(now_ns)
         return truth
+
+    def path_s(self) -> dict[str, float]:
+        """Robot name -> where in its cycle every simulated robot is, seconds of full speed."""
+        truths = {
+            post.robot.name: wiring.truth()
+            for post in self._posts.values()
+            if (wiring := self._wirings.get(post.robot_index)) is not None
+        }
+        return {name: truth.path_s for name, truth in truths.items() if truth is not None}
 
     def permit(self, link: str, now_ns: int) -> float:
         """What the controller of ``link`` permits its robot now, m/s; 0 if it is dead."""

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import ceil
-from typing import Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -79,6 +79,11 @@ class ControllerSettings(Settings):
         None, gt=0, le=1000, description="of RobotState; default the link's robot_state_rate_hz"
     )
     period_s: float = Field(0.008, gt=0, le=0.1, description="of its own cycle")
+    start_s: float = Field(0.0, ge=0, description="where in its cycle the arm stands at the start")
+    faults: list[dict[str, Any]] = Field(
+        [], description="faults at its end of the wire; out is from the controller"
+    )
+    fault_seed: int = Field(0, ge=0, description="of what is random in them")
     acknowledge_after_s: float | None = Field(
         None, gt=0, description="press the button so long after a stop has latched; default never"
     )

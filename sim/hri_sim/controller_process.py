@@ -26,6 +26,7 @@ from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError, LinkError
 from hri_predict.risk.robot import RobotSettings
 from hri_sim.controller import ControllerSettings
+from hri_sim.link_faults import at_far_end
 from hri_sim.pty import PtyTransport, open_pty
 from hri_sim.slcan_adapter import SlcanAdapter
 from hri_sim.station import Post, Station, codec_for
@@ -56,7 +57,9 @@ def main(arguments: Sequence[str]) -> int:
         post = _post(job)
         wiring = Wiring.open(Path(job["wiring"]), job["channels"])
         station: Station[Any] = Station(post, codec_for(post.link), wiring)
-        transport, port = _far_end(post)
+        clock = MonotonicClock(job["factor"])
+        wire, port = _far_end(post)
+        transport = at_far_end(wire, post.settings, post.name, clock)
         transport.open()
     except (HriPredictError, OSError, IndexError, KeyError, ValueError) as error:
         print(f"hri_sim.controller_process: {error}", file=sys.stderr)
@@ -69,7 +72,7 @@ def main(arguments: Sequence[str]) -> int:
     gc.freeze()
     print(json.dumps({"port": port}), flush=True)
     try:
-        _run(station, transport, MonotonicClock(job["factor"]), ended, orphaned)
+        _run(station, transport, clock, ended, orphaned)
     finally:
         transport.close()
         with contextlib.suppress(OSError):  # nobody may be left to read it

@@ -13,6 +13,7 @@ from hri_drivers.transport import Transport
 from hri_predict.clock import Clock
 from hri_predict.errors import LinkError
 from hri_predict.protocol.can_codec import CanFrame
+from hri_sim.controller import ControllerSettings
 from hri_sim.fault_settings import FaultSettings, faults_from
 
 U = TypeVar("U", bytes, CanFrame)
@@ -160,6 +161,11 @@ class FaultyTransport(Generic[U]):
         self._flush()
         return self._due(self._in)
 
+    @property
+    def hung_up(self) -> bool:
+        """Whether nobody has the other end of the line, where the wire can tell."""
+        return bool(getattr(self._inner, "hung_up", False))
+
     def close(self) -> None:
         """Close the wire; what was late is lost."""
         for way in (self._in, self._out):
@@ -217,6 +223,20 @@ class FaultyTransport(Generic[U]):
             if way.late:
                 due_ns = max(due_ns, way.late[-1][0])  # in order, always
             way.late.extend((due_ns, unit) for unit in passing)
+
+
+def at_far_end(
+    wire: Transport[U], settings: ControllerSettings, link: str, clock: Clock
+) -> Transport[U]:
+    """The controller's end of the wire, with the faults that its settings ask for.
+
+    Raises:
+        ConfigError: a fault of unknown kind or with a wrong key.
+    """
+    if not settings.faults:
+        return wire
+    where = f"links.{link}.simulate"
+    return FaultyTransport(wire, settings.faults, clock, settings.fault_seed, where)
 
 
 def _altered(fault: LinkFault, unit: U, way: _Way[U]) -> list[U]:

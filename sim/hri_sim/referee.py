@@ -50,16 +50,20 @@ class Referee:
         min_separation_m: smallest distance of any body from any robot, at most 0 when they touched;
             ``None`` while nobody was seen.
         contacts, contacts_standing: see above.
+        violation_s, violation_m: how long a robot moved (faster than 10 mm/s) while somebody was
+            nearer than ``clearance_m``, and by how much at most.
         observations: how many instants were judged.
     """
 
-    def __init__(self, robots: Sequence[RobotModel]) -> None:
-        """``robots``: by whose names ``observe`` gets the joints."""
+    def __init__(self, robots: Sequence[RobotModel], clearance_m: float = 0.0) -> None:
+        """``robots``: by whose names ``observe`` gets the joints; ``clearance_m``: C + Z_d + Z_r."""
         self._robots = {robot.name: robot for robot in robots}
         self._touches: dict[tuple[int, str], _Touch] = {}
         self._last: tuple[int, Bodies, Joints] | None = None
         self._standing_touches = 0
+        self._clearance_m = clearance_m
         self.min_separation_m: float | None = None
+        self.violation_s = self.violation_m = 0.0
         self.contacts = 0
         self.observations = 0
 
@@ -71,11 +75,16 @@ class Referee:
     def observe(self, now_ns: int, people: Bodies, robots: Joints) -> None:
         """Judge the time since the last observation; all is as it truly is at ``now_ns``."""
         times = self._instants(now_ns)
+        elapsed_s = 0.0 if self._last is None else (now_ns - self._last[0]) * 1e-9
         if people:
             ids = sorted(people)
             bodies = self._bodies(ids, people, times)
             for name, (q, qd) in robots.items():
-                self._judge(ids, bodies, name, *self._motion(name, q, qd, times))
+                robot, speed = self._motion(name, q, qd, times)
+                gaps = self._judge(ids, bodies, name, robot, speed)
+                depths = np.where(speed > MOVING_M_S, self._clearance_m - gaps.min(axis=0), 0.0)
+                self.violation_m = max(self.violation_m, float(depths.max()))
+                self.violation_s += elapsed_s * np.count_nonzero(depths > 0) / len(times)
         gone = [key for key in self._touches if key[0] not in people]
         for key in gone:
             del self._touches[key]
@@ -106,16 +115,7 @@ class Referee:
             end = np.where(now_known[:, None], now, then)
             positions[p] = start + (end - start) * times[:, None, None]
             known[p] = then_known | now_known
-        known &= np.isfinite(positions).all(axis=-1)
-        positions = np.where(known[..., None], positions, 0.0)
-        whole = known[..., _ENDS[:, 0]] & known[..., _ENDS[:, 1]]
-        lone = known & ~(whole @ _BELONGS)
-        capsules = Capsules(
-            np.concatenate([positions[..., _ENDS[:, 0], :], positions], axis=-2),
-            np.concatenate([positions[..., _ENDS[:, 1], :], positions], axis=-2),
-            np.broadcast_to(_RADII, (*shape[:2], len(_RADII))),
-        )
-        return capsules, np.concatenate([whole, lone], axis=-1)
+        return body_capsules(positions, known)
 
     def _motion(self, name: str, q: Floats, qd: Floats, times: Floats) -> tuple[Capsules, Floats]:
         """The robot's capsules (K, C) and fastest point (K,) at each instant."""
@@ -135,7 +135,8 @@ class Referee:
         name: str,
         robot: Capsules,
         speed: Floats,
-    ) -> None:
+    ) -> Floats:
+        """Follow every touch; the distance (P, K) of each person from this robot."""
         body, counts = bodies
         distance = capsule_distance(
             Capsules(body.a[..., :, None, :], body.b[..., :, None, :], body.radius[..., :, None]),
@@ -150,6 +151,7 @@ class Referee:
             touch = self._touches.setdefault((person, name), _Touch())
             for gap, fastest in zip(row, speed, strict=True):
                 self._follow(touch, float(gap), float(fastest))
+        return distance
 
     def _follow(self, touch: _Touch, gap: float, fastest: float) -> None:
         if gap > RELEASE_M:
@@ -163,6 +165,25 @@ class Referee:
                 touch.counted_moving = True
                 self._standing_touches -= 1
                 self.contacts += 1
+
+
+def body_capsules(positions: Floats, known: Bools) -> tuple[Capsules, Bools]:
+    """Capsules (..., S + J) and which of them count: segments, then lone joints as spheres.
+
+    Args:
+        positions: (..., J, 3) canonical joints, metres.
+        known: (..., J) which of them are known.
+    """
+    known = known & np.isfinite(positions).all(axis=-1)
+    positions = np.where(known[..., None], positions, 0.0)
+    whole = known[..., _ENDS[:, 0]] & known[..., _ENDS[:, 1]]
+    lone = known & ~(whole @ _BELONGS)
+    capsules = Capsules(
+        np.concatenate([positions[..., _ENDS[:, 0], :], positions], axis=-2),
+        np.concatenate([positions[..., _ENDS[:, 1], :], positions], axis=-2),
+        np.broadcast_to(_RADII, (*known.shape[:-1], len(_RADII))),
+    )
+    return capsules, np.concatenate([whole, lone], axis=-1)
 
 
 class TruePeople:

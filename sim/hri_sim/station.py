@@ -130,7 +130,7 @@ class Station(Generic[U]):
                 trajectory,
                 post.settings.deceleration or deceleration_of(model, post.full_speed_m_s),
                 post.settings.acceleration,
-                path_s=before.path_s if before is not None else 0.0,
+                path_s=before.path_s if before is not None else post.settings.start_s,
             )
 
     def cycle(self, units: Sequence[U], now_ns: int) -> list[U]:
