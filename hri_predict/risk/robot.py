@@ -28,6 +28,12 @@ class StateMotion(Settings):
     acceleration_m_s2: float = Field(
         5.0, ge=0, description="of the fastest point, at most; bounds its motion since RobotState"
     )
+    plan: str | None = Field(
+        None,
+        min_length=1,
+        description="trajectory that it follows, shipped name or path of a YAML file; while its"
+        " state is found on it, its future is along it",
+    )
 
 
 class TrajectoryMotion(Settings):
@@ -114,6 +120,8 @@ class RobotModel:
                 for link, c in capsules
             ]
         )
+        # (C, N): how far a capsule's end is from each joint's axis at most
+        self._beyond = np.cumsum(self._arms[:, ::-1], axis=1)[:, ::-1]
         root = float(np.linalg.norm(joints[0].pre[:3, 3]))
         on_base = np.max(np.linalg.norm(self._ends, axis=-1), axis=-1)
         from_base = np.where(self._link == 0, on_base, root + self._arms.sum(axis=1))
@@ -206,7 +214,7 @@ class RobotModel:
         stopping = np.asarray(stopping_s, float)[..., None]
         if speed_m_s is None:
             speed_m_s = float(self.tip_speed(q, qd))
-        travel = self._travel(factor * speed_m_s, np.asarray(times_s, float), reaction_s, stopping)
+        travel = self.travel_s(factor * speed_m_s, np.asarray(times_s, float), reaction_s, stopping)
         before = np.concatenate([travel[..., :1], travel[..., :-1]], axis=-1)
         # seconds at qd itself, from here on
         middle, half = factor * (travel + before) / 2, factor * np.abs(travel - before) / 2
@@ -217,11 +225,38 @@ class RobotModel:
         rate = np.abs(qd)
         turning = np.cumsum(rate)
         bend = self._arms @ (turning**2 + (turning**2 - np.cumsum(rate**2)) / 2)  # (C,)
-        beyond = np.cumsum(self._arms[:, ::-1], axis=1)[:, ::-1] @ rate  # (C,)
+        beyond = self._beyond @ rate  # (C,)
         grow = np.minimum(speed + bend * half[..., None] / 2, beyond) * half[..., None]
         return Capsules(placed.a, placed.b, placed.radius + grow)
 
-    def _travel(
+    def swept_capsules(
+        self, q: Floats, dq: Floats, dq_most: Floats, ddq_most: Floats, half: Floats
+    ) -> Capsules:
+        """Capsules (..., C) that contain the robot along a stretch of a path q(u) about u = m.
+
+        The proof of ``stopping_capsules`` holds with W_i made of the greatest rates along the
+        stretch, and with sum over j <= i of |q_j''| added to |omega_i'|.
+
+        Args:
+            q, dq: (..., N) the path and its derivative at m.
+            dq_most, ddq_most: (..., N) bounds of its first and second derivatives' amounts.
+            half: (...) h: the stretch is [m - h, m + h].
+        """
+        links = self._chain.links(q)
+        placed = self._place(links)
+        speed, _ = self._end_speeds(links, placed, dq)
+        turning = np.cumsum(dq_most, axis=-1)
+        curving = 1.5 * turning**2 - np.cumsum(dq_most**2, axis=-1) / 2
+        bend = (curving + np.cumsum(ddq_most, axis=-1)) @ self._arms.T
+        h = half[..., None]
+        grow = np.minimum(speed + bend * h / 2, dq_most @ self._beyond.T) * h
+        return Capsules(placed.a, placed.b, placed.radius + grow)
+
+    def shift_m(self, off: Floats) -> float:
+        """How far any point may be off where every joint is off by at most ``off`` (N,) rad."""
+        return float((self._beyond @ off).max())
+
+    def travel_s(
         self,
         speeds: Floats,
         times_s: Floats,

@@ -10,6 +10,7 @@ from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.geometry import horizontal_distance
 from hri_predict.risk.levels import Demand, demand_of, margins
 from hri_predict.risk.nearest_in_time import BodiesInTime, NearestInTime
+from hri_predict.risk.plan import OnPlan
 from hri_predict.risk.robot_tracker import RobotNow, RobotTracker
 from hri_predict.risk.separation import Finding, StoppingCurve
 from hri_predict.risk.separation_in_time import Course, farthest, judge_in_time
@@ -51,6 +52,12 @@ class _Motion:
     stopping_m: float
     times_s: Floats  # (K+1,)
     until_braking_s: float  # from now
+    on_plan: OnPlan | None
+
+    @property
+    def is_foreseen(self) -> bool:
+        """Whether it is known which way the robot goes on."""
+        return self.on_plan is not None or self.speed_m_s > MOVING_M_S
 
 
 class RobotJudge:
@@ -152,6 +159,7 @@ class RobotJudge:
             stopping_m=stopping_m,
             times_s=times_s,
             until_braking_s=until_braking_s,
+            on_plan=now.on_plan,
         )
 
     def _people(self, motion: _Motion, bodies: BodyZones) -> Finding:
@@ -167,13 +175,12 @@ class RobotJudge:
             found = self._iso(distance, motion, bodies.age_s, who)
             return found if self._settings.mode == "iso" else self._fixed(found, motion, zones)
 
-        def at_speeds(speeds_m_s: Floats) -> NearestInTime:
-            return _later(course.nearest(self._stopping(motion, speeds_m_s)))
+        def at_speeds(speeds_m_s: Floats) -> tuple[NearestInTime, Floats]:
+            robot, stands_s = self._stopping(motion, speeds_m_s)
+            return _later(course.nearest(robot)), stands_s
 
-        moving = motion.speed_m_s > MOVING_M_S
-        return self._over_time(
-            Course(distance, _later(standing), at_speeds if moving else None), motion
-        )
+        ahead = at_speeds if motion.is_foreseen else None
+        return self._over_time(Course(distance, _later(standing), ahead), motion)
 
     def _unseen(self, motion: _Motion, age_s: float, view: FieldOfView) -> Finding:
         """A person who stands just outside the field of view since the capture."""
@@ -184,20 +191,28 @@ class RobotJudge:
         nobody = np.full(len(come), -1)
         standing = NearestInTime(distance - come, nobody, nobody, nobody)
 
-        def at_speeds(speeds_m_s: Floats) -> NearestInTime:
-            robot = self._stopping(motion, speeds_m_s)
+        def at_speeds(speeds_m_s: Floats) -> tuple[NearestInTime, Floats]:
+            robot, stands_s = self._stopping(motion, speeds_m_s)
             outside = view.distance_outside(robot).min(-1)[:, 1:]
             unknown = np.full(outside.shape, -1)
-            return NearestInTime(outside - come, unknown, unknown, unknown)
+            return NearestInTime(outside - come, unknown, unknown, unknown), stands_s
 
-        moving = motion.speed_m_s > MOVING_M_S
-        return self._over_time(Course(distance, standing, at_speeds if moving else None), motion)
+        ahead = at_speeds if motion.is_foreseen else None
+        return self._over_time(Course(distance, standing, ahead), motion)
 
-    def _stopping(self, motion: _Motion, speeds_m_s: Floats) -> Capsules:
-        """(L, K+1, C) the robot as it stops from each speed in its present direction."""
+    def _stopping(self, motion: _Motion, speeds_m_s: Floats) -> tuple[Capsules, Floats]:
+        """(L, K+1, C) the robot as it goes on at each speed and stops, and (L,) when it stands.
+
+        Along its plan where it is on it; else straight on in joint space.
+        """
+        plan = self.tracker.plan
+        if plan is not None and motion.on_plan is not None:
+            return plan.stopping_capsules(
+                motion.on_plan, speeds_m_s, motion.times_s, motion.until_braking_s
+            )
         times_s = np.interp(speeds_m_s, self._curve.speed_m_s, self._curve.time_s)
         times_s = np.where(speeds_m_s == motion.speed_m_s, motion.stopping_s, times_s)
-        return self.tracker.model.stopping_capsules(
+        capsules = self.tracker.model.stopping_capsules(
             motion.q,
             motion.qd,
             motion.times_s,
@@ -206,6 +221,7 @@ class RobotJudge:
             speeds_m_s / motion.speed_m_s,
             motion.speed_m_s,
         )
+        return capsules, motion.until_braking_s + times_s
 
     def _iso(
         self, distance_m: float, motion: _Motion, age_s: float, who: tuple[int, int, int]

@@ -1,6 +1,6 @@
 """Where a robot is now, or why that is not known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,14 @@ import numpy as np
 from hri_predict.errors import RobotError
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.reasons import Reason
-from hri_predict.risk.robot import RobotModel, RobotSettings, StandingMotion, StateMotion
+from hri_predict.risk.plan import OnPlan, Plan
+from hri_predict.risk.robot import (
+    RobotModel,
+    RobotSettings,
+    StandingMotion,
+    StateMotion,
+    TrajectoryMotion,
+)
 from hri_predict.risk.trajectory import load_trajectory
 from hri_predict.risk.types import Capsules
 from hri_predict.scene import Floats
@@ -33,6 +40,7 @@ class RobotNow:
             speed since RobotState came: acceleration x age^2 / 2. Add it to Z_r.
         age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
         capsules: (C,) the model's at ``q``, where they came with the speed.
+        on_plan: where it is on the tracker's ``plan``; ``None`` where it is not found there.
     """
 
     q: Floats | None
@@ -42,6 +50,7 @@ class RobotNow:
     uncertainty_m: float = 0.0
     age_s: float | None = 0.0
     capsules: Capsules | None = None
+    on_plan: OnPlan | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +74,7 @@ class RobotTracker:
 
     Attributes:
         settings, model: as given.
+        plan: the path that it follows; ``None`` where none is known.
         counters: states ``accepted``, ``repeated`` (same counter, so not fresh) and ``invalid``.
 
     Raises:
@@ -85,7 +95,6 @@ class RobotTracker:
         self._state: _Received | None = None
         self._invalid = False
         self._last_counter: dict[str, int] = {}
-        self._trajectory = None
         self._bounds = list(
             zip(
                 (model.position_min - POSITION_TOLERANCE_RAD).tolist(),
@@ -94,18 +103,16 @@ class RobotTracker:
                 strict=True,
             )
         )
+        self.plan: Plan | None = None
+        self._on_plan: OnPlan | None = None
+        self._located_ns = 0
         motion = settings.motion
         if isinstance(motion, StandingMotion):
             self._standing = self._checked_standing(motion)
-        elif not isinstance(motion, StateMotion):
-            self._trajectory = load_trajectory(motion.file, model, base_dir)
-            peak = self._trajectory.peak_tip_speed(model)
-            if peak > settings.max_speed_m_s:
-                raise RobotError(
-                    f"robot '{settings.name}': its fastest point reaches {peak:.3g} m/s on "
-                    f"trajectory '{motion.file}', above max_speed_m_s "
-                    f"{settings.max_speed_m_s:g}; raise that, or slow the trajectory"
-                )
+        elif isinstance(motion, TrajectoryMotion):
+            self.plan = self._planned(motion.file, base_dir)
+        elif motion.plan is not None:
+            self.plan = self._planned(motion.plan, base_dir)
 
     def update(self, state: RobotState, received_ns: int, link: str = "") -> None:
         """Take a RobotState.
@@ -145,12 +152,13 @@ class RobotTracker:
             return self._by_state(motion, now_ns)
         if isinstance(motion, StandingMotion):
             return RobotNow(self._standing, np.zeros(self.model.dof), 0.0)
-        assert self._trajectory is not None  # __init__ loaded it
+        assert self.plan is not None  # __init__ loaded it
         if self._start_ns is None:
             self._start_ns = now_ns
-        q, qd = self._trajectory.at((now_ns - self._start_ns) * 1e-9 + motion.start_s)
+        phase_s = (now_ns - self._start_ns) * 1e-9 + motion.start_s
+        q, qd = self.plan.trajectory.at(phase_s)
         capsules, speed = self.model.moving(q, qd)
-        return RobotNow(q, qd, float(speed), capsules=capsules)
+        return RobotNow(q, qd, float(speed), capsules=capsules, on_plan=OnPlan(phase_s, 1.0))
 
     def _by_state(self, motion: StateMotion, now_ns: int) -> RobotNow:
         if self._invalid:
@@ -179,7 +187,35 @@ class RobotTracker:
             motion.acceleration_m_s2 * ahead_s**2 / 2,
             age_s,
             capsules,
+            self._along_plan(state, ahead_s),
         )
+
+    def _along_plan(self, state: _Received, ahead_s: float) -> OnPlan | None:
+        """Where a state is on the plan, carried on for ``ahead_s`` at the rate that it has."""
+        if self.plan is None:
+            return None
+        expected_s = None
+        if self._on_plan is not None:
+            since_s = (state.received_ns - self._located_ns) * 1e-9
+            expected_s = self._on_plan.phase_s + self._on_plan.rate * since_s
+        if state.received_ns != self._located_ns or self._on_plan is None:
+            self._on_plan = self.plan.locate(state.q, state.qd, expected_s)
+            self._located_ns = state.received_ns
+        found = self._on_plan
+        return (
+            None if found is None else replace(found, phase_s=found.phase_s + found.rate * ahead_s)
+        )
+
+    def _planned(self, file: str, base_dir: Path | None) -> Plan:
+        trajectory = load_trajectory(file, self.model, base_dir)
+        peak = trajectory.peak_tip_speed(self.model)
+        if peak > self.settings.max_speed_m_s:
+            raise RobotError(
+                f"robot '{self.settings.name}': its fastest point reaches {peak:.3g} m/s on "
+                f"trajectory '{file}', above max_speed_m_s "
+                f"{self.settings.max_speed_m_s:g}; raise that, or slow the trajectory"
+            )
+        return Plan(trajectory, self.model)
 
     def _possible(self, state: RobotState) -> bool:
         model = self.model

@@ -21,13 +21,14 @@ class Course:
     Attributes:
         separation_m: distance now, as captured.
         standing: to the robot where it is now.
-        at_speeds: (L,) speeds -> (L, K) to the robot as it moves on in its present direction at
-            each and stops; ``None`` where the direction means nothing, so that any may come.
+        at_speeds: (L,) speeds -> (L, K) to the robot as it moves on at each, along its plan or in
+            its present direction, and stops; and (L,) seconds from now until it stands. ``None``
+            where the direction means nothing, so that any may come.
     """
 
     separation_m: float
     standing: NearestInTime
-    at_speeds: Callable[[Floats], NearestInTime] | None = None
+    at_speeds: Callable[[Floats], tuple[NearestInTime, Floats]] | None = None
 
 
 _NEVER_M = 1e9
@@ -51,10 +52,11 @@ def judge_in_time(
 
     First the robot may move in *any* direction: a bound from its distance where it is now and how
     far it can come. Where that permits its highest speed nothing more is asked, and the figures
-    are of that bound. Else it moves on in its *present* direction, and the speed limit is the
-    larger of what any direction permits and the highest of ``SPEED_LEVELS`` speeds up to which
-    every one is clear. (A faster robot may be past a person whom a slower one would meet: hence
-    every one.)
+    are of that bound. Else it moves on along its plan or in its *present* direction, and the speed
+    limit is the larger of what any direction permits and the highest of ``SPEED_LEVELS`` speeds up
+    to which every one is clear: each distance is the smallest of every link and person, so that a
+    robot may go faster only if no link comes too near to anybody. (A faster robot may be past a
+    person whom a slower one would meet: hence every one.)
 
     Args:
         course: the hazard's distances.
@@ -79,20 +81,19 @@ def judge_in_time(
 
     if course.at_speeds is None or (min(limits[:2]) >= top and speed_m_s <= top):
         row: tuple[int, ...] = ()
-        nearest = course.standing
+        nearest, stands_s = course.standing, reaction_s + stopping[0]
         then = nearest.distance - travel_m(ends, reaction_s, speed_m_s, *stopping)
     else:
         # Where it may not even stand there is nothing to try but the present speed.
         levels = _levels(top, min(limits[:2])) if any_way[0] >= 0 else np.empty(0)
-        nearest, row = course.at_speeds(np.append(speed_m_s, levels)), (0,)
+        nearest, stand_s = course.at_speeds(np.append(speed_m_s, levels))
+        row, stands_s = (0,), float(stand_s[0])
         then = nearest.distance[0]
-        ahead = nearest.distance[1:]
-        stops_s = reaction_s + np.interp(levels, curve.speed_m_s, curve.time_s)
-        ahead = np.where(begins <= stops_s[:, None], ahead, np.inf).min(1)  # one per level
+        ahead = np.where(begins <= stand_s[1:, None], nearest.distance[1:], np.inf).min(1)
         for i, margin in enumerate(margins_m[:2]):
             if fits[i] > 0:
                 limits[i] = _directed_limit(levels, ahead, clearance_m + margin, limits[i])
-    then = np.where(begins <= reaction_s + stopping[0], then, np.inf)
+    then = np.where(begins <= stands_s, then, np.inf)
     step = int(then.argmin())
     slack = float(then[step]) - clearance_m
     violated = np.nonzero(then < clearance_m)[0]

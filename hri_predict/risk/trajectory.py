@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from hri_predict.errors import ConfigError, RobotError, nearest
@@ -50,6 +51,8 @@ class Trajectory:
         self.duration_s = float(times_s[-1])
         self._times = times_s
         self._positions = positions
+        span = np.diff(times_s)[:, None]
+        self._acceleration = 10 / np.sqrt(3) * np.abs(np.diff(positions, axis=0)) / span**2
 
     def at(self, t_s: float | Floats) -> tuple[Floats, Floats]:
         """Positions and velocities (..., N), rad and rad/s, at times ``t_s`` (...) since start."""
@@ -63,7 +66,7 @@ class Trajectory:
             rate: (...) phase per second: 1 is full speed, 0 standing.
         """
         phase = np.asarray(phase_s, dtype=np.float64) % self.duration_s
-        i = np.clip(np.searchsorted(self._times, phase, side="right") - 1, 0, len(self._times) - 2)
+        i = self._move_of(phase)
         span = (self._times[i + 1] - self._times[i])[..., None]
         x = (phase - self._times[i])[..., None] / span
         start = self._positions[i]
@@ -71,6 +74,24 @@ class Trajectory:
         q: Floats = start + move * (x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
         qd = move * (30.0 * x * x * (1.0 - x) ** 2) / span * np.asarray(rate)[..., None]
         return q, qd
+
+    def acceleration_most(self, from_s: Floats, to_s: Floats) -> Floats:
+        """(..., N) bound of each joint's acceleration, rad/s2 at full speed, between two phases.
+
+        A move's greatest is 10 / sqrt(3) x move / time^2, where ``s''(x) = 60 x - 180 x^2 + 120
+        x^3`` has its extremes (x = 1/2 -+ 1/sqrt(12)). Moves before and after both count; where
+        more than two are passed, all do.
+        """
+        first, last = self._move_of(from_s), self._move_of(to_s)
+        most = np.maximum(self._acceleration[first], self._acceleration[last])
+        moves = len(self._acceleration)
+        many = (to_s - from_s > self._times[-1] / 2) | ((last - first) % moves > 1)
+        return np.where(many[..., None], self._acceleration.max(0), most)
+
+    def _move_of(self, phase_s: Floats) -> NDArray[np.intp]:
+        phase = np.asarray(phase_s, dtype=np.float64) % self.duration_s
+        i = np.searchsorted(self._times, phase, side="right") - 1
+        return np.clip(i, 0, len(self._times) - 2)
 
     def peak_tip_speed(self, model: RobotModel, samples: int = 2000) -> float:
         """Speed (m/s) of the fastest point of ``model`` over one cycle, sampled."""

@@ -217,8 +217,11 @@ def course(
     return Course(
         distance,
         standing,
-        lambda speeds: nearest(
-            np.array([along(distance, approach, direction * v, a, reaction_s) for v in speeds])
+        lambda speeds: (
+            nearest(
+                np.array([along(distance, approach, direction * v, a, reaction_s) for v in speeds])
+            ),
+            reaction_s + speeds / a,
         ),
     )
 
