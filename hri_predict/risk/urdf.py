@@ -7,6 +7,7 @@ holds all of it (``capsule_fit``). A URDF does not say how a robot stops: the us
 import argparse
 import sys
 import textwrap
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -24,34 +25,53 @@ from hri_predict.whole_file import write_whole
 SPEEDS_M_S = [0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0]
 
 
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """A robot file from a URDF.
+
+    Attributes:
+        data: its contents, valid as ``RobotFile``.
+        needed: radius (m) that each capsule needs to hold its link, without the margin.
+        omitted: links of the URDF that have a shape and that no capsule covers.
+    """
+
+    data: dict[str, Any]
+    needed: dict[str, float]
+    omitted: list[str]
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Convert; exit status 2 and one line on standard error at a user's mistake."""
     try:
-        options = _parser().parse_args(arguments)
-        data, needed = convert(
-            Path(options.urdf),
-            base=options.base,
-            tip=options.tip,
-            stopping=_stopping(options),
-            name=options.name,
-            left_out=options.leave_out,
-            packages=[Path(folder) for folder in options.package_dir],
-            margin_m=_margin_m(options.margin_mm),
-        )
-        out = Path(options.out)
-        if out.exists():
-            raise RobotError(f"--out {out}: exists already; name another, or remove it")
-        try:
-            write_whole(out, _text(data, needed, options.margin_mm).encode())
-        except OSError as error:
-            raise RobotError(f"--out {out}: cannot be written: {error.strerror}") from error
+        print(_run(_parser().parse_args(arguments)))
     except HriPredictError as error:
-        print(
-            "error: " + "".join(c if c.isprintable() else "?" for c in str(error)), file=sys.stderr
-        )
+        line = "".join(c if c.isprintable() else "?" for c in str(error))
+        print(f"error: {line}", file=sys.stderr)
         return 2
-    print(f"{out}: {len(data['joints'])} joints, {len(data['capsules'])} capsules; look through it")
     return 0
+
+
+def _run(options: argparse.Namespace) -> str:
+    found = convert(
+        Path(options.urdf),
+        base=options.base,
+        tip=options.tip,
+        stopping=_stopping(options),
+        name=options.name,
+        left_out=options.leave_out,
+        packages=[Path(folder) for folder in options.package_dir],
+        margin_m=_margin_m(options.margin_mm),
+    )
+    out = Path(options.out)
+    if out.exists():
+        raise RobotError(f"--out {out}: exists already; name another, or remove it")
+    try:
+        write_whole(out, _text(found, options.margin_mm).encode())
+    except OSError as error:
+        raise RobotError(f"--out {out}: cannot be written: {error.strerror}") from error
+    joints, capsules = len(found.data["joints"]), len(found.data["capsules"])
+    said = f"{out}: {joints} joints, {capsules} capsules; look through it"
+    return f"{said}\nnot covered: {', '.join(found.omitted)}" if found.omitted else said
 
 
 def convert(
@@ -63,7 +83,7 @@ def convert(
     left_out: list[str] | None = None,
     packages: list[Path] | None = None,
     margin_m: float = 0.005,
-) -> tuple[dict[str, Any], dict[str, float]]:
+) -> Converted:
     """A robot file's contents from a URDF.
 
     Args:
@@ -71,9 +91,6 @@ def convert(
         stopping: the file's ``stopping``, see ``StoppingFile``.
         name: of the robot; default the URDF's.
         margin_m: added to the radius that a capsule needs, for cables and paint.
-
-    Returns:
-        The contents, valid as ``RobotFile``, and the radius that each capsule needs, in metres.
 
     Raises:
         RobotError: one line that names the file, what is wrong in it, and the remedy.
@@ -103,7 +120,7 @@ def convert(
         validated(RobotFile, data, f"URDF file {urdf}")
     except ConfigError as error:
         raise RobotError(str(error)) from None
-    return data, needed
+    return Converted(data, needed, chain.omitted)
 
 
 def _stopping(options: argparse.Namespace) -> dict[str, Any]:
@@ -175,20 +192,19 @@ def _margin_m(margin_mm: float) -> float:
     return margin_mm / 1000
 
 
-def _text(data: dict[str, Any], needed: dict[str, float], margin_mm: float) -> str:
+def _text(found: Converted, margin_mm: float) -> str:
     """The robot file, with what a reader must know of its capsules."""
-    radii = textwrap.fill(
-        f"One capsule a link with collision geometry, fitted to hold every vertex of it. Radii "
-        f"needed, in mm: {', '.join(f'{k} {1000 * v:.1f}' for k, v in needed.items())}; "
-        f"{margin_mm:g} mm were added, rounded up to a whole millimetre. Are the collision meshes "
-        f"as large as the robot, with its cables? Add what it holds under tool: and payload: "
-        f"(configs/robots/ur5e.yaml shows how), in the frame of the last link.",
-        width=98,
-        initial_indent="# ",
-        subsequent_indent="# ",
+    radii = ", ".join(f"{link} {1000 * radius:.1f}" for link, radius in found.needed.items())
+    about = (
+        f"One capsule for each link with collision geometry, fitted to hold all of it. Radii "
+        f"needed, in mm: {radii}; {margin_mm:g} mm were added, rounded up to a whole millimetre. "
+        f"Not covered: {', '.join(found.omitted) or 'nothing'}. Are the collision shapes as large "
+        f"as the robot, with its cables? What it holds belongs under tool: and payload: "
+        f"(configs/robots/ur5e.yaml shows how), in the frame of the last link."
     )
-    body = yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100)
-    return f"# Metres, radians, kilograms, seconds.\n{radii}\n{body}"
+    lines = textwrap.fill(about, 98, initial_indent="# ", subsequent_indent="# ")
+    body = yaml.safe_dump(found.data, sort_keys=False, default_flow_style=None, width=100)
+    return f"# Metres, radians, kilograms, seconds.\n{lines}\n{body}"
 
 
 class _Parser(argparse.ArgumentParser):

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
-from xml.etree.ElementTree import Element
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -69,6 +69,13 @@ def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[
             | _limits(element, name)
         )
         carriers[index] = link
+    read = [model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    for body in ElementTree.fromstring(chain.text).findall("link"):
+        if len(body.findall("collision")) != read.count(body.get("name", "")):
+            raise RobotError(
+                f"link '{body.get('name')}': a <collision> has no shape that URDF knows (box, "
+                f"cylinder, sphere, mesh); correct it"
+            )
     return joints, _bodies(model, geometry, carriers)
 
 
@@ -79,8 +86,12 @@ def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Bo
         name = model.frames[item.parentFrame].name
         points, radii = _balls(item.geometry, name)
         points = points @ item.placement.rotation.T + item.placement.translation
-        if not (np.abs(points).max() <= MAX_COORDINATE_M and radii.max() <= MAX_COORDINATE_M):
-            raise RobotError(f"link '{name}': collision geometry is not finite, or beyond 1000 m")
+        sound = np.abs(points).max() <= MAX_COORDINATE_M and radii.min() >= 0
+        if not (sound and radii.max() <= MAX_COORDINATE_M):
+            raise RobotError(
+                f"link '{name}': collision geometry is negative, beyond {MAX_COORDINATE_M:g} m, or "
+                f"not a number; correct it"
+            )
         if name in bodies:
             points = np.vstack([bodies[name].points, points])
             radii = np.concatenate([bodies[name].radii, radii])
@@ -103,7 +114,7 @@ def _origin(placement: Any, pinocchio: Any, joint: str) -> dict[str, Any]:
     return {"origin": {"xyz": xyz.tolist(), "rpy": rpy.tolist()}}
 
 
-def _axis(joint: Element, name: str) -> list[float]:
+def _axis(joint: ElementTree.Element, name: str) -> list[float]:
     element = joint.find("axis")
     text = "1 0 0" if element is None else element.get("xyz", "1 0 0")  # URDF's default
     axis = np.array([_number(word, f"joint '{name}': axis") for word in text.split()])
@@ -113,7 +124,7 @@ def _axis(joint: Element, name: str) -> list[float]:
     return [round(float(v), 15) for v in axis / length]
 
 
-def _limits(joint: Element, name: str) -> dict[str, Any]:
+def _limits(joint: ElementTree.Element, name: str) -> dict[str, Any]:
     limit = joint.find("limit")
     given = {} if limit is None else limit.attrib
     velocity = _number(given.get("velocity", "0"), f"joint '{name}': velocity")

@@ -28,11 +28,13 @@ class UrdfChain:
         name: of the robot.
         joints: the turning joints' elements, from the base outwards.
         text: a URDF of these links and joints, with collision geometry only.
+        omitted: links with a shape that are not in it: left out, or not beyond the base.
     """
 
     name: str
     joints: list[ElementTree.Element]
     text: str
+    omitted: list[str]
 
 
 class _Plain(ElementTree.TreeBuilder):
@@ -99,7 +101,9 @@ def _chain(
                 )
             slim.append(joint)
         slim.append(_collision_only(links[link], path, packages))
-    return UrdfChain(slim.get("name", ""), turning, ElementTree.tostring(slim, encoding="unicode"))
+    omitted = [link for link in links if link not in kept and _has_shape(links[link])]
+    text = ElementTree.tostring(slim, encoding="unicode")
+    return UrdfChain(slim.get("name", ""), turning, text, omitted)
 
 
 def _parse(text: str) -> ElementTree.Element:
@@ -192,12 +196,21 @@ def _collision_only(
 ) -> ElementTree.Element:
     slim = ElementTree.Element("link", name=_name(link))
     slim.extend(link.findall("collision"))
+    if _has_shape(link) and len(slim) == 0:
+        raise RobotError(
+            f"link '{_name(link)}' can be seen, but has no <collision>, so nobody would be kept "
+            f"clear of it; add one, or --leave-out {_name(link)} with all that hangs on it"
+        )
     for mesh in slim.iter("mesh"):
         try:
             mesh.set("filename", str(_mesh(mesh.get("filename", ""), urdf, packages)))
         except RobotError as error:
             raise RobotError(f"link '{_name(link)}': {error}") from None
     return slim
+
+
+def _has_shape(link: ElementTree.Element) -> bool:
+    return link.find("visual") is not None or link.find("collision") is not None
 
 
 def _mesh(filename: str, urdf: Path, packages: list[Path]) -> Path:
