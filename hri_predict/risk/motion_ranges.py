@@ -1,0 +1,124 @@
+"""What bodies and motions were like in the calibration: outside of it, radii mean nothing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.risk.human_speed import joint_speeds
+from hri_predict.scene import Bools, Floats
+
+BONE_S = 0.4
+"""Bones are measured over this time before the newest capture, so that noise averages out."""
+SHORT_S = 0.12
+"""Up to here ahead a forecast can hardly be wrong, unless the scene itself jumped."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionRanges:
+    """The range of what was calibrated. J joints of the canonical skeleton.
+
+    Attributes:
+        speed_m_s: (J,) of the fastest joint; infinite or NaN where unknown: never exceeded.
+        bone_m: (J, 2) shortest and longest distance to the joint's parent; (0, infinity) or NaN
+            where unknown.
+        ratio_short: the largest ``short_ratio`` of any window.
+    """
+
+    speed_m_s: Floats
+    bone_m: Floats
+    ratio_short: float
+
+
+def bone_lengths(
+    history: Floats, observed: Bools, rate_hz: float, parents: Sequence[int]
+) -> Floats:
+    """(P, J) mean distance of each joint to its parent over the last ``BONE_S``, metres.
+
+    NaN for roots, and where joint and parent were never observed together.
+
+    Args:
+        history: (P, T, J, 3) metres, as in ``PeopleSnapshot``.
+        observed: (P, T, J).
+        rate_hz: steps per second of the history.
+        parents: of each joint, the joint that it hangs on; -1 for a root.
+    """
+    steps = max(1, round(BONE_S * rate_hz))
+    points, seen = history[:, -steps:], observed[:, -steps:]
+    bones = np.flatnonzero(np.asarray(parents) >= 0)
+    above = np.asarray(parents)[bones]
+    vectors = points[:, :, bones] - points[:, :, above]
+    length = np.sqrt(np.einsum("ptji,ptji->ptj", vectors, vectors))
+    both = seen[:, :, bones] & seen[:, :, above]
+    count = both.sum(1)
+    total = np.where(both, length, 0.0).sum(1)
+    result: Floats = np.full((len(history), len(parents)), np.nan)
+    result[:, bones] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return result
+
+
+def short_ratio(ratio: Floats, judged: Bools) -> Floats:
+    """(N,) median over the judged joints of error over calibrated radius; NaN where none is.
+
+    The upper median, so that two joints are not called right because one of them is. Above 1 most
+    joints are outside at once. For forecasts not older than ``SHORT_S``.
+
+    Args:
+        ratio: (N, J).
+        judged: (N, J) observed when the forecast was made and now, with a finite radius.
+    """
+    count = judged.sum(-1)
+    if not len(ratio):
+        return np.zeros(0)
+    ordered = np.sort(np.where(judged, ratio, np.inf), axis=-1)
+    middle = np.minimum(count // 2, ratio.shape[-1] - 1)
+    return np.where(count > 0, ordered[np.arange(len(ratio)), middle], np.nan)
+
+
+def motion_ranges(
+    history: Floats,
+    observed: Bools,
+    rate_hz: float,
+    parents: Sequence[int],
+    ratio_short: float,
+) -> MotionRanges:
+    """The ranges of P windows; see ``MotionRanges``, and ``bone_lengths`` for the arguments.
+
+    NaN for joints that were never measured.
+    """
+    speed, measured = joint_speeds(history, observed, rate_hz)
+    fastest = np.where(measured, speed, -np.inf).max(0, initial=-np.inf)
+    bones = bone_lengths(history, observed, rate_hz, parents)
+    known = np.isfinite(bones)
+    shortest = np.where(known, bones, np.inf).min(0, initial=np.inf)
+    longest = np.where(known, bones, -np.inf).max(0, initial=-np.inf)
+    never = np.logical_not(known.any(0))
+    return MotionRanges(
+        speed_m_s=np.where(measured.any(0), fastest, np.nan),
+        bone_m=np.where(never[..., None], np.nan, np.stack([shortest, longest], axis=-1)),
+        ratio_short=ratio_short,
+    )
+
+
+def is_out_of_range(
+    history: Floats,
+    observed: Bools,
+    rate_hz: float,
+    parents: Sequence[int],
+    ranges: MotionRanges,
+    speed_margin: float,
+    bone_tolerance: float,
+) -> Bools:
+    """(P,) whose motion or body is outside of ``ranges``.
+
+    Either a joint is faster than ``speed_margin`` times the fastest, or more than half of the
+    measured bones are shorter or longer than any by more than the share ``bone_tolerance``.
+    """
+    speed, measured = joint_speeds(history, observed, rate_hz)
+    fast = (measured & (speed > speed_margin * ranges.speed_m_s)).any(1)
+    bones = bone_lengths(history, observed, rate_hz, parents)
+    shortest, longest = ranges.bone_m.T
+    known = np.isfinite(bones) & np.isfinite(shortest)
+    # a bone of no length (two joints of one place) is within tolerance of nothing but itself
+    wrong = (bones < (1 - bone_tolerance) * shortest) | (bones > (1 + bone_tolerance) * longest)
+    return np.asarray(fast | (2 * (wrong & known).sum(1) > known.sum(1)))

@@ -1,0 +1,185 @@
+"""Past forecasts, remembered until the truth has come, and how wrong each of them was.
+
+A forecast is judged against each newer capture of the same person, up to its horizon: it is
+interpolated linearly in time between its steps, with the body at its own capture as step 0. The
+radius that it must hold is that of the step that ends the interval, as in the zones, whose entry k
+holds the body from step k-1 to step k. Only joints count that were observed at both captures.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.ring_buffer import NEVER
+from hri_predict.scene import Bools, Floats
+
+Ints = NDArray[np.intp]
+Stamps = NDArray[np.int64]
+
+SPACING_STEPS = 0.6
+"""A forecast is remembered if it is newer than the last by so many steps: of captures at 100 Hz
+every third is enough, of captures somewhat faster than the steps none is lost."""
+
+
+def forecast_errors(last: Floats, forecast: Floats, steps: Floats, truth: Floats) -> Floats:
+    """How far each of N forecasts was from what came.
+
+    Args:
+        last: (N, J, 3) metres, the body at the forecast's capture.
+        forecast: (N, H, J, 3) metres; step k (from 0) is k + 1 steps after that capture.
+        steps: (N,) the time of ``truth`` in steps after that capture, at most H.
+        truth: (N, J, 3) metres.
+
+    Returns:
+        (N, J) metres; infinite where a number is not finite.
+    """
+    lower, part = _lower_step(steps, forecast.shape[1])
+    row = np.arange(len(forecast))
+    below = np.where((lower == 0)[:, None, None], last, forecast[row, np.maximum(lower - 1, 0)])
+    return _distance(below, forecast[row, lower], part, truth)
+
+
+def mean_error(errors: Floats, judged: Bools) -> Floats:
+    """(N,) mean of (N, J) errors over the judged joints, NaN where none is: the surprise."""
+    count = judged.sum(-1)
+    total = np.where(judged, errors, 0.0).sum(-1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _lower_step(steps: Floats, horizon_steps: int) -> tuple[Ints, Floats]:
+    """The knot before each time, and the share of the way from it to the next."""
+    lower = np.clip(steps.astype(np.intp), 0, horizon_steps - 1)
+    return lower, np.clip(steps - lower, 0.0, 1.0)
+
+
+def _distance(below: Floats, above: Floats, part: Floats, truth: Floats) -> Floats:
+    with np.errstate(invalid="ignore", over="ignore"):
+        apart = below + part[:, None, None] * (above - below) - truth
+        distance = np.sqrt(np.einsum("nji,nji->nj", apart, apart))
+    return np.where(np.isfinite(distance), distance, np.inf)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """N comparisons of a past forecast with the newest capture of the same person.
+
+    Attributes:
+        person: (N,) index into those asked about.
+        lead_s: (N,) age of the forecast.
+        step: (N,) step (from 0) whose radius had to hold.
+        errors: (N, J) metres, infinite where a number was not finite.
+        seen: (N, J) observed at both captures.
+        claimed: (N, J) seen, and the radius was finite.
+        ratio: (N, J) error over calibrated radius, infinite where that was not a positive number;
+            -infinity where not claimed.
+        widened: (N,) the factor that was in force when the forecast was made.
+    """
+
+    person: Ints
+    lead_s: Floats
+    step: Ints
+    errors: Floats
+    seen: Bools
+    claimed: Bools
+    ratio: Floats
+    widened: Floats
+
+
+class PastForecasts:
+    """The forecasts of the last horizon, in a ring for each of a fixed number of people.
+
+    Args:
+        people: S, slots for people; the memory is bounded by it.
+        joints: J.
+        rate_hz: steps per second of the forecasts.
+        horizon_steps: H of the forecasts.
+    """
+
+    def __init__(self, people: int, joints: int, rate_hz: float, horizon_steps: int) -> None:
+        self._rate_hz = rate_hz
+        self._horizon_steps = horizon_steps
+        self._spacing_ns = round(SPACING_STEPS / rate_hz * 1e9)
+        self._size = int(horizon_steps / SPACING_STEPS) + 2
+        ring = (people, self._size)
+        self._next: Ints = np.zeros(people, np.intp)
+        self._newest: Stamps = np.full(people, NEVER)
+        self._stamps: Stamps = np.full(ring, NEVER)
+        # zeros take memory only where they are written to
+        self._knots: Floats = np.zeros((*ring, horizon_steps + 1, joints, 3))
+        self._seen: Bools = np.zeros((*ring, joints), np.bool_)
+        self._radius: Floats = np.zeros((*ring, horizon_steps, joints))
+        self._widened: Floats = np.ones((*ring, horizon_steps))
+
+    def forget(self, slot: int) -> None:
+        """Forget everything about the person in a slot."""
+        self._stamps[slot] = NEVER
+        self._newest[slot] = NEVER
+
+    def remember(
+        self,
+        slot: int,
+        capture_ns: int,
+        last: Floats,
+        seen: Bools,
+        forecast: Floats,
+        radius: Floats,
+        widened: Floats,
+    ) -> None:
+        """Remember one person's forecast, unless one of (nearly) the same capture is there.
+
+        Args:
+            slot: of the person.
+            capture_ns: that the forecast starts from.
+            last: (J, 3) metres at that capture.
+            seen: (J,) observed at that capture.
+            forecast: (H, J, 3) metres.
+            radius: (H, J) calibrated radii, metres; infinite: nothing is claimed.
+            widened: (H,) factors on them.
+        """
+        newest = int(self._newest[slot])
+        if newest != NEVER and 0 <= capture_ns - newest < self._spacing_ns:
+            return
+        at = int(self._next[slot])
+        self._knots[slot, at, 0] = last
+        self._knots[slot, at, 1:] = forecast
+        self._seen[slot, at] = seen
+        self._radius[slot, at] = radius
+        self._widened[slot, at] = widened
+        self._stamps[slot, at] = self._newest[slot] = capture_ns
+        self._next[slot] = (at + 1) % self._size
+
+    def judge(self, slots: Ints, capture_ns: Stamps, truth: Floats, observed: Bools) -> Judged:
+        """Compare everything remembered of Q people with their newest captures.
+
+        Args:
+            slots: (Q,) theirs.
+            capture_ns: (Q,).
+            truth: (Q, J, 3) metres.
+            observed: (Q, J) at that very capture.
+        """
+        stamps = self._stamps[slots]
+        age = np.where(stamps == NEVER, 0, capture_ns[:, None] - np.maximum(stamps, 0)) * 1e-9
+        person, at = np.nonzero((age > 0) & (age * self._rate_hz <= self._horizon_steps + 1e-6))
+        slot, lead = slots[person], age[person, at]
+        steps = lead * self._rate_hz
+        lower, part = _lower_step(steps, self._horizon_steps)
+        step = np.clip(np.ceil(steps - 1e-6).astype(np.intp) - 1, 0, self._horizon_steps - 1)
+        errors = _distance(
+            self._knots[slot, at, lower], self._knots[slot, at, lower + 1], part, truth[person]
+        )
+        seen = self._seen[slot, at] & observed[person]
+        radius = self._radius[slot, at, step]
+        claimed = seen & ~(radius == np.inf)
+        sound = radius > 0  # not NaN
+        ratio = np.where(sound, errors, np.inf) / np.where(sound, radius, 1.0)
+        return Judged(
+            person=person,
+            lead_s=lead,
+            step=step,
+            errors=errors,
+            seen=seen,
+            claimed=claimed,
+            ratio=np.where(claimed, ratio, -np.inf),
+            widened=self._widened[slot, at, step],
+        )

@@ -1,0 +1,92 @@
+"""The self-check's counts: how often past forecasts held, for the run's summary."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.scene import Bools, Floats
+
+_MAX_IDS = 64
+"""Ids kept in the report; ids that flicker must not fill the memory."""
+
+
+class Tally:
+    """Running sums per person and band of horizons.
+
+    Args:
+        people: slots for people.
+        bands_s: (B,) where each band ends, seconds ahead.
+    """
+
+    def __init__(self, people: int, bands_s: Sequence[float]) -> None:
+        self._bands_s = tuple(bands_s)
+        # judged, missed as calibrated, missed as widened, sum of mean errors
+        self._sums: Floats = np.zeros((people, 4, len(bands_s)))
+        self._past: Floats = np.zeros((4, len(bands_s)))
+        self._left: dict[int, Floats] = {}
+        self._ticks = self._widened_ticks = self._unlike_ticks = 0
+        self._largest = 1.0
+
+    def tick(self, widen: Floats, unlike: Bools) -> None:
+        """Count one tick's factors (P, H) and who is unlike (P,)."""
+        self._ticks += 1
+        self._widened_ticks += bool((widen > 1.0).any())
+        self._unlike_ticks += bool(unlike.any())
+        self._largest = max(self._largest, float(widen.max(initial=1.0)))
+
+    def add(
+        self, slots: NDArray[np.intp], count: Floats, bare: Floats, then: Floats, error: Floats
+    ) -> None:
+        """Add sums (Q, B) to those of Q people: judged, missed (two ways), mean errors."""
+        self._sums[slots] += np.stack([count, bare, then, error], axis=1)
+
+    def close(self, slot: int, number: int) -> None:
+        """The person in a slot, of this id, has gone."""
+        sums = self._sums[slot].copy()
+        self._sums[slot] = 0.0
+        self._past += sums
+        self._left[number] = sums + self._left.pop(number, 0.0)
+        if len(self._left) > _MAX_IDS:
+            del self._left[next(iter(self._left))]
+
+    def report(self, ids: Sequence[int | None]) -> dict[str, Any]:
+        """Everything since the start; ``ids`` are those in the slots now.
+
+        ``covered`` is the share of judged forecasts (or joints) that held with the widening in
+        force when they were made, ``covered_as_calibrated`` without. Shares are ``None`` where
+        nothing was judged. The newest ids are listed by themselves.
+        """
+        people = dict(self._left)
+        for slot, number in enumerate(ids):
+            if number is not None:
+                people[number] = self._sums[slot] + people.pop(number, 0.0)
+        everybody = self._past + self._sums.sum(0)
+        return {
+            "ticks": self._ticks,
+            "ticks_widened": self._widened_ticks,
+            "ticks_unlike": self._unlike_ticks,
+            "largest_factor": self._largest,
+            **_shares(everybody.sum(1)),
+            "horizons": self._horizons(everybody),
+            "people": {
+                str(number): {**_shares(sums.sum(1)), "horizons": self._horizons(sums)}
+                for number, sums in list(people.items())[-_MAX_IDS:]
+            },
+        }
+
+    def _horizons(self, sums: Floats) -> list[dict[str, Any]]:
+        return [
+            {"up_to_s": end, **_shares(sums[:, band])} for band, end in enumerate(self._bands_s)
+        ]
+
+
+def _shares(sums: Floats) -> dict[str, Any]:
+    judged, bare, then, error = (float(value) for value in sums)
+    return {
+        "judged": round(judged),
+        "covered": 1.0 - then / judged if judged else None,
+        "covered_as_calibrated": 1.0 - bare / judged if judged else None,
+        "mean_error_m": error / judged if judged else None,
+    }
