@@ -1,7 +1,7 @@
 """Make a robot file from a URDF: ``python -m hri_predict.risk.urdf --help``.
 
-What is rigidly fixed is merged, and each URDF link that has collision geometry gets a capsule that
-holds all of it (``capsule_fit``). A URDF does not say how a robot stops: the user must.
+What is rigidly fixed is merged, and each URDF link that has a shape gets a capsule that holds all
+of it (``capsule_fit``). A URDF does not say how a robot stops: the user must.
 """
 
 import argparse
@@ -196,11 +196,12 @@ def _text(found: Converted, margin_mm: float) -> str:
     """The robot file, with what a reader must know of its capsules."""
     radii = ", ".join(f"{link} {1000 * radius:.1f}" for link, radius in found.needed.items())
     about = (
-        f"One capsule for each link with collision geometry, fitted to hold all of it. Radii "
-        f"needed, in mm: {radii}; {margin_mm:g} mm were added, rounded up to a whole millimetre. "
-        f"Not covered: {', '.join(found.omitted) or 'nothing'}. Are the collision shapes as large "
-        f"as the robot, with its cables? What it holds belongs under tool: and payload: "
-        f"(configs/robots/ur5e.yaml shows how), in the frame of the last link."
+        f"One capsule for each link with a shape, fitted to hold all of it: its collision geometry, "
+        f"or its visual one where it has no other. Radii needed, in mm: {radii}; {margin_mm:g} mm "
+        f"were added, rounded up to a whole millimetre. Not covered: "
+        f"{', '.join(found.omitted) or 'nothing'}. Are these shapes as large as the robot, with its "
+        f"cables? What it holds belongs under tool: and payload: (configs/robots/ur5e.yaml shows "
+        f"how), in the frame of the last link."
     )
     lines = textwrap.fill(about, 98, initial_indent="# ", subsequent_indent="# ")
     body = yaml.safe_dump(found.data, sort_keys=False, default_flow_style=None, width=100)

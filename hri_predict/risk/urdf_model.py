@@ -73,8 +73,8 @@ def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[
     for body in ElementTree.fromstring(chain.text).findall("link"):
         if len(body.findall("collision")) != read.count(body.get("name", "")):
             raise RobotError(
-                f"link '{body.get('name')}': a <collision> has no shape that URDF knows (box, "
-                f"cylinder, sphere, mesh); correct it"
+                f"link '{body.get('name')}': a <collision> or <visual> has no shape that "
+                f"URDF knows (box, cylinder, sphere, mesh); correct it"
             )
     return joints, _bodies(model, geometry, carriers)
 
@@ -100,7 +100,7 @@ def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Bo
     bare = [link for link in carriers.values() if link not in covered]
     if bare:
         raise RobotError(
-            f"link '{bare[0]}' has no collision geometry, so nobody would be kept clear of it; "
+            f"link '{bare[0]}' has no shape, so nobody would be kept clear of it; "
             f"add a <collision>, a small sphere where there is next to nothing"
         )
     return bodies

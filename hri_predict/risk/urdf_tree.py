@@ -6,6 +6,7 @@ What is left is a URDF of links, joints and collision geometry alone, with absol
 a URDF library to read. Specification: wiki.ros.org/urdf/XML (joint, link).
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,7 +17,7 @@ from hri_predict.settings import read_text
 
 MAX_LINKS = 1000
 MAX_MESH_BYTES = 100_000_000
-MESHES = (".stl", ".obj")  # which have no units of their own: metres, as URDF says
+MESHES = (".stl", ".obj", ".dae")  # the first two have no units of their own: metres
 TURNING = ("revolute", "continuous")
 
 
@@ -27,7 +28,8 @@ class UrdfChain:
     Attributes:
         name: of the robot.
         joints: the turning joints' elements, from the base outwards.
-        text: a URDF of these links and joints, with collision geometry only.
+        text: a URDF of these links and joints, with collision geometry only: a link that has none
+            gets its visual one.
         omitted: links with a shape that are not in it: left out, or not beyond the base.
     """
 
@@ -82,12 +84,15 @@ def _chain(
         if link not in links:
             raise RobotError(f"there is no link '{link}'{nearest(link, links)}")
     above = _joints_by_child(root, links)
+    way = list(reversed(_way_up(tip, above, base)))
+    on_way = [link for link in left_out if link in way]
+    if on_way:
+        raise RobotError(f"--leave-out {on_way[0]}: the chain from '{base}' to '{tip}' needs it")
     dropped = set(left_out)
     kept = [
         link for link in links if base in (up := _way_up(link, above)) and not dropped & set(up)
     ]
-    turning = [above[link] for link in reversed(_way_up(tip, above, base)) if link != base]
-    turning = [joint for joint in turning if joint.get("type") != "fixed"]
+    turning = [above[link] for link in way[1:] if above[link].get("type") != "fixed"]
     _check_turning(turning, base, tip)
     slim = ElementTree.Element("robot", name=root.get("name") or "robot")
     for link in kept:
@@ -100,7 +105,7 @@ def _chain(
                     f"under tool: by hand, or make the joint fixed"
                 )
             slim.append(joint)
-        slim.append(_collision_only(links[link], path, packages))
+        slim.append(_shaped(links[link], path, packages))
     omitted = [link for link in links if link not in kept and _has_shape(links[link])]
     text = ElementTree.tostring(slim, encoding="unicode")
     return UrdfChain(slim.get("name", ""), turning, text, omitted)
@@ -191,16 +196,12 @@ def _check_turning(joints: list[ElementTree.Element], base: str, tip: str) -> No
         )
 
 
-def _collision_only(
-    link: ElementTree.Element, urdf: Path, packages: list[Path]
-) -> ElementTree.Element:
+def _shaped(link: ElementTree.Element, urdf: Path, packages: list[Path]) -> ElementTree.Element:
+    """The link with collision geometry alone; with its visual geometry where it has no other."""
     slim = ElementTree.Element("link", name=_name(link))
-    slim.extend(link.findall("collision"))
-    if _has_shape(link) and len(slim) == 0:
-        raise RobotError(
-            f"link '{_name(link)}' can be seen, but has no <collision>, so nobody would be kept "
-            f"clear of it; add one, or --leave-out {_name(link)} with all that hangs on it"
-        )
+    for shape in link.findall("collision") or link.findall("visual"):
+        collision = ElementTree.SubElement(slim, "collision")
+        collision.extend(part for part in shape if part.tag in ("origin", "geometry"))
     for mesh in slim.iter("mesh"):
         try:
             mesh.set("filename", str(_mesh(mesh.get("filename", ""), urdf, packages)))
@@ -219,9 +220,7 @@ def _mesh(filename: str, urdf: Path, packages: list[Path]) -> Path:
     if scheme not in ("", "file", "package"):
         raise RobotError(f"mesh '{filename}' is not a file; nothing is fetched: download it")
     if Path(filename).suffix.lower() not in MESHES:
-        raise RobotError(
-            f"mesh '{filename}': only {' and '.join(MESHES)} are read; convert it, in metres"
-        )
+        raise RobotError(f"mesh '{filename}': only {', '.join(MESHES)} are read; convert it")
     if scheme == "package":
         package, _, inside = rest.partition("/")
         parents = urdf.resolve().parents
@@ -236,4 +235,18 @@ def _mesh(filename: str, urdf: Path, packages: list[Path]) -> Path:
         raise RobotError(f"mesh '{filename}' is not there{hint}")
     if path.stat().st_size > MAX_MESH_BYTES:
         raise RobotError(f"mesh '{filename}' is larger than {MAX_MESH_BYTES} bytes; simplify it")
+    unit = _unit(path)
+    if unit != "1" and path.suffix.lower() == ".dae":
+        raise RobotError(f"mesh '{filename}' has a unit of {unit} m; export it in metres")
     return path.resolve()
+
+
+def _unit(path: Path) -> str:
+    """What a COLLADA file's <asset>, which comes first, says; the mesh loader does not look."""
+    with path.open("rb") as file:
+        head = file.read(65_536).decode(errors="replace")
+    found = re.search(r"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)", head)
+    try:
+        return f"{float(found[1]):g}" if found else "1"  # the schema's default
+    except ValueError:
+        return "unknown"

@@ -209,6 +209,42 @@ def test_a_stopping_table_copied(urdf: Path) -> None:
     assert mine.stopping.source.startswith("COPIED FROM ur5e, NOT MEASURED ON THIS ROBOT")
 
 
+DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+  <asset><unit name="meter" meter="1"/><up_axis>Z_UP</up_axis></asset>
+  <library_geometries><geometry id="g"><mesh>
+    <source id="p"><float_array id="f" count="12">0 0 0 0.3 0 0 0 0.2 0 0 0 0.1</float_array>
+      <technique_common><accessor source="#f" count="4" stride="3"><param name="X" type="float"/>
+        <param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>
+    </source>
+    <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+    <triangles count="2"><input semantic="VERTEX" source="#v" offset="0"/>
+      <p>0 1 2 0 1 3</p></triangles>
+  </mesh></geometry></library_geometries>
+  <library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node>
+  </visual_scene></library_visual_scenes>
+  <scene><instance_visual_scene url="#s"/></scene>
+</COLLADA>"""
+
+
+def test_a_link_that_is_only_seen_is_covered_as_seen(urdf: Path) -> None:
+    (urdf.parent / "top.dae").write_text(DAE)
+    seen = '<visual><geometry><mesh filename="top.dae"/></geometry></visual>'
+    urdf.write_text(
+        swap('<link name="top"/>', f'<link name="top">{seen}</link>')(URDF).replace(
+            "MESH", "arm.stl"
+        )
+    )
+    assert run(urdf, *CHAIN, *STOP) == 0
+    top = next(c for c in read_robot_file("mine.yaml", urdf.parent).capsules if c.name == "top")
+    # In the tower's frame: 0.4 up, turned by 0.5 about y, which takes x to (cos, 0, -sin).
+    c, s = np.cos(0.5), np.sin(0.5)
+    corners = np.array([[0, 0, 0.4], [0.3 * c, 0, 0.4 - 0.3 * s], [0, 0.2, 0.4],
+                        [0.1 * s, 0, 0.4 + 0.1 * c]])  # fmt: skip
+    far = segment_distance(corners, corners, np.array(top.a), np.array(top.b)).max()
+    assert top.link == "tower"
+    assert 0.004 <= top.radius - far <= 0.0061
+
+
 def test_what_was_left_out_is_left_out(urdf: Path) -> None:
     chain = read_chain(urdf, "plate", "camera", ["finger"], [])
     assert "finger" not in chain.text
@@ -256,20 +292,22 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
         "'lift' mimics",
     ),
     "no geometry": (
-        swap('<box size="0.4 0.2 0.1"/>', ""), CHAIN + STOP, "'plate': a <collision> has no shape",
+        swap('<box size="0.4 0.2 0.1"/>', ""), CHAIN + STOP, "'plate': a <collision>.*has no shape",
     ),
     "no collision": (
         swap('<collision><geometry><box size="0.4 0.2 0.1"/></geometry></collision>', ""),
-        CHAIN + STOP, "link 'plate' has no collision geometry",
+        CHAIN + STOP, "link 'plate' has no shape",
     ),
     "unknown shape": (
         swap('<sphere radius="0.07"/>', '<cone radius="1"/>'), CHAIN + STOP,
-        "'tower': a <collision> has no shape",
+        "'tower': a <collision>.*has no shape",
     ),
-    "only seen": (
+    "only seen, not how": (
         swap('<link name="top"/>', '<link name="top"><visual/></link>'), CHAIN + STOP,
-        "'top' can be seen, but has no <collision>.*--leave-out top",
+        "'top': a <collision>.*has no shape",
     ),
+    "the chain left out": (same, [*CHAIN, *STOP, "--leave-out", "arm"], "out arm.*needs it"),
+    "another unit": (swap("MESH", "inch.dae"), CHAIN + STOP, "inch.dae.*0.0254 m.*in metres"),
     "no velocity": (swap('velocity="1.5"', 'velocity="0"'), CHAIN + STOP, "'turn': <limit vel"),
     "no limits": (
         swap('<limit lower="-2" upper="2" velocity="1" effort="9"/>', ""), CHAIN + STOP, "lift",
@@ -285,7 +323,7 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
     "mesh gone": (swap("MESH", "gone.stl"), CHAIN + STOP, "'arm': mesh 'gone.stl' is not there"),
     "package gone": (swap("MESH", "package://p/a.stl"), CHAIN + STOP, "--package-dir.*'p'"),
     "from the net": (swap("MESH", "http://x.org/a.stl"), CHAIN + STOP, "nothing is fetched"),
-    "collada": (swap("MESH", "arm.dae"), CHAIN + STOP, "only .stl and .obj are read"),
+    "a drawing": (swap("MESH", "arm.step"), CHAIN + STOP, "only .stl, .obj, .dae are read"),
     "broken mesh": (swap("MESH", "broken.stl"), CHAIN + STOP, "broken.stl"),
     "mesh nan": (swap("MESH", "nan.stl"), CHAIN + STOP, "'arm'.*not a number"),
     "bomb": (lambda _: BOMB, CHAIN + STOP, "DOCTYPE"),
@@ -312,6 +350,7 @@ def test_mistakes_give_one_line(urdf: Path, capfd: pytest.CaptureFixture[str], c
     spoil, arguments, message = MISTAKES[case]
     folder = urdf.parent
     (folder / "broken.stl").write_bytes(stl(CORNERS)[:120])
+    (folder / "inch.dae").write_text('<COLLADA><asset><unit name="inch" meter="0.0254"/>')
     (folder / "nan.stl").write_bytes(stl(CORNERS * np.nan))
     urdf.write_text(spoil(URDF).replace("MESH", "arm.stl"))
     assert run(urdf, *arguments) == 2
