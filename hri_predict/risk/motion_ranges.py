@@ -45,16 +45,13 @@ def bone_lengths(
     """
     steps = max(1, round(BONE_S * rate_hz))
     points, seen = history[:, -steps:], observed[:, -steps:]
-    bones = np.flatnonzero(np.asarray(parents) >= 0)
-    above = np.asarray(parents)[bones]
-    vectors = points[:, :, bones] - points[:, :, above]
+    above = np.asarray(parents)
+    vectors = points - points.take(above, axis=2)  # a root's is thrown away
     length = np.sqrt(np.einsum("ptji,ptji->ptj", vectors, vectors))
-    both = seen[:, :, bones] & seen[:, :, above]
+    both = seen & seen.take(above, axis=2) & (above >= 0)
     count = both.sum(1)
-    total = np.where(both, length, 0.0).sum(1)
-    result: Floats = np.full((len(history), len(parents)), np.nan)
-    result[:, bones] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    return result
+    mean = np.where(both, length, 0.0).sum(1) / np.maximum(count, 1)
+    return np.where(count > 0, mean, np.nan)
 
 
 def short_ratio(ratio: Floats, judged: Bools) -> Floats:

@@ -60,6 +60,11 @@ def _distance(below: Floats, above: Floats, part: Floats, truth: Floats) -> Floa
     return np.where(np.isfinite(distance), distance, np.inf)
 
 
+def _ratio(errors: Floats, radius: Floats, sound: Bools) -> Floats:
+    """Error over radius, infinite where the radius is not a positive number."""
+    return np.where(sound, errors, np.inf) / np.where(sound, radius, 1.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
     """N comparisons of a past forecast with the newest capture of the same person.
@@ -110,6 +115,9 @@ class PastForecasts:
         self._seen: Bools = np.zeros((*ring, joints), np.bool_)
         self._radius: Floats = np.zeros((*ring, horizon_steps, joints))
         self._widened: Floats = np.ones((*ring, horizon_steps))
+        self._flat_knots = self._knots.reshape(-1, joints, 3)
+        self._flat_seen = self._seen.reshape(-1, joints)
+        self._flat_radius = self._radius.reshape(-1, joints)
 
     def forget(self, slot: int) -> None:
         """Forget everything about the person in a slot."""
@@ -165,14 +173,16 @@ class PastForecasts:
         steps = lead * self._rate_hz
         lower, part = _lower_step(steps, self._horizon_steps)
         step = np.clip(np.ceil(steps - 1e-6).astype(np.intp) - 1, 0, self._horizon_steps - 1)
-        errors = _distance(
-            self._knots[slot, at, lower], self._knots[slot, at, lower + 1], part, truth[person]
-        )
-        seen = self._seen[slot, at] & observed[person]
-        radius = self._radius[slot, at, step]
-        claimed = seen & ~(radius == np.inf)
+        # taking rows from flat tables is several times faster than indexing by three arrays
+        row = slot * self._size + at
+        knot = row * (self._horizon_steps + 1) + lower
+        below, above = self._flat_knots.take(knot, axis=0), self._flat_knots.take(knot + 1, axis=0)
+        errors = _distance(below, above, part, truth.take(person, axis=0))
+        seen = self._flat_seen.take(row, axis=0) & observed.take(person, axis=0)
+        radius = self._flat_radius.take(row * self._horizon_steps + step, axis=0)
+        claimed = seen & (radius != np.inf)  # NaN is a claim, and missed
         sound = radius > 0  # not NaN
-        ratio = np.where(sound, errors, np.inf) / np.where(sound, radius, 1.0)
+        ratio = errors / radius if sound.all() else _ratio(errors, radius, sound)
         return Judged(
             person=person,
             lead_s=lead,

@@ -68,6 +68,8 @@ BANDS_S = (0.12, 0.24, 0.4, 0.6, 0.8)
 MAX_DT_S = 0.1
 """A longer gap between captures counts as this: it is one judgement all the same."""
 _FRESH_S = 1e-6
+_MAX_ERROR_M = 1e6
+"""Counted for an error that is not finite, so that the sums stay so."""
 _SURPRISES = 64
 """Surprises remembered of each person: over 0.4 s, of captures at up to 160 Hz."""
 
@@ -296,41 +298,43 @@ class SelfCheck:
 
     def _adapt(self, judged: Judged, slots: Ints, dt: Floats) -> Bools:
         """Move the factors; whether one is at its bound, and forecasts still miss."""
-        rows = np.flatnonzero(judged.claimed.any(1))
-        person, band = judged.person[rows], self._band[judged.step[rows]]
-        ratio, claimed = judged.ratio[rows], judged.claimed[rows]
-        shape = (len(slots), self._log.shape[1])
-        cell = person * shape[1] + band
-
-        def total(values: Floats | None) -> Floats:
-            sums = np.bincount(cell, values, shape[0] * shape[1])
-            return sums.reshape(shape).astype(np.float64)
-
-        factor = np.exp(self._log[slots])[person, band]
-        count = total(None)
-        some = np.maximum(count, 1)
-        bare, now = (total(self._outside(ratio, claimed, f)) for f in (1.0, factor))
-        then = total(self._outside(ratio, claimed, judged.widened[rows]))
-        error = total(np.minimum(mean_error(judged.errors[rows], claimed), 1e6))
+        factor = np.exp(self._log[slots])[judged.person, self._band[judged.step]]
+        claimed = judged.claimed
+        some = claimed.any(1)
+        # of the whole body, its worst joint decides
+        ratio = judged.ratio.max(1, keepdims=True) if self._of == "body" else judged.ratio
+        joints = np.maximum(claimed.sum(1), 1) if self._of == "joint" else 1
+        sums = self._by_band(
+            judged,
+            len(slots),
+            [
+                np.where(some, 1.0, 0.0),
+                (ratio > 1.0).sum(1) / joints,
+                (ratio > factor[:, None]).sum(1) / joints,
+                (ratio > judged.widened[:, None]).sum(1) / joints,
+                np.where(some, np.minimum(mean_error(judged.errors, claimed), _MAX_ERROR_M), 0.0),
+            ],
+        )
+        count, bare, now, then, error = sums
         self._tally.add(slots, count, bare, then, error)
 
+        share_of = np.maximum(count, 1.0)
         missed, log, step = self._missed[slots], self._log[slots], dt[:, None]
         rise = 1.0 - np.exp(-step / self._tau_s)
-        missed = np.where(count > 0, missed + (bare / some - missed) * rise, missed)
-        moved = log + self._settings.growth_per_s * step * (now / some - self._alpha)
+        missed = np.where(count > 0, missed + (bare / share_of - missed) * rise, missed)
+        moved = log + self._settings.growth_per_s * step * (now / share_of - self._alpha)
         moved = np.where(missed > self._alpha, np.clip(moved, 0.0, self._max_log), 0.0)
         self._missed[slots] = missed
         self._log[slots] = log = np.where(count > 0, moved, log)
-        stuck = (log >= self._max_log - 1e-9) & (now / some > self._alpha)
+        stuck = (log >= self._max_log - 1e-9) & (now / share_of > self._alpha)
         return np.asarray(stuck.any(1))
 
-    def _outside(self, ratio: Floats, claimed: Bools, factor: Floats | float) -> Floats:
-        """(N,) how much of each forecast missed, 0 to 1, with radii widened by (N,) ``factor``."""
-        if self._of == "body":
-            return np.where(ratio.max(1) > factor, 1.0, 0.0)
-        outside = ratio > np.reshape(factor, (-1, 1))
-        share: Floats = outside.sum(1) / claimed.sum(1)
-        return share
+    def _by_band(self, judged: Judged, people: int, values: Sequence[Floats]) -> Floats:
+        """(V, people, bands) sums of V values per judgement (N,)."""
+        bands = self._log.shape[1]
+        cell = judged.person * bands + self._band[judged.step]
+        member = (cell[:, None] == np.arange(people * bands)).astype(np.float64)
+        return (np.stack(values) @ member).reshape(len(values), people, bands)
 
     def _is_wrong_at_once(self, judged: Judged, people: int, ranges: MotionRanges) -> Bools:
         rows = np.flatnonzero(judged.lead_s <= SHORT_S + 1e-9)
