@@ -102,7 +102,8 @@ def _outermost(points: Floats, radii: Floats) -> Floats:
     z, turn = 1 - 2 * i / DIRECTIONS, np.pi * (1 + 5**0.5) * i
     flat = np.sqrt(1 - z * z)
     directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
-    return np.unique(np.argmax(points @ directions.T + radii[:, None], axis=0))
+    # one direction at a time: a mesh may have a million vertices
+    return np.unique([np.argmax(points @ direction + radii) for direction in directions])
 
 
 def _starts(points: Floats, radii: Floats) -> list[Floats]:

@@ -5,6 +5,7 @@ of it (``capsule_fit``). A URDF does not say how a robot stops: the user must.
 """
 
 import argparse
+import os
 import sys
 import textwrap
 from dataclasses import dataclass
@@ -63,7 +64,7 @@ def _run(options: argparse.Namespace) -> str:
         margin_m=_margin_m(options.margin_mm),
     )
     out = Path(options.out)
-    if out.exists():
+    if os.path.lexists(out):
         raise RobotError(f"--out {out}: exists already; name another, or remove it")
     try:
         write_whole(out, _text(found, options.margin_mm).encode())
@@ -196,10 +197,10 @@ def _text(found: Converted, margin_mm: float) -> str:
     """The robot file, with what a reader must know of its capsules."""
     radii = ", ".join(f"{link} {1000 * radius:.1f}" for link, radius in found.needed.items())
     about = (
-        f"One capsule for each link with a shape, fitted to hold all of it: its collision geometry, "
-        f"or its visual one where it has no other. Radii needed, in mm: {radii}; {margin_mm:g} mm "
-        f"were added, rounded up to a whole millimetre. Not covered: "
-        f"{', '.join(found.omitted) or 'nothing'}. Are these shapes as large as the robot, with its "
+        f"One capsule for each link with a shape, fitted to hold all of it: its collision geometry "
+        f"or, where it has no other, its visual one. Radii needed, in mm: {radii}; {margin_mm:g} "
+        f"mm were added, rounded up to a whole millimetre. Not covered: "
+        f"{', '.join(found.omitted) or 'nothing'}. Are these shapes as large as the robot with its "
         f"cables? What it holds belongs under tool: and payload: (configs/robots/ur5e.yaml shows "
         f"how), in the frame of the last link."
     )

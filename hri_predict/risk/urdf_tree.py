@@ -6,6 +6,7 @@ What is left is a URDF of links, joints and collision geometry alone, with absol
 a URDF library to read. Specification: wiki.ros.org/urdf/XML (joint, link).
 """
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,6 +68,8 @@ def read_chain(
         return _chain(_parse(text), path, base, tip, left_out, packages)
     except RobotError as error:
         raise RobotError(f"URDF file {path}: {error}") from None
+    except RecursionError:
+        raise RobotError(f"URDF file {path}: its elements are nested too deeply") from None
 
 
 def _chain(
@@ -77,7 +80,8 @@ def _chain(
     left_out: list[str],
     packages: list[Path],
 ) -> UrdfChain:
-    links = {_name(link): link for link in root.findall("link")}
+    links = _by_name(root.findall("link"))
+    _by_name(root.findall("joint"))
     if not 0 < len(links) <= MAX_LINKS:
         raise RobotError(f"it has {len(links)} links; a robot has 1 to {MAX_LINKS}")
     for link in (base, tip, *left_out):
@@ -131,6 +135,16 @@ def _name(element: ElementTree.Element) -> str:
     if not name:
         raise RobotError(f"a <{element.tag}> has no name; give it one")
     return name
+
+
+def _by_name(elements: list[ElementTree.Element]) -> dict[str, ElementTree.Element]:
+    named: dict[str, ElementTree.Element] = {}
+    for element in elements:
+        name = _name(element)
+        if name in named:
+            raise RobotError(f"there are two <{element.tag}> named '{name}'; rename one")
+        named[name] = element
+    return named
 
 
 def _joints_by_child(
@@ -230,7 +244,7 @@ def _mesh(filename: str, urdf: Path, packages: list[Path]) -> Path:
         hint = f"; give --package-dir the folder that '{package}' is in"
     else:
         places, hint = [urdf.resolve().parent / rest], "; check its path in the URDF"
-    path = next((p for p in places if p.is_file()), None)
+    path = next((p for p in places if os.path.isfile(p)), None)
     if path is None:
         raise RobotError(f"mesh '{filename}' is not there{hint}")
     if path.stat().st_size > MAX_MESH_BYTES:

@@ -340,6 +340,13 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
     "two parents": (
         swap('<child link="finger"/>', '<child link="top"/>'), CHAIN + STOP, "'top' is the child of"
     ),
+    "same link": (swap('<link name="top"/>', '<link name="arm"/>'), CHAIN + STOP, "two <link> "),
+    "same joint": (swap('name="lift"', 'name="turn"'), CHAIN + STOP, "two <joint> named 'turn'"),
+    "long mesh": (swap("MESH", "x" * 5000 + ".stl"), CHAIN + STOP, "is not there"),
+    "deep": (
+        swap("<sphere", "<a>" * 100_000 + "</a>" * 100_000 + "<sphere"), CHAIN + STOP,
+        "nested too deeply",
+    ),
     "a loop": (swap('<parent link="plate"/>', '<parent link="arm"/>'), CHAIN + STOP, "loop"),
     "long name": (swap('name="small"', f'name="{"x" * 80}"'), CHAIN + STOP, "name: .*64"),
 }  # fmt: skip
