@@ -2,7 +2,7 @@
 
 import typer
 
-from hri_predict.cli import bench, check, evaluate, listen, run, train
+from hri_predict.cli import bench, check, evaluate, listen, run, simulate, train
 
 app = typer.Typer(
     help="Predicts where people near a robot will be, and advises the robot's controller in time.",
@@ -19,4 +19,5 @@ app.command()(listen.listen)
 app.command()(check.predictors)
 app.command()(train.train)
 app.command()(evaluate.evaluate)
+app.command()(simulate.simulate)
 app.add_typer(bench.app, name="bench")

@@ -33,6 +33,16 @@ class Path(Protocol):
         """Joints (N,) rad and velocities (N,) rad/s."""
 
 
+def nominal_speeds(model: Kinematics, trajectory: Path) -> Floats:
+    """(M,) speed of the fastest point over one cycle at full speed, evenly spaced in time, m/s."""
+    duration_s = float(trajectory.duration_s)
+    count = max(2, math.ceil(duration_s / _GRID_S)) + 1
+    samples = [trajectory.at(float(t)) for t in np.linspace(0.0, duration_s, count)]
+    return np.asarray(
+        model.tip_speed(np.array([q for q, _ in samples]), np.array([v for _, v in samples]))
+    )
+
+
 class SimulatedArm:
     """The arm: a path parameter ``path_s`` (seconds of the trajectory) and its rate in 0..1.
 
@@ -51,22 +61,18 @@ class SimulatedArm:
         acceleration_m_s2: float,
         path_s: float = 0.0,
         rate: float = 0.0,
+        speeds: Floats | None = None,
     ) -> None:
-        """Stand at ``path_s``, passing at ``rate``."""
+        """Stand at ``path_s``, passing at ``rate``; ``speeds``: ``nominal_speeds``, if known."""
         self._trajectory = trajectory
         self._deceleration = deceleration_m_s2
         self._acceleration = acceleration_m_s2
         self._duration_s = float(trajectory.duration_s)
-        count = max(2, math.ceil(self._duration_s / _GRID_S)) + 1
-        times = np.linspace(0.0, self._duration_s, count)
-        samples = [trajectory.at(float(t)) for t in times]
-        speeds = np.asarray(
-            model.tip_speed(np.array([q for q, _ in samples]), np.array([v for _, v in samples]))
-        )
+        speeds = nominal_speeds(model, trajectory) if speeds is None else speeds
         self.peak_speed_m_s = float(speeds.max())
         floor = max(_FLOOR * self.peak_speed_m_s, 1e-6)
         self._governed = np.maximum(speeds, floor).tolist()  # plain floats: read one by one, fast
-        self._per_s = (count - 1) / self._duration_s
+        self._per_s = (len(speeds) - 1) / self._duration_s
         self.path_s = path_s % self._duration_s
         self.rate = rate
         self._now_ns: int | None = None

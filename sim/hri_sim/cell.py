@@ -49,14 +49,16 @@ class MockCell:
         base_dir: Path | None,
         clock: Clock,
         factor: float = 1.0,
+        manned: Sequence[Post] | None = None,
     ) -> None:
-        """Check everything; nothing is started yet.
+        """Check everything; nothing is started yet. ``manned``: the posts, where they are known.
 
         Raises:
             ConfigError: a ``simulate:`` block is wrong; see ``station.posts``.
             RobotError: a robot or trajectory file is wrong.
         """
-        self._posts = {post.name: post for post in posts(links, robots, base_dir)}
+        manned = posts(links, robots, base_dir) if manned is None else manned
+        self._posts = {post.name: post for post in manned}
         self._clock = clock
         self._factor = factor
         self._folder: Path | None = None

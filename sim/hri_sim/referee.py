@@ -56,7 +56,7 @@ class Referee:
     """
 
     def __init__(self, robots: Sequence[RobotModel], clearance_m: float = 0.0) -> None:
-        """``robots``: by whose names ``observe`` gets the joints; ``clearance_m``: C + Z_d + Z_r."""
+        """``robots``: by whose names ``observe`` gets joints; ``clearance_m``: C + Z_d + Z_r."""
         self._robots = {robot.name: robot for robot in robots}
         self._touches: dict[tuple[int, str], _Touch] = {}
         self._last: tuple[int, Bodies, Joints] | None = None

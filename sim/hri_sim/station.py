@@ -5,6 +5,7 @@ The same object runs in a process of its own in real time, and inside the virtua
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -16,14 +17,33 @@ from hri_predict.link import LinkSettings
 from hri_predict.protocol.messages import RobotMode
 from hri_predict.risk.robot import RobotModel, RobotSettings, TrajectoryMotion, load_robot
 from hri_predict.risk.trajectory import Trajectory, load_trajectory
+from hri_predict.scene import Floats
 from hri_predict.settings import validated
-from hri_sim.arm import SimulatedArm
+from hri_sim.arm import SimulatedArm, nominal_speeds
 from hri_sim.controller import ControllerCore, ControllerReport, ControllerSettings, Permit
 from hri_sim.wiring import Wiring
 
 U = TypeVar("U")
 
 _SPEED_STEPS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What a drive moves: a robot along a trajectory."""
+
+    model: RobotModel
+    trajectory: Trajectory
+
+    @cached_property
+    def peak_m_s(self) -> float:
+        """Speed of the fastest point, left alone."""
+        return self.trajectory.peak_tip_speed(self.model)
+
+    @cached_property
+    def speeds(self) -> Floats:
+        """See ``arm.nominal_speeds``."""
+        return nominal_speeds(self.model, self.trajectory)
 
 
 @dataclass(frozen=True)
@@ -36,6 +56,7 @@ class Post:
         robot, robot_index: the robot it is for, and its place in the configuration.
         base_dir: what relative paths are relative to.
         full_speed_m_s: below this a limit slows the robot down.
+        drive: what a drive moves, where it has been read already.
     """
 
     link: LinkSettings
@@ -44,6 +65,7 @@ class Post:
     robot_index: int
     base_dir: Path | None
     full_speed_m_s: float
+    drive: "Drive | None" = None
 
     @property
     def name(self) -> str:
@@ -78,9 +100,10 @@ def posts(
         if link.robots is not None and name not in link.robots:
             raise ConfigError(f"{where}.robot: the link does not advise '{name}'; see its 'robots'")
         found.append((link, settings.model_copy(update={"robot": name}), names.index(name)))
-    full_speeds = {index: _full_speed(index, found, robots, base_dir) for _, _, index in found}
+    drives = {index: _only_drive(index, found, robots, base_dir) for _, _, index in found}
+    speeds = {i: min(robots[i].max_speed_m_s, drive.peak_m_s) for i, drive in drives.items()}
     return [
-        Post(link, settings, robots[index], index, base_dir, full_speeds[index])
+        Post(link, settings, robots[index], index, base_dir, speeds[index], drives[index])
         for link, settings, index in found
     ]
 
@@ -120,17 +143,15 @@ class Station(Generic[U]):
         self._wiring = wiring
         self._arm: SimulatedArm | None = None
         if post.settings.role == "drive":
-            model = load_robot(post.robot, post.base_dir)
-            trajectory = load_trajectory(
-                _trajectory_of(post.settings, post.robot), model, post.base_dir
-            )
+            drive = post.drive or _drive(post.settings, post.robot, post.base_dir)
             before = wiring.truth()  # a drive that starts again finds the arm where it stopped
             self._arm = SimulatedArm(
-                model,
-                trajectory,
-                post.settings.deceleration or deceleration_of(model, post.full_speed_m_s),
+                drive.model,
+                drive.trajectory,
+                post.settings.deceleration or deceleration_of(drive.model, post.full_speed_m_s),
                 post.settings.acceleration,
                 path_s=before.path_s if before is not None else post.settings.start_s,
+                speeds=drive.speeds,
             )
 
     def cycle(self, units: Sequence[U], now_ns: int) -> list[U]:
@@ -193,13 +214,13 @@ def _trajectory_of(settings: ControllerSettings, robot: RobotSettings) -> str:
     )
 
 
-def _full_speed(
+def _only_drive(
     index: int,
     found: Sequence[tuple[LinkSettings, ControllerSettings, int]],
     robots: Sequence[RobotSettings],
     base_dir: Path | None,
-) -> float:
-    """The speed that the robot's drive would reach, left alone."""
+) -> Drive:
+    """What the robot's only drive moves."""
     robot = robots[index]
     drives = [(link, s) for link, s, i in found if i == index and s.role == "drive"]
     if len(drives) != 1:
@@ -207,6 +228,9 @@ def _full_speed(
             f"links: robot '{robot.name}' has {len(drives)} simulated drives; give it exactly one "
             "link with 'simulate: {role: drive}', the others role: monitor"
         )
+    return _drive(drives[0][1], robot, base_dir)
+
+
+def _drive(settings: ControllerSettings, robot: RobotSettings, base_dir: Path | None) -> Drive:
     model = load_robot(robot, base_dir)
-    trajectory: Trajectory = load_trajectory(_trajectory_of(drives[0][1], robot), model, base_dir)
-    return min(robot.max_speed_m_s, trajectory.peak_tip_speed(model))
+    return Drive(model, load_trajectory(_trajectory_of(settings, robot), model, base_dir))

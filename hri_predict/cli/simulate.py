@@ -1,0 +1,141 @@
+"""``simulate``: the closed loop by the thousand, and what it says of modes and predictors."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from hri_predict import config as configuration
+from hri_predict import registry
+from hri_predict.cli.evaluate import recordings
+from hri_predict.errors import ConfigError
+
+_PROCEDURAL = "procedural"
+_SCRIPTS = 24  # procedural motions stand for as many recordings
+
+
+def simulate(
+    config: Annotated[
+        Path, typer.Argument(help="Configuration of kind: approach, as the shipped simulate.yaml.")
+    ] = Path("simulate.yaml"),
+    predictor: Annotated[
+        list[str] | None, typer.Option(help="Predictor; default the configuration's. Repeatable.")
+    ] = None,
+    mode: Annotated[
+        list[str] | None, typer.Option(help="Risk mode; default the configuration's. Repeatable.")
+    ] = None,
+    coverage: Annotated[
+        list[float] | None,
+        typer.Option(help="Also mode predictive with zones of this coverage. Repeatable."),
+    ] = None,
+    episodes: Annotated[int, typer.Option(min=1, max=1_000_000, help="Approaches.")] = 2000,
+    seed: Annotated[int, typer.Option(min=0, help="Of places, phases and losses.")] = 0,
+    people: Annotated[int, typer.Option(min=1, max=4, help="At once.")] = 1,
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Folder of the data pack (its test recordings), other recordings, or "
+            "'procedural'. Repeatable.",
+            show_default="../shared/data",
+        ),
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, max=256, help="Processes.")] = 2,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for tables, plots, and what is resumed.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what is in --out.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
+) -> int:
+    """Let people approach a robot that obeys, again and again, and count what comes of it.
+
+    Example: hri-predict simulate --mode predictive --mode iso --episodes 200 --out runs/closed_loop
+
+    Exit status 1: a simulated episode disagrees with the whole node.
+    """
+    simulation = registry.load("simulations", "closed_loop")
+    if resume and out is None:
+        raise ConfigError("--resume: there is nothing to go on with; give --out as well")
+    request = simulation.Request(
+        config=configuration.find(config),
+        predictors=_each_once("--predictor", predictor),
+        modes=_each_once("--mode", mode),
+        coverages=tuple(coverage or ()),
+        motions=_motions(data or [Path("../shared/data")]),
+        episodes=episodes,
+        seed=seed,
+        people=people,
+        jobs=jobs,
+        out=out,
+        resume=resume,
+    )
+    with _progress() as progress:
+        task = progress.add_task("approaches", total=None)
+        result = simulation.simulate(
+            request, lambda done, total: progress.update(task, completed=done, total=total)
+        )
+    report = simulation.report(result, out)
+    if as_json:
+        print(report.json)
+    else:
+        _show(report)
+    for line in result.disagreements:
+        print(f"disagrees with the whole node: {line}", file=sys.stderr)
+    return 1 if result.disagreements else 0
+
+
+def _each_once(flag: str, names: list[str] | None) -> tuple[str, ...]:
+    for name in names or ():
+        if (names or []).count(name) > 1:
+            raise ConfigError(f"{flag} {name}: given twice; name each once")
+    return tuple(names or ())
+
+
+def _motions(data: list[Path]) -> tuple[str, ...]:
+    """Names of all motions, each once."""
+    found: list[str] = []
+    for entry in data:
+        if str(entry) == _PROCEDURAL:
+            found += [f"{_PROCEDURAL}:{seed}" for seed in range(_SCRIPTS)]
+        else:
+            found += [str(path.resolve()) for path in recordings(entry, "test")]
+    for name in found:
+        if found.count(name) > 1:
+            raise ConfigError(
+                f"--data: {name} is named twice, and would weigh double; name it once"
+            )
+    return tuple(found)
+
+
+def _progress() -> Progress:
+    console = Console(stderr=True)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+
+
+def _show(report: Any) -> None:
+    console = Console()
+    for table in report.tables:
+        shown = Table(
+            title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+        )
+        for k, column in enumerate(table.columns):
+            shown.add_column(column, justify="left" if k < 2 else "right")
+        for row in table.rows:
+            shown.add_row(*row)
+        console.print(shown)
+    for note in report.notes:
+        console.print(f"- {note}", markup=False, highlight=False)
+    for path in report.files:
+        print(f"written: {path}", file=sys.stderr)

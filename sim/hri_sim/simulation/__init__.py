@@ -1,0 +1,157 @@
+"""The closed loop by the thousand: ``hri-predict simulate``."""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hri_predict.errors import ConfigError
+from hri_sim.simulation.cell import Cell, variants
+from hri_sim.simulation.publish import Result, report
+from hri_sim.simulation.report import Judged, Row, judged
+from hri_sim.simulation.store import Store
+from hri_sim.simulation.work import ALONE, Block, Plan, blocks, episodes, run_block
+
+__all__ = ["Request", "Result", "report", "simulate"]
+
+CHECKED_SHARE = 0.02
+CHECKED_LEAST = 3
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked for; see ``hri-predict simulate``."""
+
+    config: Path
+    predictors: tuple[str, ...] = ()
+    modes: tuple[str, ...] = ()
+    coverages: tuple[float, ...] = ()
+    motions: tuple[str, ...] = ()
+    episodes: int = 2000
+    seed: int = 0
+    people: int = 1
+    jobs: int = 1
+    out: Path | None = None
+    resume: bool = False
+
+
+def simulate(request: Request, progress: Callable[[int, int], None]) -> Result:
+    """Run (or finish) a simulation.
+
+    Args:
+        request: what is asked for.
+        progress: told how many episodes of how many are done.
+
+    Raises:
+        HriPredictError: it cannot start; one line with the remedy.
+    """
+    plan = _plan(request)
+    for name in plan.predictors:  # complain before anything starts
+        config = plan.loaded(name)
+        Cell(config)
+        variants(config, plan.modes, plan.coverages)
+    store = Store(request.out, _decided_by(plan), request.resume)
+    todo = [block for block in blocks(plan) if block.key not in store.done]
+    total = plan.episodes * len(plan.predictors)
+    done = total - sum(len(episodes(plan, block)) for block in todo)
+    progress(done, total)
+    for block, rows in _worked(plan, todo, request.jobs):
+        store.add(block.key, rows)
+        done += len(episodes(plan, block))
+        progress(done, total)
+    return _result(plan, store)
+
+
+def _plan(request: Request) -> Plan:
+    if not request.motions:
+        raise ConfigError("--data: no recording is named; name at least one")
+    names = tuple(request.predictors) or (None,)
+    per = max(CHECKED_LEAST, round(CHECKED_SHARE * request.episodes))
+    rng = np.random.default_rng([request.seed, 1])
+    chosen = rng.choice(request.episodes, min(per, request.episodes), replace=False)
+    return Plan(
+        config=str(request.config),
+        predictors=names,
+        modes=request.modes,
+        coverages=request.coverages,
+        motions=request.motions,
+        episodes=request.episodes,
+        seed=request.seed,
+        people=request.people,
+        checked=frozenset((name, int(index)) for name in names for index in chosen),
+    )
+
+
+def _decided_by(plan: Plan) -> dict[str, Any]:
+    """What the numbers follow from; the names of recordings, not where they lie."""
+    return {
+        "config": plan.loaded(None).text,
+        "predictors": plan.predictors,
+        "modes": plan.modes,
+        "coverages": plan.coverages,
+        "motions": [Path(name).name for name in plan.motions],
+        "episodes": plan.episodes,
+        "seed": plan.seed,
+        "people": plan.people,
+    }
+
+
+def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Block, dict[str, Any]]]:
+    """Finished blocks as they come."""
+    if jobs == 1 or len(todo) < 2:
+        for block in todo:
+            yield block, run_block(plan, block)
+        return
+    context = multiprocessing.get_context("spawn")
+    for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):  # one thread for each process
+        os.environ.setdefault(variable, "1")
+    with ProcessPoolExecutor(jobs, context, initializer=_one_thread) as pool:
+        waiting = {pool.submit(run_block, plan, block): block for block in todo}
+        try:
+            while waiting:
+                finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    yield waiting.pop(future), future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _one_thread() -> None:
+    import torch
+
+    torch.set_num_threads(1)
+
+
+def _result(plan: Plan, store: Store) -> Result:
+    results, predictions, checks, disagreements = [], {}, 0, []
+    alone: Judged | None = None
+    for number, predictor in enumerate(plan.predictors):
+        config = plan.loaded(predictor)
+        name = config.predictor.name
+        mine = [store.done[b.key] for b in blocks(plan) if b.predictor == number]
+        outcomes = [row for rows in mine for row in rows["outcomes"]]
+        for variant in variants(config, plan.modes, plan.coverages):
+            chosen = [row for row in outcomes if row["variant"] == variant.name]
+            results.append(judged(name, variant.name, _sorted(chosen)))
+        if alone is None:
+            chosen = [row for row in outcomes if row["variant"] == ALONE.name]
+            alone = judged("–", ALONE.name, _sorted(chosen))
+        predictions[name] = _sorted([row for rows in mine for row in rows["predictions"]])
+        for check in (row for rows in mine for row in rows["checks"]):
+            checks += 1
+            if check["disagreement"]:
+                disagreements.append(
+                    f"{name}, {check['variant']}, episode {check['index']}: {check['disagreement']}"
+                )
+    assert alone is not None
+    return Result(results, alone, predictions, checks, disagreements)
+
+
+def _sorted(rows: Sequence[Row]) -> list[Row]:
+    return sorted(rows, key=lambda row: row["index"])

@@ -1,0 +1,132 @@
+"""One approach as a source (``kind: approach``): motions, each put somewhere over the floor.
+
+``hri-predict simulate`` fills in who and where; a configuration that names them plays that very
+approach through the node (``hri-predict run``), so that a contact in a table can be looked at.
+"""
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from hri_predict.errors import ConfigError
+from hri_predict.joint_map import load_joint_map
+from hri_predict.scene import Floats, Person, Scene
+from hri_predict.settings import MIN_RATE_HZ, Pose, Vector3, transform
+from hri_predict.source import SourceSettings
+from hri_sim.simulation.motion import Motion, load_motion
+
+_SAME_NS = 1_000_000  # captures of several people nearer than this are one scene
+
+
+class ApproachSettings(SourceSettings):
+    """``source:`` of ``kind: approach``."""
+
+    kind: Literal["approach"]
+    room_from_source: Pose = Pose()
+    motions: list[str] = Field(
+        [], max_length=16, description="recordings or procedural:SEED; simulate fills them in"
+    )
+    places: list[Vector3] = Field(
+        [], description="[x, y, yaw] for each: turns its frame about z, then moves it"
+    )
+    lead_in_s: float = Field(3.0, ge=0, le=60, description="the room is seen empty before")
+    rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second at most")
+
+
+class ApproachSource:
+    """See ``hri_predict.source.Source``. People have the ids 1, 2, ... in the order of motions."""
+
+    settings_model = ApproachSettings
+
+    def __init__(self, settings: ApproachSettings, base_dir: Path | None = None) -> None:
+        """Read the motions; relative paths start at ``base_dir``, or else where we are.
+
+        Raises:
+            ConfigError: nobody is named, or the motions do not go together.
+            RecordingError: a recording cannot be read.
+        """
+        if not settings.motions or len(settings.motions) != len(settings.places):
+            raise ConfigError(
+                "source: an approach needs motions and as many places; "
+                "run 'hri-predict simulate', which fills them in"
+            )
+        self._motions = [load_motion(name, settings.rate_hz, base_dir) for name in settings.motions]
+        self._captures = together(self._motions)
+        room = settings.room_from_source.matrix()
+        self._positions = [
+            transform(room @ over_floor(place), motion.positions)
+            for motion, place in zip(self._motions, settings.places, strict=True)
+        ]
+        self.joint_map = load_joint_map("canonical")
+        self.rate_hz = self._motions[0].rate_hz
+        self.declares_noise = False
+        self._empty = round(settings.lead_in_s * self.rate_hz)
+        self._start_ns: int | None = None
+        self._next = 0
+
+    def open(self, start_ns: int) -> None:
+        """Start: the first (empty) scene is captured at ``start_ns``."""
+        self._start_ns, self._next = start_ns, 0
+
+    def next_ns(self) -> int | None:
+        """Arrival of the next scene; ``None`` after the last."""
+        if self._start_ns is None or self._next >= self._empty + len(self._captures):
+            return None
+        return self._capture_ns(self._next)
+
+    def poll(self, now_ns: int) -> Scene | None:
+        """The oldest scene that has arrived by ``now_ns`` and was not returned."""
+        due_ns = self.next_ns()
+        if due_ns is None or due_ns > now_ns:
+            return None
+        k, self._next = self._next, self._next + 1
+        here = range(len(self._motions)) if k >= self._empty else ()
+        people = tuple(
+            Person(
+                p + 1,
+                self._positions[p][k - self._empty],
+                self._motions[p].observed[k - self._empty],
+            )
+            for p in here
+        )
+        return Scene(due_ns, k, True, people)
+
+    def close(self) -> None:
+        """Nothing is held."""
+        self._start_ns = None
+
+    def _capture_ns(self, k: int) -> int:
+        assert self._start_ns is not None
+        if k < self._empty:
+            return self._start_ns + round(k * 1e9 / self.rate_hz)
+        lead_ns = round(self._empty * 1e9 / self.rate_hz)
+        return self._start_ns + lead_ns + int(self._captures[k - self._empty])
+
+
+def together(motions: list[Motion]) -> NDArray[np.int64]:
+    """(N,) captures that all motions have in common, up to the end of the shortest.
+
+    Raises:
+        ConfigError: they are not of one rate.
+    """
+    count = min(len(motion.capture_ns) for motion in motions)
+    captures = motions[0].capture_ns[:count]
+    for motion in motions[1:]:
+        if np.abs(motion.capture_ns[:count] - captures).max() > _SAME_NS:
+            raise ConfigError(
+                f"recordings {motions[0].name} ({motions[0].rate_hz:g} Hz) and {motion.name} "
+                f"({motion.rate_hz:g} Hz): several people need one rate; lower source.rate_hz"
+            )
+    return captures
+
+
+def over_floor(place: list[float]) -> Floats:
+    """(4, 4) of a turn about z by yaw, then a move by x and y."""
+    x, y, yaw = place
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    matrix[:2, 3] = x, y
+    return matrix

@@ -1,0 +1,191 @@
+"""What the node knows of the people of a motion, tick by tick: computed once, moved for each place.
+
+Forecasts and zones depend neither on where over the floor a motion is put (the stages are
+equivariant under turns about z and moves over the floor) nor on any robot. So each motion runs once
+through the real stages, in its own frame; an episode moves what came of it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict import assemble
+from hri_predict.clock import VirtualClock
+from hri_predict.people import People
+from hri_predict.prediction import PredictionRunner
+from hri_predict.risk.types import Capsules
+from hri_predict.risk.zones import BodyZones
+from hri_predict.scene import Floats
+from hri_predict.session import VIRTUAL_START_NS
+from hri_predict.settings import transform
+from hri_predict.snapshot import PeopleSnapshot
+from hri_sim.simulation.approach import ApproachSource
+from hri_sim.simulation.cell import Cell, Variant, with_risk
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """K ticks of one motion or of several together.
+
+    Attributes:
+        snapshots: (K) without history.
+        forecasts: (K) of (P, H, J, 3), ``None`` where there was none.
+        zones: variant's name -> (K).
+    """
+
+    snapshots: list[PeopleSnapshot]
+    forecasts: list[Floats | None]
+    zones: dict[str, list[BodyZones]]
+
+
+def compute(cell: Cell, motion: str, lead_in_s: float, variants: Sequence[Variant]) -> Bodies:
+    """Run people, predictor and zones over one motion in its own frame, as the node would."""
+    config = cell.config
+    settings = cell.source.model_copy(
+        update={"motions": [motion], "places": [[0.0, 0.0, 0.0]], "lead_in_s": lead_in_s}
+    )
+    clock = VirtualClock(VIRTUAL_START_NS)
+    source = ApproachSource(settings, config.base_dir)
+    people = assemble.build_people(config, source, cell.predictor)
+    runner = PredictionRunner(cell.predictor, deadline_s=None)
+    engines = {
+        v.name: assemble.build_risk(
+            with_risk(config, v), source, cell.predictor, cell.trackers(clock)
+        )
+        for v in variants
+    }
+    found = Bodies([], [], {name: [] for name in engines})
+    for tick_ns in _ticks(source, people, round(1e9 / config.node.rate_hz)):
+        snapshot = people.snapshot(tick_ns)
+        forecast, reason = runner.run(snapshot)
+        reasons = (reason,) if reason is not None else ()
+        for name, engine in engines.items():
+            found.zones[name].append(engine.zones(snapshot, forecast, reasons))
+        found.forecasts.append(None if forecast is None else forecast.positions)
+        found.snapshots.append(_light(snapshot))
+    return found
+
+
+def _ticks(source: ApproachSource, people: People, period_ns: int) -> Iterator[int]:
+    """The ticks up to the last scene; as in the node's loop, what has arrived comes first."""
+    tick_ns = VIRTUAL_START_NS
+    source.open(tick_ns)
+    while (due_ns := source.next_ns()) is not None:
+        if due_ns > tick_ns:
+            yield tick_ns
+            tick_ns += period_ns
+            continue
+        scene = source.poll(due_ns)
+        assert scene is not None
+        people.receive(scene, due_ns)
+        if due_ns == tick_ns and source.next_ns() is None:
+            yield tick_ns
+
+
+def moved(bodies: Bodies, matrix: Floats, person: int) -> Bodies:
+    """The same after a rigid motion (4, 4), everybody's id raised by ``person``."""
+    return Bodies(
+        [_moved_snapshot(s, matrix, person) for s in bodies.snapshots],
+        [None if f is None else transform(matrix, f) for f in bodies.forecasts],
+        {name: [_moved_zones(z, matrix, person) for z in zs] for name, zs in bodies.zones.items()},
+    )
+
+
+def joined(parts: Sequence[Bodies]) -> Bodies:
+    """Several people, each computed alone, in one room; up to the end of the shortest."""
+    if len(parts) == 1:
+        return parts[0]
+    count = min(len(part.snapshots) for part in parts)
+    return Bodies(
+        [_joined_snapshots([part.snapshots[k] for part in parts]) for k in range(count)],
+        [_joined_forecasts([part.forecasts[k] for part in parts]) for k in range(count)],
+        {
+            name: [_joined_zones([part.zones[name][k] for part in parts]) for k in range(count)]
+            for name in parts[0].zones
+        },
+    )
+
+
+def _light(snapshot: PeopleSnapshot) -> PeopleSnapshot:
+    """Without the history, which nobody needs once there is a forecast."""
+    return replace(snapshot, history=snapshot.history[:, :0], observed=snapshot.observed[:, :0])
+
+
+def _moved_snapshot(snapshot: PeopleSnapshot, matrix: Floats, person: int) -> PeopleSnapshot:
+    return replace(
+        snapshot,
+        ids=tuple(i + person for i in snapshot.ids),
+        last_positions=transform(matrix, snapshot.last_positions),
+        lost=tuple(
+            replace(p, id=p.id + person, positions=transform(matrix, p.positions))
+            for p in snapshot.lost
+        ),
+    )
+
+
+def _moved_zones(bodies: BodyZones, matrix: Floats, person: int) -> BodyZones:
+    zones = bodies.zones
+    capsules = _moved_capsules(zones.capsules, matrix)
+    same = bodies.paths is zones.capsules
+    return replace(
+        bodies,
+        zones=replace(zones, ids=tuple(i + person for i in zones.ids), capsules=capsules),
+        paths=capsules if same else _moved_capsules(bodies.paths, matrix),
+    )
+
+
+def _moved_capsules(capsules: Capsules, matrix: Floats) -> Capsules:
+    return Capsules(transform(matrix, capsules.a), transform(matrix, capsules.b), capsules.radius)
+
+
+def _joined_snapshots(parts: Sequence[PeopleSnapshot]) -> PeopleSnapshot:
+    newest = [part.newest_capture_ns for part in parts]
+    return replace(
+        parts[0],
+        ids=tuple(i for part in parts for i in part.ids),
+        history=np.concatenate([part.history for part in parts]),
+        observed=np.concatenate([part.observed for part in parts]),
+        capture_ns=np.concatenate([part.capture_ns for part in parts]),
+        last_positions=np.concatenate([part.last_positions for part in parts]),
+        joint_age_s=np.concatenate([part.joint_age_s for part in parts]),
+        lost=tuple(p for part in parts for p in part.lost),
+        reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
+        newest_capture_ns=None if None in newest else min(n for n in newest if n is not None),
+        captures=min(part.captures for part in parts),
+    )
+
+
+def _joined_forecasts(parts: Sequence[Floats | None]) -> Floats | None:
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
+
+
+def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
+    lost = np.concatenate([part.lost for part in parts])
+    order = np.argsort(lost, kind="stable")  # lost people come last
+    ids = [i for part in parts for i in part.zones.ids]
+    captures = [p.capture_ns for p in parts if p.capture_ns is not None]
+    zones = replace(
+        parts[0].zones,
+        ids=tuple(ids[i] for i in order),
+        capsules=_joined_capsules([part.zones.capsules for part in parts], order),
+    )
+    return replace(
+        parts[0],
+        zones=zones,
+        paths=_joined_capsules([part.paths for part in parts], order),
+        lost=lost[order],
+        age_s=max(part.age_s for part in parts),
+        capture_ns=min(captures, default=None),
+        reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
+    )
+
+
+def _joined_capsules(parts: Sequence[Capsules], order: NDArray[np.intp]) -> Capsules:
+    return Capsules(
+        np.concatenate([c.a for c in parts])[order],
+        np.concatenate([c.b for c in parts])[order],
+        np.concatenate([c.radius for c in parts])[order],
+    )

@@ -1,0 +1,271 @@
+"""One episode, stepped through the closed loop.
+
+Levels, publisher, link, wire, controller, arm and referee are the node's and the cell's own,
+stepped as ``hri-predict run --speed max`` does; people, predictor and zones are played from
+``Bodies``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from hri_predict import assemble
+from hri_predict.clock import VirtualClock
+from hri_predict.config import Config
+from hri_predict.node import Node
+from hri_predict.people import People
+from hri_predict.prediction import PredictionRunner
+from hri_predict.predictors.base import Forecast
+from hri_predict.protocol.messages import Advice, Level, Message, Status
+from hri_predict.publisher import Publisher
+from hri_predict.reasons import Reason
+from hri_predict.risk.engine import RiskEngine
+from hri_predict.risk.types import Assessment, Zones
+from hri_predict.risk.zones import BodyZones
+from hri_predict.runtime import Pace, step_all
+from hri_predict.scene import Bools, Floats, Scene
+from hri_predict.session import VIRTUAL_START_NS
+from hri_predict.snapshot import PeopleSnapshot
+from hri_predict.tick import Listener, Tick
+from hri_sim.cell import MockCell
+from hri_sim.controller import ControllerReport
+from hri_sim.referee import Referee, TruePeople
+from hri_sim.simulation.approach import ApproachSettings, ApproachSource
+from hri_sim.simulation.bodies import Bodies
+from hri_sim.simulation.cell import Cell, Variant, with_risk, with_scenario
+from hri_sim.simulation.scenario import Scenario
+
+
+@dataclass
+class Log:
+    """What truly happened, tick by tick. K ticks.
+
+    Attributes:
+        times_s: (K,) since the start.
+        people: (K) id -> canonical joints (J, 3) and which are known (J,).
+        q, path_s: robot name -> (K) joints (N,), and seconds of full speed along its path, not
+            wrapped at the cycle's end.
+        levels: (K) of each robot's advice.
+        contacts, contacts_standing, min_separation_m, violation_s, violation_m: the referee's.
+        controllers: their reports.
+    """
+
+    times_s: list[float] = field(default_factory=list)
+    people: list[dict[int, tuple[Floats, Bools]]] = field(default_factory=list)
+    q: dict[str, list[Floats]] = field(default_factory=dict)
+    path_s: dict[str, list[float]] = field(default_factory=dict)
+    levels: list[tuple[Level, ...]] = field(default_factory=list)
+    contacts: int = 0
+    contacts_standing: int = 0
+    min_separation_m: float | None = None
+    violation_s: float = 0.0
+    violation_m: float = 0.0
+    controllers: Sequence[ControllerReport] = ()
+
+
+def run_episode(
+    cell: Cell, scenario: Scenario, variant: Variant, bodies: Bodies, nobody: bool = False
+) -> Log:
+    """Step one episode.
+
+    Args:
+        cell: what stays the same.
+        scenario: who comes.
+        variant: how risk is judged.
+        bodies: everybody as the node knows them, in the room.
+        nobody: the node sees an empty room, so that the robot works as if alone: what would happen
+            without protection, and how much work an empty cell does.
+    """
+    config = with_scenario(with_risk(cell.config, variant), scenario)
+    clock = VirtualClock(VIRTUAL_START_NS)
+    mock = MockCell(
+        config.links, config.node.robots, config.base_dir, clock, manned=cell.posts(config.links)
+    )
+    source = ApproachSource(cell_settings(config), config.base_dir)
+    transports = mock.transports()
+    links = tuple(
+        assemble.build_link(link, config, clock, None, transports[link.name])
+        for link in config.links
+    )
+    trackers = cell.trackers(clock)
+    advised = assemble.advised_on_links(config)
+    played = _Played(bodies, variant.name, config.node.rate_hz, nobody)
+    engine = assemble.build_risk(config, source, cell.predictor, trackers)
+    watch = _Watch()
+    node = Node(
+        _PlayedPeople(played),
+        _NoPrediction(),
+        _PlayedRisk(engine, played),
+        trackers,
+        links,
+        advised,
+        _QuietPublisher(links, advised, cell.predictor, False),
+        0,
+        [watch],
+    )
+    assembly = assemble.Assembly(
+        config, clock, source, links, _NoPrediction(), tuple(cell.models), tuple(trackers), node
+    )
+    truth = TruePeople(ApproachSource(cell_settings(config), config.base_dir))
+    referee = Referee(cell.models, config.node.risk.clearance_m)
+    recorder = _Recorder(mock, truth, referee, cell)
+    step_all(assembly, Pace(), mock, each_tick=recorder.observe)
+    if node.assess_failures or node.listener_failures:
+        raise RuntimeError(f"the risk stage failed in episode {scenario.index}")
+    return recorder.log(watch, mock.stop())
+
+
+def cell_settings(config: Config) -> ApproachSettings:
+    """The configuration's source, which names who comes."""
+    assert isinstance(config.source, ApproachSettings)
+    return config.source
+
+
+class _Played:
+    """The stages' results by the tick's time."""
+
+    def __init__(self, bodies: Bodies, variant: str, rate_hz: float, nobody: bool) -> None:
+        self._bodies = bodies
+        self._zones = bodies.zones[variant]
+        self._period_ns = round(1e9 / rate_hz)
+        self.nobody = nobody
+
+    def snapshot(self, now_ns: int) -> PeopleSnapshot:
+        snapshot = self._bodies.snapshots[self._index(now_ns)]
+        return _empty(snapshot) if self.nobody else snapshot
+
+    def zones(self, now_ns: int) -> BodyZones:
+        return self._zones[self._index(now_ns)]
+
+    def _index(self, now_ns: int) -> int:
+        index, rest = divmod(now_ns - VIRTUAL_START_NS, self._period_ns)
+        assert rest == 0
+        return index
+
+
+class _PlayedPeople(People):
+    """Follows nobody: who is here was computed before."""
+
+    def __init__(self, played: _Played) -> None:
+        self._played = played
+
+    def receive(self, scene: Scene, receipt_ns: int) -> None:
+        """Computed before."""
+
+    def snapshot(self, now_ns: int) -> PeopleSnapshot:
+        """Everybody at ``now_ns``."""
+        return self._played.snapshot(now_ns)
+
+
+class _NoPrediction(PredictionRunner):
+    """The zones were computed before; nobody asks for a forecast."""
+
+    def __init__(self) -> None:
+        self.failures = self.late = 0
+
+    def run(self, snapshot: PeopleSnapshot) -> tuple[Forecast | None, Reason | None]:
+        """None."""
+        return None, None
+
+
+class _PlayedRisk(RiskEngine):
+    """The engine's second half: its zones were computed before."""
+
+    def __init__(self, engine: RiskEngine, played: _Played) -> None:
+        self._engine, self._played = engine, played
+
+    def assess(
+        self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
+    ) -> Assessment:
+        """Judge the zones of this tick."""
+        if self._played.nobody:
+            return self._engine.judge(snapshot, self._engine.zones(snapshot, None, ()))
+        return self._engine.judge(snapshot, self._played.zones(snapshot.now_ns))
+
+    def acknowledge(self, latch_id: int) -> bool:
+        """As the engine does."""
+        return self._engine.acknowledge(latch_id)
+
+
+class _QuietPublisher(Publisher):
+    """Leaves out what no controller of a simulation hears."""
+
+    def publish(
+        self,
+        now_ns: int,
+        status: Status,
+        advices: Sequence[Advice],
+        zones: Zones | None,
+        forecast: Forecast | None,
+        snapshot: PeopleSnapshot | None,
+    ) -> list[Message]:
+        """Post advice, status and schema."""
+        return super().publish(now_ns, status, advices, None, None, None)
+
+
+class _Watch(Listener):
+    """Notes each tick's advice."""
+
+    def __init__(self) -> None:
+        self.levels: dict[int, tuple[Level, ...]] = {}
+
+    def on_tick(self, tick: Tick) -> None:
+        """Note the levels."""
+        if tick.assessment is not None:  # not the announcements of start and end
+            self.levels[tick.now_ns] = tuple(advice.level for advice in tick.advices)
+
+
+class _Recorder:
+    """Judges and notes what truly is at each tick."""
+
+    def __init__(self, mock: MockCell, truth: TruePeople, referee: Referee, cell: Cell) -> None:
+        self._mock, self._truth, self._referee = mock, truth, referee
+        self._cycles = {
+            model.name: trajectory.duration_s
+            for model, trajectory in zip(cell.models, cell.trajectories, strict=True)
+        }
+        self._stamps: list[int] = []
+        self._log = Log(
+            q={name: [] for name in self._cycles}, path_s={name: [] for name in self._cycles}
+        )
+
+    def observe(self, now_ns: int) -> None:
+        """Judge the time since the last tick, as the node's own referee does."""
+        if not self._stamps:
+            self._truth.open(now_ns)
+        people, robots = self._truth.at(now_ns), self._mock.robot_truth(now_ns)
+        self._referee.observe(now_ns, people, robots)
+        log, paths = self._log, self._mock.path_s()
+        self._stamps.append(now_ns)
+        log.times_s.append((now_ns - VIRTUAL_START_NS) * 1e-9)
+        log.people.append(people)
+        for name, cycle_s in self._cycles.items():
+            log.q[name].append(robots[name][0])
+            before, now = log.path_s[name], paths[name]
+            if before:  # unwrapped: in one tick it passes far less than half a cycle
+                now = before[-1] + (now - before[-1] + 0.25 * cycle_s) % cycle_s - 0.25 * cycle_s
+            before.append(now)
+
+    def log(self, watch: _Watch, reports: Sequence[ControllerReport]) -> Log:
+        """The whole log, at the end."""
+        log, referee = self._log, self._referee
+        log.levels = [watch.levels[stamp] for stamp in self._stamps]
+        log.contacts, log.contacts_standing = referee.contacts, referee.contacts_standing
+        log.min_separation_m = referee.min_separation_m
+        log.violation_s, log.violation_m = referee.violation_s, referee.violation_m
+        log.controllers = reports
+        return log
+
+
+def _empty(snapshot: PeopleSnapshot) -> PeopleSnapshot:
+    """The same scene without anybody; nothing speaks against an empty room."""
+    return replace(
+        snapshot,
+        ids=(),
+        history=snapshot.history[:0],
+        observed=snapshot.observed[:0],
+        capture_ns=snapshot.capture_ns[:0],
+        last_positions=snapshot.last_positions[:0],
+        joint_age_s=snapshot.joint_age_s[:0],
+        lost=(),
+        reasons=(),
+    )

@@ -1,0 +1,137 @@
+"""Motions: what the people of an approach do, each in a frame of its own with the floor at z = 0.
+
+A motion is one person's recording, or one procedural script, mapped to canonical joints.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.errors import ConfigError
+from hri_predict.scene import Bools, Floats
+from hri_predict.skeleton import JOINTS
+from hri_sim.procedural import ProceduralSettings, ProceduralSource
+from hri_sim.replay import RecordingSettings, RecordingSource
+from hri_sim.script import PersonSettings, Timeline
+
+PROCEDURAL = "procedural"
+"""Motions of this name, as in ``procedural:3``, are scripts; the number is their seed."""
+_SHOULDERS_M = 1.05
+"""Height of a seated person's shoulders, for recordings of arms in a camera's frame."""
+_SHORTEST_S = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One person's motion. N captures, J canonical joints.
+
+    Attributes:
+        name: path of the recording, or ``procedural:SEED``.
+        rate_hz: captures per second.
+        capture_ns: (N,) from 0 at the first.
+        positions: (N, J, 3) metres, z up, floor at 0; NaN where not observed.
+        observed: (N, J).
+    """
+
+    name: str
+    rate_hz: float
+    capture_ns: NDArray[np.int64]
+    positions: Floats
+    observed: Bools
+
+    @property
+    def duration_s(self) -> float:
+        """From the first capture to the last."""
+        return float(self.capture_ns[-1]) * 1e-9
+
+
+@lru_cache(maxsize=64)
+def load_motion(name: str, rate_hz: float, base_dir: Path | None = None) -> Motion:
+    """Read a recording (or write out a script) at ``rate_hz``, or its own rate if that is lower.
+
+    Raises:
+        RecordingError: it cannot be read.
+        ConfigError: it holds anything but one person's motion of a second at least.
+    """
+    if name.startswith(PROCEDURAL + ":"):
+        return _procedural(name, rate_hz)
+    if name.lower().endswith(".mcap"):
+        raise ConfigError(
+            f"recording {name}: a node's recording plays in its own room and cannot be placed; "
+            f"give motion files (.npz, .bvh)"
+        )
+    settings = RecordingSettings(kind="recording", path=name)
+    source = RecordingSource(settings, base_dir)
+    if source.rate_hz > rate_hz:
+        source = RecordingSource(settings.model_copy(update={"rate_hz": rate_hz}), base_dir)
+    motion = _collected(name, source)
+    if source.recording.kind == "assembly":
+        return _seated(motion)
+    return motion
+
+
+def _collected(name: str, source: RecordingSource | ProceduralSource) -> Motion:
+    source.open(0)
+    stamps, positions, observed = [], [], []
+    while (due_ns := source.next_ns()) is not None:
+        scene = source.poll(due_ns)
+        assert scene is not None
+        joints, seen = np.full((len(JOINTS), 3), np.nan), np.zeros(len(JOINTS), dtype=np.bool_)
+        for person in scene.people:
+            joints, seen = source.joint_map.map(person.positions, person.observed)
+        stamps.append(scene.capture_ns)
+        positions.append(np.where(seen[:, None], joints, np.nan))
+        observed.append(seen)
+    if not stamps or (stamps[-1] - stamps[0]) * 1e-9 < _SHORTEST_S or not observed[0].any():
+        raise ConfigError(
+            f"recording {name}: too short, or nobody is seen at its start; an approach needs "
+            f"{_SHORTEST_S:g} s of a person; leave it out"
+        )
+    capture_ns = np.array(stamps, dtype=np.int64) - stamps[0]
+    return Motion(name, source.rate_hz, capture_ns, np.array(positions), np.array(observed))
+
+
+def _seated(motion: Motion) -> Motion:
+    """Arms recorded in a camera's frame, lifted to where a seated person has them."""
+    shoulders = [JOINTS.index("l_shoulder"), JOINTS.index("r_shoulder")]
+    lift = _SHOULDERS_M - float(np.nanmean(motion.positions[:, shoulders, 2]))
+    lifted = motion.positions + np.array([0.0, 0.0, lift])
+    return Motion(motion.name, motion.rate_hz, motion.capture_ns, lifted, motion.observed)
+
+
+def _procedural(name: str, rate_hz: float) -> Motion:
+    """Somebody walks up, reaches out, stays a moment, and walks away: drawn from the seed."""
+    try:
+        rng = np.random.default_rng([int(name.partition(":")[2]), 0])
+    except ValueError as error:
+        raise ConfigError(f"motion {name}: write procedural:SEED, as in procedural:3") from error
+    walked = float(rng.uniform(2.5, 4.0))
+    hand = str(rng.choice(["left", "right"]))
+    aside = float(rng.uniform(-0.15, 0.15))
+    reach = {
+        "do": "reach", "hand": hand, "hold_s": float(rng.uniform(0.2, 1.5)),
+        "to": [walked + float(rng.uniform(0.4, 0.55)), aside, float(rng.uniform(0.9, 1.25))],
+    }  # fmt: skip
+    speed = {"speed_m_s": float(rng.uniform(0.8, 1.6))}
+    away = {"do": "walk", "to": [float(rng.uniform(0.5, 1.5)), float(rng.uniform(-1.0, 1.0))]}
+    person = PersonSettings.model_validate(
+        {
+            "start": [0.0, 0.0],
+            "height_m": float(rng.uniform(1.6, 1.9)),
+            "repeat": False,
+            "script": [
+                {"do": "walk", "to": [walked, 0.0]} | speed,
+                {"do": "wait", "seconds": float(rng.uniform(0.1, 0.6))},
+                reach,
+                away | speed,
+            ],
+        }
+    )
+    lasts_s = Timeline(person, f"motion {name}", True).cycle_s
+    settings = ProceduralSettings(
+        kind="procedural", people=[person], rate_hz=rate_hz, duration_s=lasts_s
+    )
+    return _collected(name, ProceduralSource(settings))

@@ -1,0 +1,94 @@
+"""Plots of a simulation as PNG files: every measure as bars, and productivity against risk."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from hri_predict.errors import ConfigError
+from hri_sim.simulation.report import METRICS, Judged, Metric
+
+try:
+    from matplotlib.figure import Figure
+except ImportError as error:  # an extra of its own
+    raise ConfigError(
+        "plots need matplotlib; install it with pip install 'hri-predict[train]'"
+    ) from error
+
+# Okabe and Ito's colours, which the colour-blind can tell apart
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B", "#000000")
+_DPI = 130
+
+
+def write_plots(results: Sequence[Judged], out: Path) -> list[Path]:
+    """Write every plot into a folder that exists; returns the files."""
+    figures = {"simulate.png": bars(results), "risk_productivity.png": risk(results)}
+    for name, figure in figures.items():
+        figure.savefig(out / name, dpi=_DPI)
+    return [out / name for name in figures]
+
+
+def bars(results: Sequence[Judged]) -> Figure:
+    """One panel for each measure, one bar for each predictor and mode, with 95 % intervals."""
+    names = [_name(r, results) for r in results]
+    figure = Figure(figsize=(13, 1.6 + 2 * (1.0 + 0.3 * len(results))), layout="constrained")
+    panels = figure.subplots(2, 4, sharey=True)
+    for panel, metric in zip(panels.flat, METRICS, strict=True):
+        for k, result in enumerate(results):
+            _bar(panel, k, result, metric)
+        panel.set_title(metric.title.replace(", ", ",\n", 1), fontsize=9)
+        panel.set_xlim(left=0)
+        panel.grid(axis="x", alpha=0.3)
+        panel.set_yticks(range(len(names)), names)
+    panels[0, 0].invert_yaxis()
+    first = results[0].totals
+    figure.suptitle(
+        f"Closed loop, {first['approaches']} approaches of {first['recordings']} recordings; "
+        "lines: 95 % interval, resampled by recording",
+        fontsize=11,
+    )
+    return figure
+
+
+def _bar(panel: Any, k: int, result: Judged, metric: Metric) -> None:
+    estimate = result.estimates[metric.key]
+    if estimate.value is None or estimate.low is None or estimate.high is None:
+        panel.text(0, k, " –", va="center")
+        return
+    value, low, high = (metric.factor * v for v in (estimate.value, estimate.low, estimate.high))
+    panel.barh(k, value, color=_COLOURS[k % len(_COLOURS)], height=0.6)
+    panel.plot([low, high], [k, k], color="black", lw=1.5)
+    panel.text(max(high, value), k, f" {value:.{metric.digits}f}", va="center", fontsize=8)
+    panel.margins(x=0.2)
+
+
+def risk(results: Sequence[Judged]) -> Figure:
+    """Productivity against risk: up and to the left is better."""
+    figure = Figure(figsize=(8, 5.5), layout="constrained")
+    panel = figure.subplots()
+    for k, result in enumerate(results):
+        work, harm = result.estimates["productivity"], result.estimates["violation_share"]
+        if work.value is None or harm.value is None:
+            continue
+        colour = _COLOURS[k % len(_COLOURS)]
+        x, y = 100 * harm.value, 100 * work.value
+        panel.plot([100 * (harm.low or 0), 100 * (harm.high or 0)], [y, y], color=colour, lw=1)
+        panel.plot([x, x], [100 * (work.low or 0), 100 * (work.high or 0)], color=colour, lw=1)
+        contacts = result.totals["contacts"]
+        label = f"{_name(result, results)}: {contacts} contact{'' if contacts == 1 else 's'}"
+        panel.plot(x, y, "o", color=colour, label=label)
+    panel.set_xlabel(
+        "risk: time in which a moving robot was too near, % of time with somebody there"
+    )
+    panel.set_ylabel("productivity, % of an empty cell")
+    panel.set_xlim(left=0)
+    panel.set_ylim(bottom=0)
+    panel.grid(alpha=0.3)
+    panel.legend(fontsize=8)
+    panel.set_title("Productivity against risk; lines: 95 % intervals, resampled by recording")
+    return figure
+
+
+def _name(result: Judged, results: Sequence[Judged]) -> str:
+    """The variant, with the predictor where there are several."""
+    several = len({r.predictor for r in results}) > 1
+    return f"{result.predictor}, {result.variant}" if several else result.variant

@@ -1,0 +1,220 @@
+"""Tables of a simulation, for the terminal, Markdown and JSON."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hri_sim.simulation.outcome import HORIZON_S, NEAR_M
+from hri_sim.simulation.statistics import Estimate, ratio
+
+Row = Mapping[str, Any]
+"""An ``Outcome`` or a ``Prediction`` as plain data."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A column: its key, title, unit, and factor from the ratio to what is shown."""
+
+    key: str
+    title: str
+    digits: int
+    factor: float = 1.0
+
+
+METRICS = (
+    Metric("contacts", "contacts, moving, /100", 2, 100.0),
+    Metric("contacts_standing", "contacts, standing, /100", 1, 100.0),
+    Metric("violation_share", "too near, % of time", 2, 100.0),
+    Metric("productivity", "productivity, %", 1, 100.0),
+    Metric("stops_per_h", "stops /h", 0, 3600.0),
+    Metric("false_stops_per_h", "false stops /h", 0, 3600.0),
+    Metric("missed", "missed touches, %", 1, 100.0),
+    Metric("lead_s", "lead time, s", 2),
+)
+HARM, WORK = METRICS[:3], METRICS[3:]
+PREDICTION = (
+    Metric("precision", "precision, %", 1, 100.0),
+    Metric("recall", "recall, %", 1, 100.0),
+    Metric("f1", "F1, %", 1, 100.0),
+)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One predictor under one variant: its numbers.
+
+    Attributes:
+        predictor, variant: which.
+        outcomes: of all approaches.
+        estimates: metric's key -> ratio with interval.
+        totals: sums and extremes for the record.
+    """
+
+    predictor: str
+    variant: str
+    outcomes: Sequence[Row]
+    estimates: Mapping[str, Estimate]
+    totals: Mapping[str, Any]
+
+
+def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
+    """Add up all approaches of one variant."""
+    names = [row["motion"] for row in rows]
+
+    def of(top: Sequence[float], bottom: Sequence[float]) -> Estimate:
+        return ratio(names, top, bottom)
+
+    column = {key: [row[key] for row in rows] for key in rows[0] if key not in ("motion", "lead_s")}
+    ones = [1.0] * len(rows)
+    estimates = {
+        "contacts": of(column["contacts"], ones),
+        "contacts_standing": of(column["contacts_standing"], ones),
+        "violation_share": of(column["violation_s"], column["seconds"]),
+        "stops_per_h": of(column["judged_stops"], column["judged_s"]),
+        "false_stops_per_h": of(column["false_stops"], column["judged_s"]),
+        "missed": of(column["missed"], column["touches"]),
+        "lead_s": of([sum(r["lead_s"]) for r in rows], [len(r["lead_s"]) for r in rows]),
+        "productivity": of(column["cycles"], column["cycles_empty"]),
+    }
+    separations = [s for s in column["min_separation_m"] if s is not None]
+    totals = {
+        "approaches": len(rows),
+        "recordings": len(set(names)),
+        "hours": sum(column["seconds"]) / 3600,
+        "contacts": sum(column["contacts"]),
+        "contacts_standing": sum(column["contacts_standing"]),
+        "approaches_with_violation": sum(s > 0 for s in column["violation_s"]),
+        "violation_s": sum(column["violation_s"]),
+        "violation_depth_m": max(column["violation_m"]),
+        "min_separation_m": min(separations, default=None),
+        "stops": sum(column["stops"]),
+        "wire_stops": sum(column["wire_stops"]),
+        "judged_stops": sum(column["judged_stops"]),
+        "false_stops": sum(column["false_stops"]),
+        "touches_unprotected": sum(column["touches"]),
+        "missed": sum(column["missed"]),
+        "cycles": sum(column["cycles"]),
+        "cycles_empty": sum(column["cycles_empty"]),
+    }
+    return Judged(predictor, variant, rows, estimates, totals)
+
+
+def predicted(rows: Sequence[Row]) -> dict[str, Estimate]:
+    """Precision, recall and F1 of "body and robot touch within 1 s", over instants."""
+    names = [row["motion"] for row in rows]
+    hits = [row["true_positive"] for row in rows]
+    alarms = [row["true_positive"] + row["false_positive"] for row in rows]
+    touches = [row["true_positive"] + row["false_negative"] for row in rows]
+    return {
+        "precision": ratio(names, hits, alarms),
+        "recall": ratio(names, hits, touches),
+        "f1": ratio(
+            names, [2 * h for h in hits], [a + t for a, t in zip(alarms, touches, strict=True)]
+        ),
+    }
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as text."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def markdown(self) -> str:
+        """As Markdown."""
+        lines = [f"## {self.title}", "", "| " + " | ".join(self.columns) + " |"]
+        lines.append("|" + "---|" * len(self.columns))
+        lines += ["| " + " | ".join(row) + " |" for row in self.rows]
+        return "\n".join(lines)
+
+
+def shown(estimate: Estimate, metric: Metric) -> str:
+    """A value and its interval, or a dash where there was nothing to divide by."""
+    if estimate.value is None:
+        return "–"
+    value, low, high = (
+        f"{metric.factor * v:.{metric.digits}f}"
+        for v in (estimate.value, estimate.low or 0.0, estimate.high or 0.0)
+    )
+    return f"{value} [{low}, {high}]"
+
+
+def tables(
+    results: Sequence[Judged],
+    alone: Judged,
+    predictions: Mapping[str, Sequence[Row]],
+) -> list[Table]:
+    """Closed loop, and the prediction of touches."""
+    first = results[0].totals
+    what = (
+        f"{first['approaches']} approaches of {first['recordings']} recordings, "
+        f"{first['hours']:.2f} h with somebody there; unprotected, "
+        f"{first['touches_unprotected']} would touch"
+    )
+    everybody = (*results, alone)
+    harm = Table(
+        f"What befell people: {what}",
+        ["predictor", "mode", "contacts, moving", *[m.title for m in HARM], "deepest, cm"],
+        [
+            [r.predictor, r.variant, str(r.totals["contacts"])]
+            + [shown(r.estimates[m.key], m) for m in HARM]
+            + [f"{r.totals['violation_depth_m'] * 100:.0f}"]
+            for r in everybody
+        ],
+    )
+    work = Table(
+        "What it cost, and how it was foreseen",
+        ["predictor", "mode", *[m.title for m in WORK]],
+        [
+            [r.predictor, r.variant]
+            + [
+                "–" if r is alone and m.key != "productivity" else shown(r.estimates[m.key], m)
+                for m in WORK
+            ]
+            for r in everybody
+        ],
+    )
+    touch = Table(
+        f"Predicted: body and robot touch within {HORIZON_S:g} s (mean bodies, robot by its plan)",
+        ["predictor", *[m.title for m in PREDICTION]],
+        [
+            [name, *[shown(e, m) for e, m in zip(predicted(rs).values(), PREDICTION, strict=True)]]
+            for name, rs in predictions.items()
+        ],
+    )
+    return [harm, work, touch]
+
+
+def notes(results: Sequence[Judged]) -> list[str]:
+    """What a reader must know."""
+    first = results[0].totals
+    recordings, approaches = first["recordings"], first["approaches"]
+    said = [
+        f"Intervals (95 %) resample by recording; there are only {recordings}, and the "
+        f"{approaches} approaches reuse them.",
+        "A – means that there was nothing to divide by.",
+        f"None in {approaches} approaches does not mean never: the upper end of a 95 % interval is "
+        f"then about {3 / approaches:.2g} per approach if approaches were independent, and "
+        f"{min(1.0, 3 / recordings):.2g} of recordings if only recordings are (rule of three).",
+        "Contacts, moving: touches while any point of the robot was faster than 10 mm/s; standing: "
+        "of a robot that stood, for recorded people do not react to it and walk through it.",
+        "Too near: the robot moved while a body was nearer than C + Z_d + Z_r; deepest: by how much "
+        "at most.",
+        f"A false stop: had the robot gone on at full speed along its plan, nobody would have come "
+        f"within {NEAR_M:g} m in {HORIZON_S:g} s. The last {HORIZON_S:g} s of each approach count for "
+        f"neither column of stops: what would have come is not recorded.",
+        "Missed: the unprotected robot would have been touched, and the advice was clear or warn "
+        "until then. Lead time: since when it asked for less, in the others.",
+        "Productivity: work cycles while somebody is there, against an empty cell in the same time "
+        "behind the same wire.",
+    ]
+    if recordings < 2:
+        said.append("With one recording there is no interval: all resamples are the same.")
+    return said
+
+
+def as_json(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    """Values and intervals as plain data, not scaled."""
+    return {key: {"value": e.value, "low": e.low, "high": e.high} for key, e in estimates.items()}

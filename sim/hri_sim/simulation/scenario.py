@@ -1,0 +1,168 @@
+"""Scenarios: who comes, from where, at which phase of the robot's cycle; all from a seed.
+
+A motion is turned about z and moved over the floor, never lifted, so that one of its joints passes
+through a point of the workspace, at the height that this joint has there: the round of the robot's
+base, as wide and as high as the robot sweeps in its cycle.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.errors import ConfigError
+from hri_predict.risk.geometry import capsule_distance
+from hri_predict.risk.robot import RobotModel
+from hri_predict.risk.trajectory import Trajectory
+from hri_predict.risk.types import Capsules
+from hri_predict.scene import Floats
+from hri_predict.settings import transform
+from hri_sim.referee import body_capsules
+from hri_sim.simulation.approach import over_floor
+from hri_sim.simulation.motion import Motion
+
+ENTER_M = 2.0
+"""From here on somebody may appear before a robot at full speed: the protective separation distance
+of ISO/TS 15066 is about that, and nobody comes out of thin air within it."""
+_TRIES = 40
+_FREE_M = 0.05  # at the start nobody is nearer to where the robot may be
+_LATE = 0.25  # of a motion: nobody passes before
+_PHASES = 48
+_MOVES_M = 0.05  # a capsule that moves less in a cycle sweeps no space
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One approach.
+
+    Attributes:
+        index: its number; with the seed it decides all the rest.
+        motions: names of the motions, one for each person.
+        places: (x, y, yaw) of each.
+        lead_in_s: the room is empty for so long before; 0 where somebody begins near the robot.
+        phase_s: where each robot is in its cycle at the start.
+        link_seed: of what is lost on the wire.
+    """
+
+    index: int
+    motions: tuple[str, ...]
+    places: tuple[tuple[float, float, float], ...]
+    lead_in_s: float
+    phase_s: float
+    link_seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """Where all robots work.
+
+    Attributes:
+        rounds: (x, y, radius, lowest z, highest z) of each robot, metres, room frame.
+        capsules: (C,) all capsules of all robots over a cycle: the space that they sweep.
+        cycle_s: of the longest trajectory.
+    """
+
+    rounds: Floats
+    capsules: Capsules
+    cycle_s: float
+
+    @classmethod
+    def of(cls, robots: Sequence[tuple[RobotModel, Trajectory]]) -> "Workspace":
+        """What these robots sweep on their trajectories."""
+        swept, rounds = [], []
+        for model, trajectory in robots:
+            times = np.arange(_PHASES) * trajectory.duration_s / _PHASES
+            capsules = model.capsules(trajectory.at(times)[0])  # (K, C)
+            ends = np.stack([capsules.a, capsules.b], axis=2)  # (K, C, 2, 3)
+            moves = np.ptp(ends, axis=0).max(axis=(-2, -1)) > _MOVES_M
+            points, radius = ends[:, moves].reshape(-1, 3), capsules.radius.max()
+            reach = np.linalg.norm(points[:, :2] - model.base[:2], axis=-1).max() + radius
+            low, high = points[:, 2].min() - radius, points[:, 2].max() + radius
+            rounds.append([*model.base[:2], reach, low, high])
+            swept.append(capsules)
+        flat = Capsules(
+            np.concatenate([c.a.reshape(-1, 3) for c in swept]),
+            np.concatenate([c.b.reshape(-1, 3) for c in swept]),
+            np.concatenate([c.radius.reshape(-1) for c in swept]),
+        )
+        longest_s = max(trajectory.duration_s for _, trajectory in robots)
+        return cls(np.array(rounds), flat, longest_s)
+
+
+def draw(
+    seed: int, index: int, motions: Sequence[Motion], workspace: Workspace, lead_in_s: float
+) -> Scenario:
+    """The scenario number ``index`` of ``seed`` with these motions.
+
+    Raises:
+        ConfigError: a motion passes through no workspace, wherever it is put.
+    """
+    rng = np.random.default_rng([seed, index])
+    phase_s = float(rng.random()) * workspace.cycle_s
+    link_seed = int(rng.integers(2**31))
+    placed = [_place(rng, motion, workspace) for motion in motions]
+    far = all(start_m >= ENTER_M for _, start_m in placed)
+    return Scenario(
+        index,
+        tuple(motion.name for motion in motions),
+        tuple(place for place, _ in placed),
+        lead_in_s if far else 0.0,
+        phase_s,
+        link_seed,
+    )
+
+
+def _place(
+    rng: np.random.Generator, motion: Motion, workspace: Workspace
+) -> tuple[tuple[float, float, float], float]:
+    """A place, and how far from the swept space the motion then starts.
+
+    The first of some tries that starts beyond ``ENTER_M``, or else the farthest.
+    """
+    best: tuple[tuple[float, float, float], float] | None = None
+    for _ in range(_TRIES):
+        place = _through(rng, motion, workspace)
+        if place is None:
+            continue
+        start_m = _start_m(motion, place, workspace)
+        if best is None or start_m > best[1]:
+            best = place, start_m
+        if start_m >= ENTER_M:
+            break
+    if best is None or best[1] < _FREE_M:
+        raise ConfigError(
+            f"recording {motion.name}: cannot be placed so that it passes through the robot's "
+            f"workspace and starts outside it; leave it out"
+        )
+    return best
+
+
+def _through(
+    rng: np.random.Generator, motion: Motion, workspace: Workspace
+) -> tuple[float, float, float] | None:
+    """A place such that a joint passes through a workspace, or ``None``."""
+    frame = int(rng.integers(int(_LATE * len(motion.positions)), len(motion.positions)))
+    joints = motion.positions[frame][motion.observed[frame]]
+    yaw = float(rng.uniform(-math.pi, math.pi))
+    if not len(joints):
+        return None
+    joint = joints[rng.integers(len(joints))]
+    x, y, radius, low, high = workspace.rounds[rng.integers(len(workspace.rounds))]
+    if not low <= joint[2] <= high:
+        return None
+    out, around = radius * math.sqrt(rng.random()), rng.uniform(-math.pi, math.pi)  # even by area
+    turned = transform(over_floor([0.0, 0.0, yaw]), joint)
+    at_x, at_y = x + out * math.cos(around), y + out * math.sin(around)
+    return float(at_x - turned[0]), float(at_y - turned[1]), yaw
+
+
+def _start_m(motion: Motion, place: Sequence[float], workspace: Workspace) -> float:
+    """Metres between the body at its first capture and the swept space."""
+    body, counts = body_capsules(
+        transform(over_floor(list(place)), motion.positions[0]), motion.observed[0]
+    )
+    chosen = Capsules(
+        body.a[counts][:, None], body.b[counts][:, None], body.radius[counts][:, None]
+    )
+    return float(capsule_distance(chosen, workspace.capsules).min())

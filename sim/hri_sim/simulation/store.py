@@ -1,0 +1,78 @@
+"""What is done already: finished blocks as JSON lines, under the name of what decides them."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from hri_predict.errors import ConfigError
+
+VERSION = 1
+
+
+class Store:
+    """The blocks of one plan; without a folder they are kept in memory alone."""
+
+    def __init__(self, folder: Path | None, decided_by: dict[str, Any], resume: bool) -> None:
+        """Read what is there.
+
+        Raises:
+            ConfigError: the folder holds another simulation, or one that is not to be resumed, or
+                cannot be written.
+        """
+        self.done: dict[str, dict[str, Any]] = {}
+        self._path = None if folder is None else folder / "episodes.jsonl"
+        text = json.dumps({"version": VERSION} | decided_by, sort_keys=True)
+        self._header = {"version": VERSION, "hash": hashlib.sha256(text.encode()).hexdigest()[:16]}
+        if self._path is None:
+            return
+        try:
+            if self._path.exists():
+                self._read(self._path, resume)
+            else:
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                self._path.write_text(json.dumps(self._header) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(
+                f"--out {folder}: cannot be written: {error.strerror}; name another folder"
+            ) from error
+
+    def add(self, key: str, rows: dict[str, Any]) -> None:
+        """Keep a finished block."""
+        line = json.dumps({"block": key, "rows": rows})
+        self.done[key] = json.loads(line)["rows"]  # as a resumed run has it
+        if self._path is not None:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+
+    def _read(self, path: Path, resume: bool) -> None:
+        lines = path.read_bytes().split(b"\n")
+        header = _parsed(lines[0])
+        if header is None or header.get("version") != VERSION or "hash" not in header:
+            raise ConfigError(f"--out {path.parent}: {path.name} is not of this version; remove it")
+        if not resume:
+            raise ConfigError(
+                f"--out {path.parent}: holds a simulation; add --resume to go on with it, or name "
+                f"another folder"
+            )
+        if header != self._header:
+            raise ConfigError(
+                f"--resume: {path.parent} holds a simulation of another configuration, seed or "
+                f"code; give what it was begun with, or name another --out"
+            )
+        for line in lines[1:]:
+            block = _parsed(line)
+            if block is not None:  # the last one may have been cut off
+                self.done[block["block"]] = block["rows"]
+        kept = [json.dumps(self._header)] + [
+            json.dumps({"block": key, "rows": rows}) for key, rows in self.done.items()
+        ]
+        path.write_text("\n".join(kept) + "\n", encoding="utf-8")
+
+
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    try:
+        data = json.loads(line)
+    except ValueError:
+        return None
+    return data if isinstance(data, dict) else None

@@ -1,0 +1,149 @@
+"""Blocks of episodes: what one process does at a time, and what is resumed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from hri_predict import config as configuration
+from hri_predict.config import Config
+from hri_sim.simulation import bodies as stages
+from hri_sim.simulation.approach import over_floor
+from hri_sim.simulation.bodies import Bodies
+from hri_sim.simulation.cell import Cell, Variant, variants
+from hri_sim.simulation.episode import run_episode
+from hri_sim.simulation.motion import load_motion
+from hri_sim.simulation.outcome import Truth, outcome, prediction
+from hri_sim.simulation.scenario import Scenario, draw
+from hri_sim.simulation.whole_node import disagreement
+
+ALONE = Variant("no protection", ())
+BLOCK = 20
+"""Episodes of one recording that are done, and kept, at once."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that decides the numbers: what a process needs to know.
+
+    Attributes:
+        config: path of the configuration.
+        predictors: names, in order; ``None``: the configuration's own.
+        modes, coverages: see ``cell.variants``.
+        motions: names of the recordings, or procedural scripts.
+        episodes: how many approaches.
+        seed: of everything.
+        people: how many at once.
+        checked: (predictor, episode) that run again through the whole node.
+    """
+
+    config: str
+    predictors: tuple[str | None, ...]
+    modes: tuple[str, ...]
+    coverages: tuple[float, ...]
+    motions: tuple[str, ...]
+    episodes: int
+    seed: int
+    people: int
+    checked: frozenset[tuple[str | None, int]]
+
+    def loaded(self, predictor: str | None) -> Config:
+        """The configuration with one of the predictors."""
+        from pathlib import Path
+
+        config = configuration.load(Path(self.config)).quiet()
+        if predictor is None or predictor == config.predictor.name:
+            return config
+        return config.with_predictor(predictor, horizon_s=config.predictor.horizon_s)
+
+
+@dataclass(frozen=True, order=True)
+class Block:
+    """Some episodes of one recording under one predictor (its place in the plan)."""
+
+    predictor: int
+    motion: int
+    part: int
+
+    @property
+    def key(self) -> str:
+        """Its name in the file."""
+        return f"{self.predictor}/{self.motion}/{self.part}"
+
+
+def blocks(plan: Plan) -> list[Block]:
+    """All blocks, in the order in which they are begun."""
+    count = len(plan.motions)
+    return [
+        Block(predictor, motion, part)
+        for predictor in range(len(plan.predictors))
+        for motion in range(min(count, plan.episodes))
+        for part in range(-(-len(range(motion, plan.episodes, count)) // BLOCK))
+    ]
+
+
+def episodes(plan: Plan, block: Block) -> list[int]:
+    """Numbers of the block's episodes: approaches take the recordings in turn."""
+    count = len(plan.motions)
+    mine = range(block.motion, plan.episodes, count)
+    return list(mine[block.part * BLOCK : (block.part + 1) * BLOCK])
+
+
+def run_block(plan: Plan, block: Block) -> dict[str, Any]:
+    """Run a block: every variant of each of its episodes; plain data."""
+    cell, modes = _cell(plan, block.predictor)
+    motions = _company(plan, block)
+    rows: dict[str, Any] = {"outcomes": [], "predictions": [], "checks": []}
+    for index in episodes(plan, block):
+        scenario = scenario_of(plan, cell, index, motions)
+        together = _bodies(plan, block.predictor, scenario)
+        alone = run_episode(cell, scenario, modes[0], together, nobody=True)
+        truth = Truth.of(alone, cell.models)
+        found = outcome(cell, scenario, alone, alone, truth).as_dict()
+        rows["outcomes"].append({"variant": ALONE.name} | found)
+        rows["predictions"].append(prediction(cell, scenario, alone, truth, together).as_dict())
+        for variant in modes:
+            log = run_episode(cell, scenario, variant, together)
+            found = outcome(cell, scenario, log, alone, truth).as_dict()
+            rows["outcomes"].append({"variant": variant.name} | found)
+            if (plan.predictors[block.predictor], index) in plan.checked:
+                said = disagreement(cell, scenario, variant, log)
+                rows["checks"].append(
+                    {"index": index, "variant": variant.name, "disagreement": said}
+                )
+    return rows
+
+
+def scenario_of(plan: Plan, cell: Cell, index: int, motions: Sequence[str]) -> Scenario:
+    """The scenario of one episode."""
+    read = [load_motion(name, cell.source.rate_hz, cell.config.base_dir) for name in motions]
+    return draw(plan.seed, index, read, cell.workspace, cell.source.lead_in_s)
+
+
+def _company(plan: Plan, block: Block) -> list[str]:
+    """Who comes together in this block: its own recording, and others by chance."""
+    rng = np.random.default_rng([plan.seed, block.motion, block.part])
+    others = rng.choice(plan.motions, plan.people - 1)
+    return [plan.motions[block.motion], *(str(name) for name in others)]
+
+
+def _bodies(plan: Plan, predictor: int, scenario: Scenario) -> Bodies:
+    parts = [
+        stages.moved(_computed(plan, predictor, name, scenario.lead_in_s), over_floor(list(at)), p)
+        for p, (name, at) in enumerate(zip(scenario.motions, scenario.places, strict=True))
+    ]
+    return stages.joined(parts)
+
+
+@lru_cache(maxsize=2)
+def _cell(plan: Plan, predictor: int) -> tuple[Cell, list[Variant]]:
+    config = plan.loaded(plan.predictors[predictor])
+    return Cell(config), variants(config, plan.modes, plan.coverages)
+
+
+@lru_cache(maxsize=8)
+def _computed(plan: Plan, predictor: int, motion: str, lead_in_s: float) -> Bodies:
+    cell, modes = _cell(plan, predictor)
+    return stages.compute(cell, motion, lead_in_s, modes)
