@@ -12,6 +12,7 @@ from hri_predict.protocol.messages import Advice
 from hri_predict.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings
 from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.human_speed import HumanSpeeds, measure_people
 from hri_predict.risk.levels import Demand, LevelMachine, combined
 from hri_predict.risk.robot_judge import Judgement, RobotJudge
 from hri_predict.risk.robot_tracker import RobotTracker
@@ -66,6 +67,7 @@ class RiskEngine:
         self._settings = settings
         self._budget = budget
         self._rate_hz = forecast_rate_hz
+        self._skeleton = skeleton
         self._horizon_s = horizon_steps / forecast_rate_hz
         view = None if field_of_view is None else FieldOfView.of(field_of_view)
         self._judges = tuple(
@@ -126,8 +128,15 @@ class RiskEngine:
             zone.state(bodies) if not blind else NamedZoneState(zone.settings.name, True, 0.0)
             for zone in self._named
         )
+        speeds = measure_people(
+            snapshot.history,
+            snapshot.observed,
+            self._rate_hz,
+            self._skeleton,
+            self._settings.limits,
+        )
         advices = tuple(
-            self._advise(robot, snapshot, bodies, named, blind)
+            self._advise(robot, snapshot, bodies, named, blind, speeds)
             for robot in range(len(self._judges))
         )
         return Assessment(advices, bodies.zones, named, bodies.reasons)
@@ -156,13 +165,14 @@ class RiskEngine:
         bodies: BodyZones,
         named: tuple[NamedZoneState, ...],
         blind: tuple[Reason, ...],
+        speeds: HumanSpeeds,
     ) -> Advice:
         judge, machine = self._judges[robot], self._machines[robot]
         now = judge.tracker.at(snapshot.now_ns)
         judgement = Judgement(Demand.nothing(judge.max_speed_m_s), None, False)
         demands = [Demand.unknown(reason) for reason in (*blind, *now.reasons)]
         if not demands:
-            judgement = judge.judge(now, bodies)
+            judgement = judge.judge(now, bodies, speeds.beyond_standard_m_s)
             demands = [judgement.demand] + [
                 zone.demand(state, judge.name, judge.max_speed_m_s)
                 for zone, state in zip(self._named, named, strict=True)
@@ -170,7 +180,9 @@ class RiskEngine:
         demand = combined(demands, judge.max_speed_m_s)
         advised = machine.update(demand, snapshot.captures, snapshot.now_ns)
         reason = advised.reason
-        if reason is Reason.NONE and bodies.reasons:
+        if reason is Reason.NONE and speeds.fast.any():
+            reason = Reason.PERSON_FAST
+        elif reason is Reason.NONE and bodies.reasons:
             reason = bodies.reasons[0]
         people = judgement.people
         who = people if people is not None and _decided_by_people(demand) else None
@@ -186,7 +198,7 @@ class RiskEngine:
             body_part=None if who is None else int(self._builder.segment_index[who.segment]),
             robot_link=None if who is None else who.link,
             capture_ns=bodies.capture_ns,
-            detail=self._detail(robot, bodies, demand, reason, who, named),
+            detail=self._detail(robot, bodies, demand, reason, who, named, speeds),
         )
 
     def _breach_s(self, people: Finding | None) -> float | None:
@@ -202,6 +214,7 @@ class RiskEngine:
         reason: Reason,
         who: Finding | None,
         named: tuple[NamedZoneState, ...],
+        speeds: HumanSpeeds,
     ) -> str:
         """What is the matter and what would clear it, for people."""
         if reason is Reason.NONE:
@@ -217,6 +230,9 @@ class RiskEngine:
             )
             if who.slack_m < 0:
                 parts.append(f"{-who.slack_m:.2f} m too near at its present speed")
+        for i in np.flatnonzero(speeds.fast):
+            fast_m_s = f"trunk {speeds.trunk[i]:.1f} m/s, hand {speeds.hand[i]:.1f} m/s"
+            parts.append(f"person {bodies.zones.ids[i]} is fast: {fast_m_s}")
         if demand.reason in (Reason.ZONE_OCCUPIED, Reason.ZONE_ENTRY_PREDICTED):
             inside = demand.reason is Reason.ZONE_OCCUPIED
             names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]

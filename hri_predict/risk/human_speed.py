@@ -21,6 +21,9 @@ from hri_predict.skeleton import Skeleton
 SPAN_S = 0.2
 """Over this time before the newest capture speeds are measured."""
 
+MARGIN_M_S = 0.4
+"""Added to who is fast: the slope is that of 0.1 s ago, and a runner gains about 4 m/s2."""
+
 _TRUNK = ("waist", "torso")
 _HANDS = ("l_wrist", "l_hand", "r_wrist", "r_hand")
 
@@ -60,6 +63,18 @@ def joint_speeds(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floa
     return np.linalg.norm(velocity, axis=-1), measured
 
 
+def growth_speeds(
+    history: Floats, observed: Bools, rate_hz: float, assumed_m_s: Floats | float
+) -> Floats:
+    """(P, J) speeds at which zones without a forecast grow: as assumed, or as measured if faster.
+
+    Args:
+        history, observed, rate_hz: as for ``joint_velocities``.
+        assumed_m_s: (P, J), or what broadcasts to it.
+    """
+    return np.maximum(joint_speeds(history, observed, rate_hz)[0], assumed_m_s)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class HumanSpeeds:
     """How fast P people are, m/s; 0 where it was not measured.
@@ -74,6 +89,15 @@ class HumanSpeeds:
     trunk: Floats
     hand: Floats
     fast: Bools
+
+    @property
+    def beyond_standard_m_s(self) -> Floats:
+        """(P,) v_h of who is faster than the standard assumes: measured plus a margin; else 0.
+
+        The faster of trunk and hand: the trunk goes on, and a hand that is thrown forward lasts for
+        as long as a robot stops. Our choice: the standard has no figure for it.
+        """
+        return np.where(self.fast, np.maximum(self.trunk, self.hand) + MARGIN_M_S, 0.0)
 
 
 def measure_people(

@@ -9,19 +9,17 @@ from hri_predict.risk.areas import FieldOfView, approach_m
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.geometry import horizontal_distance
 from hri_predict.risk.levels import Demand, demand_of, margins
-from hri_predict.risk.nearest_in_time import BodiesInTime, NearestInTime
-from hri_predict.risk.plan import OnPlan
+from hri_predict.risk.nearest_in_time import BodiesInTime, NearestInTime, nearest_in_time
+from hri_predict.risk.retreat import retreat_steps
+from hri_predict.risk.robot_motion import RobotMotion
 from hri_predict.risk.robot_tracker import RobotNow, RobotTracker
-from hri_predict.risk.separation import Finding, StoppingCurve
+from hri_predict.risk.separation import Finding, StoppingCurve, worst_of
 from hri_predict.risk.separation_in_time import Course, farthest, judge_in_time
-from hri_predict.risk.separation_now import judge_fixed, judge_iso
+from hri_predict.risk.separation_now import judge_fixed, judge_iso, judge_retreat
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Capsules
 from hri_predict.risk.zones import BodyZones
-from hri_predict.scene import Floats
-
-MOVING_M_S = 0.02
-"""Below this speed the direction of motion says nothing about where the robot will go."""
+from hri_predict.scene import Bools, Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,27 +35,6 @@ class Judgement:
     demand: Demand
     people: Finding | None
     unseen_decides: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Motion:
-    """How the robot moves now, and would stop. K steps after now."""
-
-    q: Floats
-    qd: Floats
-    speed_m_s: float
-    clearance_m: float  # C + Z_d + Z_r
-    capsules: Capsules  # (C,) now
-    stopping_s: float
-    stopping_m: float
-    times_s: Floats  # (K+1,)
-    until_braking_s: float  # from now
-    on_plan: OnPlan | None
-
-    @property
-    def is_foreseen(self) -> bool:
-        """Whether it is known which way the robot goes on."""
-        return self.on_plan is not None or self.speed_m_s > MOVING_M_S
 
 
 class RobotJudge:
@@ -102,20 +79,31 @@ class RobotJudge:
         budget.check(self.name, slowest_s, horizon_s, settings.beyond_horizon)
         self._farthest_of = (0, 0.0)
         self._farthest_m: Floats = np.zeros((0, 0))
-        reaction_s = budget.reaction_s(budget.stale_s, self.name)
-        self.longest_s = reaction_s + slowest_s
-        needed_m = float(self._curve.required_m(reaction_s, settings.clearance_m)[-1])
-        self.fixed_radius_m = settings.fixed_radius_m or tracker.model.reach_m + needed_m
+        self.longest_s = budget.reaction_s(budget.stale_s, self.name) + slowest_s
+        reach_m = tracker.model.reach_m
+        self.fixed_radius_m = settings.fixed_radius_m or reach_m + self._needed_m()
 
-    def judge(self, now: RobotNow, bodies: BodyZones) -> Judgement:
-        """Judge the robot as it is ``now`` against ``bodies``."""
+    def judge(self, now: RobotNow, bodies: BodyZones, human_m_s: Floats | None = None) -> Judgement:
+        """Judge the robot as it is ``now`` against ``bodies``.
+
+        Args:
+            now: where it is.
+            bodies: the people.
+            human_m_s: (P,) of who is faster than the standard assumes, 0 of the others, in the
+                order of ``bodies`` as far as it goes; ``None``: nobody is.
+        """
         if now.q is None or now.qd is None or not _is_finite(now):
             reason = next(iter(now.reasons), Reason.ROBOT_STATE_INVALID)
             return Judgement(Demand.unknown(reason), None, False)
-        motion = self._motion(now, now.q, now.qd, bodies)
+        motion = self._motion(now, bodies)
         if motion is None:
             return Judgement(Demand.unknown(Reason.HORIZON_TOO_SHORT), None, False)
-        people = self._people(motion, bodies) if len(bodies.zones.ids) else None
+        people = None
+        if len(bodies.zones.ids):
+            fast = np.zeros(0) if human_m_s is None else human_m_s
+            people = (
+                self._by_time(motion, bodies) if self._in_time else self._now(motion, bodies, fast)
+            )
         unseen = None if self._view is None else self._unseen(motion, bodies.age_s, self._view)
         demand = Demand.nothing(self.max_speed_m_s)
         if people is not None:
@@ -137,11 +125,12 @@ class RobotJudge:
     def _demand(self, finding: Finding, reason: Reason) -> Demand:
         return demand_of(finding, self._settings, self.max_speed_m_s, reason)
 
-    def _motion(self, now: RobotNow, q: Floats, qd: Floats, bodies: BodyZones) -> _Motion | None:
+    def _motion(self, now: RobotNow, bodies: BodyZones) -> RobotMotion | None:
         """The robot's motion, or ``None`` if its stop is not covered by the zones."""
-        stopping_s, stopping_m = self.tracker.model.stopping(now.speed_m_s)
+        model = self.tracker.model
         until_braking_s = self._budget.after_now_s(self.name)
-        end_s = until_braking_s + max(stopping_s, float(self._curve.time_s[-1]))
+        stopping_s = max(model.stopping(now.speed_m_s)[0], float(self._curve.time_s[-1]))
+        end_s = until_braking_s + stopping_s
         times_s = bodies.zones.times_s
         if self._in_time:
             extend = self._settings.beyond_horizon
@@ -149,50 +138,88 @@ class RobotJudge:
             if end_s > reach_s + 1e-9:
                 return None
             times_s = times_s[: int(np.searchsorted(times_s, end_s)) + 1]
-        return _Motion(
-            q=q,
-            qd=qd,
-            speed_m_s=now.speed_m_s,
-            clearance_m=self._settings.clearance_m + now.uncertainty_m,
-            capsules=now.capsules or self.tracker.model.capsules(q),
-            stopping_s=stopping_s,
-            stopping_m=stopping_m,
-            times_s=times_s,
-            until_braking_s=until_braking_s,
-            on_plan=now.on_plan,
+        return RobotMotion.of(
+            now,
+            model,
+            self._curve,
+            self.tracker.plan,
+            self._settings.clearance_m,
+            times_s,
+            until_braking_s,
         )
 
-    def _people(self, motion: _Motion, bodies: BodyZones) -> Finding:
+    def _by_time(self, motion: RobotMotion, bodies: BodyZones) -> Finding:
+        """Modes ``predictive`` and ``reactive``."""
         zones = bodies.zones.capsules
-        steps = len(motion.times_s) if self._in_time else 1
+        steps = len(motion.times_s)
         course = BodiesInTime(
             Capsules(zones.a[:, :steps], zones.b[:, :steps], zones.radius[:, :steps])
         )
         standing = course.nearest(_once(motion.capsules))
-        distance = float(standing.distance[0])
-        if not self._in_time:
-            who = int(standing.person[0]), int(standing.segment[0]), int(standing.link[0])
-            found = self._iso(distance, motion, bodies.age_s, who)
-            return found if self._settings.mode == "iso" else self._fixed(found, motion, zones)
 
         def at_speeds(speeds_m_s: Floats) -> tuple[NearestInTime, Floats]:
-            robot, stands_s = self._stopping(motion, speeds_m_s)
+            robot, stands_s = motion.stopping_at(speeds_m_s)
             return _later(course.nearest(robot)), stands_s
 
         ahead = at_speeds if motion.is_foreseen else None
+        distance = float(standing.distance[0])
         return self._over_time(Course(distance, _later(standing), ahead), motion)
 
-    def _unseen(self, motion: _Motion, age_s: float, view: FieldOfView) -> Finding:
+    def _now(self, motion: RobotMotion, bodies: BodyZones, human_m_s: Floats) -> Finding:
+        """Modes ``iso`` and ``fixed``: everybody together, and who is fast by themselves."""
+        zones, iso = bodies.zones.capsules, self._settings.mode == "iso"
+        found = []
+        for fast in (None, *np.flatnonzero(human_m_s > 0)) if iso else (None,):
+            who = slice(None) if fast is None else slice(fast, fast + 1)
+            people = Capsules(zones.a[who, :1], zones.b[who, :1], zones.radius[who, :1])
+            near = nearest_in_time(people, _once(motion.capsules))
+            person = int(near.person[0]) + (fast or 0)
+            speed = 0.0 if fast is None else float(human_m_s[fast])
+            deciding = person, int(near.segment[0]), int(near.link[0])
+            alone = self._iso(float(near.distance[0]), motion, bodies.age_s, deciding, speed)
+            found.append(self._retreating(alone, motion, zones, bodies.age_s, speed))
+        return worst_of(found) if iso else self._fixed(found[0], motion, zones, human_m_s)
+
+    def _retreating(
+        self, found: Finding, motion: RobotMotion, zones: Capsules, age_s: float, human_m_s: float
+    ) -> Finding:
+        """The same, where the robot gets away from everybody while it goes on and stops."""
+        free = found.slack_m >= 0 and min(found.limits[:2]) >= self.max_speed_m_s
+        if self._settings.mode != "iso" or free or not motion.is_foreseen:
+            return found
+        people = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
+
+        def retreats(speeds_m_s: Floats) -> Bools:
+            ends = motion.ends_at(speeds_m_s)
+            farthest_end = float(ends.max())
+            steps = retreat_steps(people, motion.at_places(farthest_end, len(motion.times_s)))
+            part = steps / (len(motion.times_s) - 1)
+            until = motion.place + part * (farthest_end - motion.place)
+            return ends <= until + 1e-12
+
+        return judge_retreat(
+            found,
+            retreats,
+            motion.speed_m_s,
+            motion.stopping_s,
+            self._curve,
+            self._budget.reaction_s(age_s, self.name),
+            motion.clearance_m,
+            self._margins,
+            human_m_s,
+        )
+
+    def _unseen(self, motion: RobotMotion, age_s: float, view: FieldOfView) -> Finding:
         """A person who stands just outside the field of view since the capture."""
         distance = float(view.distance_outside(motion.capsules).min())
         if not self._in_time:
-            return self._iso(distance, motion, age_s, (-1, -1, -1))
+            return self._iso(distance, motion, age_s)
         come = approach_m(motion.times_s[1:] + age_s)
         nobody = np.full(len(come), -1)
         standing = NearestInTime(distance - come, nobody, nobody, nobody)
 
         def at_speeds(speeds_m_s: Floats) -> tuple[NearestInTime, Floats]:
-            robot, stands_s = self._stopping(motion, speeds_m_s)
+            robot, stands_s = motion.stopping_at(speeds_m_s)
             outside = view.distance_outside(robot).min(-1)[:, 1:]
             unknown = np.full(outside.shape, -1)
             return NearestInTime(outside - come, unknown, unknown, unknown), stands_s
@@ -200,31 +227,13 @@ class RobotJudge:
         ahead = at_speeds if motion.is_foreseen else None
         return self._over_time(Course(distance, standing, ahead), motion)
 
-    def _stopping(self, motion: _Motion, speeds_m_s: Floats) -> tuple[Capsules, Floats]:
-        """(L, K+1, C) the robot as it goes on at each speed and stops, and (L,) when it stands.
-
-        Along its plan where it is on it; else straight on in joint space.
-        """
-        plan = self.tracker.plan
-        if plan is not None and motion.on_plan is not None:
-            return plan.stopping_capsules(
-                motion.on_plan, speeds_m_s, motion.times_s, motion.until_braking_s
-            )
-        times_s = np.interp(speeds_m_s, self._curve.speed_m_s, self._curve.time_s)
-        times_s = np.where(speeds_m_s == motion.speed_m_s, motion.stopping_s, times_s)
-        capsules = self.tracker.model.stopping_capsules(
-            motion.q,
-            motion.qd,
-            motion.times_s,
-            motion.until_braking_s,
-            times_s,
-            speeds_m_s / motion.speed_m_s,
-            motion.speed_m_s,
-        )
-        return capsules, motion.until_braking_s + times_s
-
     def _iso(
-        self, distance_m: float, motion: _Motion, age_s: float, who: tuple[int, int, int]
+        self,
+        distance_m: float,
+        motion: RobotMotion,
+        age_s: float,
+        who: tuple[int, int, int] = (-1, -1, -1),
+        human_m_s: float = 0.0,
     ) -> Finding:
         return judge_iso(
             distance_m,
@@ -235,13 +244,16 @@ class RobotJudge:
             motion.clearance_m,
             self._margins,
             who,
+            human_m_s,
         )
 
-    def _fixed(self, found: Finding, motion: _Motion, zones: Capsules) -> Finding:
-        """The circle around the base, and who is nearest to it."""
-        base = self.tracker.model.base
+    def _fixed(
+        self, found: Finding, motion: RobotMotion, zones: Capsules, human_m_s: Floats
+    ) -> Finding:
+        """The circle around the base, and who is nearest to it; wider for who is fast."""
         now = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
-        from_base = horizontal_distance(now, base)  # (P, S)
+        from_base = horizontal_distance(now, self.tracker.model.base)  # (P, S)
+        from_base[: len(human_m_s)] -= self._wider_m(human_m_s)[:, None]
         person, segment = np.unravel_index(int(from_base.argmin()), from_base.shape)
         found = replace(found, person=int(person), segment=int(segment), link=0)
         return judge_fixed(
@@ -253,7 +265,18 @@ class RobotJudge:
             motion.speed_m_s,
         )
 
-    def _over_time(self, course: Course, motion: _Motion) -> Finding:
+    def _wider_m(self, human_m_s: Floats) -> Floats:
+        """(P,) how much farther they come than the standard assumes until the robot stands."""
+        worst = self._needed_m()
+        return np.array([self._needed_m(float(v)) - worst if v > 0 else 0.0 for v in human_m_s])
+
+    def _needed_m(self, human_m_s: float = 0.0) -> float:
+        """S_p at the highest speed and the longest delay."""
+        reaction_s = self._budget.reaction_s(self._budget.stale_s, self.name)
+        clearance_m = self._settings.clearance_m
+        return float(self._curve.required_m(reaction_s, clearance_m, human_m_s)[-1])
+
+    def _over_time(self, course: Course, motion: RobotMotion) -> Finding:
         return judge_in_time(
             course,
             motion.times_s,
@@ -266,7 +289,7 @@ class RobotJudge:
             self._farthest(len(motion.times_s), motion),
         )
 
-    def _farthest(self, steps: int, motion: _Motion) -> Floats:
+    def _farthest(self, steps: int, motion: RobotMotion) -> Floats:
         """As ``separation.farthest``; the same tick after tick unless the steps change."""
         key = steps, motion.until_braking_s
         if key != self._farthest_of:

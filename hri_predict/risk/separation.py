@@ -22,6 +22,8 @@ WALK_SPEED_M_S = 1.6
 """K of ISO 13855:2010 beyond; the separation is then at least ``NEAR_M``."""
 NEAR_M = 0.5
 
+SPEED_LEVELS = 4
+"""How many speeds in a known direction are tried, evenly up to the robot's highest."""
 _SPEED_STEPS = 256
 """A speed limit is one of this many steps up to the robot's highest speed, rounded down."""
 
@@ -52,15 +54,19 @@ class ProtectiveDistance:
         return self.s_h + self.s_r + self.s_s + self.c + self.z_d + self.z_r
 
 
-def person_travel(time_s: Floats | float, other_m: Floats | float) -> Floats:
+def person_travel(
+    time_s: Floats | float, other_m: Floats | float, human_m_s: float = 0.0
+) -> Floats:
     """S_h: how far a person comes in ``time_s``, where S_p's other terms sum to ``other_m``.
 
     v_h is 2.0 m/s as long as S_p comes to at most 0.5 m; else 1.6 m/s, with S_p at least 0.5 m
-    (ISO 13855:2010). The result is continuous and grows with both arguments' sum.
+    (ISO 13855:2010). The result is continuous and grows with both arguments' sum. Somebody who is
+    seen to be faster counts at ``human_m_s``, about which the standard says nothing.
     """
     near = REACH_SPEED_M_S * np.asarray(time_s)
     far = np.maximum(WALK_SPEED_M_S * np.asarray(time_s), NEAR_M - other_m)
-    return np.where(near + other_m <= NEAR_M, near, far)
+    assumed = np.where(near + other_m <= NEAR_M, near, far)
+    return np.maximum(assumed, human_m_s * np.asarray(time_s))
 
 
 def protective_distance(
@@ -72,6 +78,7 @@ def protective_distance(
     intrusion_m: float = 0.0,
     person_uncertainty_m: float = 0.0,
     robot_uncertainty_m: float = 0.0,
+    human_m_s: float = 0.0,
 ) -> ProtectiveDistance:
     """S_p of a robot whose fastest point moves at ``speed_m_s``.
 
@@ -83,10 +90,11 @@ def protective_distance(
         intrusion_m: C.
         person_uncertainty_m: Z_d.
         robot_uncertainty_m: Z_r.
+        human_m_s: of a person who is faster than the standard assumes; else 0.
     """
     s_r = speed_m_s * reaction_s
     other = s_r + stopping_m + intrusion_m + person_uncertainty_m + robot_uncertainty_m
-    s_h = float(person_travel(reaction_s + stopping_s, other))
+    s_h = float(person_travel(reaction_s + stopping_s, other, human_m_s))
     return ProtectiveDistance(
         s_h, s_r, stopping_m, intrusion_m, person_uncertainty_m, robot_uncertainty_m
     )
@@ -141,16 +149,20 @@ class StoppingCurve:
         time_s = np.interp(speed_m_s, self.speed_m_s, self.time_s)
         return float(time_s), float(np.interp(speed_m_s, self.speed_m_s, self.distance_m))
 
-    def required_m(self, reaction_s: float, clearance_m: float) -> Floats:
+    def required_m(self, reaction_s: float, clearance_m: float, human_m_s: float = 0.0) -> Floats:
         """(N,) S_p at each speed; ``clearance_m`` is C + Z_d + Z_r."""
         other = self.speed_m_s * reaction_s + self.distance_m + clearance_m
-        return other + person_travel(reaction_s + self.time_s, other)
+        return other + person_travel(reaction_s + self.time_s, other, human_m_s)
 
     def speed_limits(
-        self, distances_m: Sequence[float], reaction_s: float, clearance_m: float
+        self,
+        distances_m: Sequence[float],
+        reaction_s: float,
+        clearance_m: float,
+        human_m_s: float = 0.0,
     ) -> tuple[float, ...]:
         """Highest tabled speed whose S_p fits into each distance; 0 where none does."""
-        required = self.required_m(reaction_s, clearance_m)
+        required = self.required_m(reaction_s, clearance_m, human_m_s)
         fits = np.searchsorted(required, np.asarray(distances_m), side="right")
         return tuple(float(v) for v in np.where(fits > 0, self.speed_m_s[fits - 1], 0.0))
 
@@ -215,3 +227,29 @@ def worst_of(findings: Sequence[Finding]) -> Finding:
         breach_s=min(f.breach_s for f in findings),
         limits=tuple(min(each) for each in zip(*(f.limits for f in findings), strict=True)),
     )
+
+
+def speed_levels(top_m_s: float, above_m_s: float) -> Floats:
+    """The few speeds in a known direction that are tried: those above ``above_m_s``."""
+    levels: Floats = top_m_s * np.arange(1, SPEED_LEVELS + 1) / SPEED_LEVELS
+    return levels[levels > above_m_s]
+
+
+def directed_limit(
+    levels_m_s: Floats, distance_m: Floats, needed_m: float, any_way_m_s: float
+) -> float:
+    """The highest of the speeds up to which each is clear, at least ``any_way_m_s``.
+
+    Args:
+        levels_m_s: (L,) ascending.
+        distance_m: (L,) smallest distance at each until the robot stands.
+        needed_m: what is clear.
+        any_way_m_s: what any direction permits; speeds up to it need no look.
+    """
+    limit = any_way_m_s
+    for level, distance in zip(levels_m_s.tolist(), distance_m.tolist(), strict=True):
+        if level > any_way_m_s:
+            if not distance >= needed_m:
+                break
+            limit = level
+    return limit

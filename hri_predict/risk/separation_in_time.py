@@ -10,7 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from hri_predict.risk.nearest_in_time import NearestInTime
-from hri_predict.risk.separation import Finding, StoppingCurve, closing_s, travel_m
+from hri_predict.risk.separation import (
+    Finding,
+    StoppingCurve,
+    closing_s,
+    directed_limit,
+    speed_levels,
+    travel_m,
+)
 from hri_predict.scene import Floats
 
 
@@ -33,8 +40,6 @@ class Course:
 
 _NEVER_M = 1e9
 """Stands for infinity where a distance that is minus infinity must stay so."""
-SPEED_LEVELS = 4
-"""How many speeds in the present direction are tried, evenly up to the robot's highest."""
 
 
 def judge_in_time(
@@ -85,14 +90,14 @@ def judge_in_time(
         then = nearest.distance - travel_m(ends, reaction_s, speed_m_s, *stopping)
     else:
         # Where it may not even stand there is nothing to try but the present speed.
-        levels = _levels(top, min(limits[:2])) if any_way[0] >= 0 else np.empty(0)
+        levels = speed_levels(top, min(limits[:2])) if any_way[0] >= 0 else np.empty(0)
         nearest, stand_s = course.at_speeds(np.append(speed_m_s, levels))
         row, stands_s = (0,), float(stand_s[0])
         then = nearest.distance[0]
         ahead = np.where(begins <= stand_s[1:, None], nearest.distance[1:], np.inf).min(1)
         for i, margin in enumerate(margins_m[:2]):
             if fits[i] > 0:
-                limits[i] = _directed_limit(levels, ahead, clearance_m + margin, limits[i])
+                limits[i] = directed_limit(levels, ahead, clearance_m + margin, limits[i])
     then = np.where(begins <= stands_s, then, np.inf)
     step = int(then.argmin())
     slack = float(then[step]) - clearance_m
@@ -118,29 +123,3 @@ def farthest(curve: StoppingCurve, times_s: Floats, reaction_s: float) -> Floats
     begins, ends = times_s[:-1, None], times_s[1:, None]
     travel = travel_m(ends, reaction_s, curve.speed_m_s, curve.time_s, curve.distance_m)
     return np.where(begins <= reaction_s + curve.time_s, travel, -_NEVER_M)
-
-
-def _levels(top_m_s: float, above_m_s: float) -> Floats:
-    """The few speeds that are tried: those above what any direction permits."""
-    levels: Floats = top_m_s * np.arange(1, SPEED_LEVELS + 1) / SPEED_LEVELS
-    return levels[levels > above_m_s]
-
-
-def _directed_limit(
-    levels_m_s: Floats, distance_m: Floats, needed_m: float, any_way_m_s: float
-) -> float:
-    """The highest of the speeds up to which each is clear, at least ``any_way_m_s``.
-
-    Args:
-        levels_m_s: (L,) ascending.
-        distance_m: (L,) smallest distance at each until the robot stands.
-        needed_m: what is clear.
-        any_way_m_s: what any direction permits; speeds up to it need no look.
-    """
-    limit = any_way_m_s
-    for level, distance in zip(levels_m_s.tolist(), distance_m.tolist(), strict=True):
-        if level > any_way_m_s:
-            if not distance >= needed_m:
-                break
-            limit = level
-    return limit

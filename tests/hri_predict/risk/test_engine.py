@@ -205,8 +205,7 @@ def test_the_robots_own_reasons():
 
 @MODES
 def test_without_a_forecast_the_physical_limits_serve(mode):
-    cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
-    why = (Reason.PREDICTOR_LATE,)
+    cell, why = Cell(SETTINGS.model_copy(update={"mode": mode})), (Reason.PREDICTOR_LATE,)
     assert cell.settle(6.0, forecast=None, why=why).level is Level.CLEAR
     reason = cell.step(6.0, forecast=None, why=why).reason
     assert reason is (Reason.NONE if mode == "reactive" else Reason.PREDICTOR_LATE)
@@ -216,7 +215,7 @@ def test_without_a_forecast_the_physical_limits_serve(mode):
 
 def test_reactive_gives_nothing_for_a_forecast():
     advices = []
-    for drift in (0.0, 2.0, np.nan):  # metres per step, towards the robot or away
+    for drift in (0.0, 2.0, np.nan):
         cell = Cell(SETTINGS.model_copy(update={"mode": "reactive"}))
         for x in np.arange(4.0, 1.0, -0.04):
             forecast = Forecast(cell.still(cell.snapshot(x)).positions + drift, None)
@@ -224,6 +223,22 @@ def test_reactive_gives_nothing_for_a_forecast():
         advices.append(advice)
     assert advices[0] == advices[1] == advices[2]
     assert advices[0].level is Level.STOP
+
+
+@MODES
+def test_who_runs_is_named_and_counts_as_fast(mode):
+    cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
+    back = np.arange(STEPS - 1, -1, -1)[:, None, None] / RATE_HZ
+    observed = np.ones((1, STEPS, len(JOINTS)), bool)
+    found = {}
+    for speed in (1.5, 3.0):  # towards the robot
+        run = body(2.2)[None] + back * np.array([speed, 0.0, 0.0])
+        found[speed] = cell.settle(2.2, history=run[None], observed=observed)
+        assert ("is fast: trunk 3.0 m/s" in found[speed].detail) == (speed == 3.0)
+    walked, ran = (advice.speed_limit_m_s for advice in found.values())
+    assert ran < walked if mode == "iso" else ran <= walked
+    far = cell.settle(8.0, history=run[None], observed=observed)
+    assert (far.level, far.reason) == (Level.CLEAR, Reason.PERSON_FAST)
 
 
 def test_a_forecast_that_is_no_forecast_is_not_used():

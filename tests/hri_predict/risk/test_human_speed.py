@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from hri_predict.risk.human_speed import joint_speeds, joint_velocities, measure_people
+from hri_predict.risk.human_speed import (
+    growth_speeds,
+    joint_speeds,
+    joint_velocities,
+    measure_people,
+)
 from hri_predict.risk.settings import HumanLimits
 from hri_predict.skeleton import CANONICAL
 
@@ -107,3 +112,19 @@ def test_a_hand_counts_relative_to_the_room_where_the_trunk_is_not_seen():
     assert fast.trunk[0] == 0
     assert fast.hand[0] == pytest.approx(2.2)
     assert fast.fast.all()
+
+
+def test_who_is_fast_counts_at_what_was_measured_and_a_margin():
+    walker = measure_people(*moving([1.5, 0, 0]), RATE_HZ, CANONICAL, HumanLimits())
+    runner = measure_people(*moving([3.0, 0, 0]), RATE_HZ, CANONICAL, HumanLimits())
+    assert walker.beyond_standard_m_s.tolist() == [0.0]
+    assert runner.beyond_standard_m_s == pytest.approx([3.4])
+
+
+def test_zones_without_a_forecast_grow_at_least_at_the_present_speed():
+    history, observed = moving([3.0, 0, 0])
+    observed[:, :, 7] = False
+    speeds = growth_speeds(history, observed, RATE_HZ, 2.0)
+    assert speeds[0, 7] == 2.0
+    assert speeds[0, 6] == pytest.approx(3.0)
+    assert growth_speeds(*moving([0.5, 0, 0]), RATE_HZ, 2.0).tolist() == [[2.0] * JOINTS]

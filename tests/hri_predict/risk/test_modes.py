@@ -10,6 +10,7 @@ from hri_predict.protocol.messages import Level
 from hri_predict.reasons import Reason
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.geometry import horizontal_distance
+from hri_predict.risk.retreat import link_distances, retreat_steps
 from hri_predict.risk.robot import RobotSettings, load_robot
 from hri_predict.risk.robot_judge import RobotJudge
 from hri_predict.risk.robot_tracker import RobotNow, RobotTracker
@@ -54,6 +55,9 @@ def balls(*centres, radius=0.2) -> BodyZones:
 def now(qd) -> RobotNow:
     qd = np.asarray(qd, float)
     return RobotNow(READY, qd, float(MODEL.tip_speed(READY, qd)))
+
+
+JUDGES = {mode: judge(mode) for mode in ("iso", "predictive", "reactive", "fixed")}
 
 
 # -- fixed -----------------------------------------------------------------------------------------
@@ -119,3 +123,127 @@ def test_fixed_nearer_is_never_faster(distance, nearer, speed):
 def test_what_is_not_finite_is_inside_every_circle():
     capsules = Capsules(np.array([[np.nan, 0, 0]]), np.array([[1.0, 0, 0]]), np.array([0.1]))
     assert horizontal_distance(capsules, np.zeros(3)) == -np.inf
+
+
+# -- people faster than the standard assumes -------------------------------------------------------
+
+
+def test_iso_counts_a_runner_at_their_own_speed():
+    iso, robot = judge("iso"), now([0.3, 0, 0, 0, 0, 0])
+    people = balls((4.0, 2.0, 1.0), (6.0, 2.0, 1.0))
+    walking = iso.judge(robot, people).people
+    # T_r: age 0.05 and 0.29 s after now. S_h at 3.4 m/s is (3.4 - 1.6) (T_r + T_s) more.
+    stopping_s, _ = MODEL.stopping(robot.speed_m_s)
+    running = iso.judge(robot, people, np.array([3.4, 0.0])).people
+    assert walking.slack_m - running.slack_m == pytest.approx(1.8 * (0.34 + stopping_s))
+    assert running.limits[0] <= walking.limits[0]
+    # one who runs behind may ask for more than one who stands in front
+    behind = iso.judge(robot, people, np.array([0.0, 8.0])).people
+    assert (walking.person, behind.person) == (0, 1)
+    assert behind.slack_m < walking.slack_m
+
+
+@given(st.floats(0, 10), st.floats(0, 10), st.floats(1.5, 6))
+def test_a_slower_person_never_lowers_the_limit(speed, slower, x):
+    iso, robot, people = JUDGES["iso"], now([0.3, 0, 0, 0, 0, 0]), balls((x, 2.0, 1.0))
+    fast, slow = (
+        iso.judge(robot, people, np.array([v])).people for v in (max(speed, slower), slower)
+    )
+    assert all(a <= b for a, b in zip(fast.limits, slow.limits, strict=True))
+    assert fast.slack_m <= slow.slack_m
+
+
+def test_the_circle_is_wider_for_a_runner():
+    # radius 2 m; 3.4 m/s instead of 1.6 for T_r at worst, 0.41 s, and T_s at 1 m/s
+    fixed, robot = judge("fixed", fixed_radius_m=2.0), now(np.zeros(6))
+    wider = 1.8 * (0.41 + MODEL.stopping(1.0)[0])
+    for beyond, level in ((-0.01, Level.STOP), (0.01, Level.WARN)):
+        people = balls((3.2 + wider + beyond, 2.0, 1.0), (4.0 + wider, 2.0, 1.0))
+        assert fixed.judge(robot, people, np.array([3.4, 0.0])).demand.level is level
+
+
+# -- moving away -----------------------------------------------------------------------------------
+
+
+SIDE = (1.0, 0.3, 0.9)
+"""Beside the base; the turn AWAY takes every link away from there."""
+AWAY, NEAR = (-0.5, 0, 0, 0, 0, 0), (0.5, 0, 0, 0, 0, 0)
+
+
+def test_iso_a_robot_that_gets_away_with_every_link_may_be_fast():
+    people = balls(SIDE)
+    away, near = (JUDGES["iso"].judge(now(qd), people).people for qd in (AWAY, NEAR))
+    assert away.limits[0] > near.limits[0]
+    assert away.limits[2:] == near.limits[2:]  # warnings regard any direction
+    # S_r = S_s = 0: what is left over is the distance less 1.6 (T_r + T_s) and 0.06 m
+    stopping_s, stopping_m = MODEL.stopping(now(AWAY).speed_m_s)
+    left = away.separation_m - 1.6 * (0.34 + stopping_s) - 0.06
+    assert away.slack_m == pytest.approx(left)
+    assert near.slack_m == pytest.approx(left - 0.34 * now(NEAR).speed_m_s - stopping_m)
+    # the limit by hand: the fastest quarter of 1 m/s whose S_h fits into 0.25 m less
+    fits = [
+        v
+        for v in (0.25, 0.5, 0.75, 1.0)
+        if away.separation_m - 0.25 >= 1.6 * (0.34 + MODEL.stopping(v)[0]) + 0.06
+    ]
+    assert away.limits[0] == max(fits)
+
+
+def test_iso_one_person_or_one_link_that_is_approached_is_enough():
+    across = (0.2, 3.6, 0.9)  # where the same turn brings the arm
+    both = JUDGES["iso"].judge(now(AWAY), balls(SIDE, across)).people
+    alone = JUDGES["iso"].judge(now(AWAY), balls(SIDE)).people
+    any_way = JUDGES["iso"].judge(now(NEAR), balls(SIDE)).people
+    assert both.limits[0] == any_way.limits[0] < alone.limits[0]
+    # the elbow lifts the tool away from somebody before the arm, and lowers the forearm to them
+    lift, before = (0, 0, 0.4, 0, 0, 0), (-0.9, 2.0, 0.5)
+    robot = MODEL.capsules(READY + np.linspace(0, 0.5, 6)[:, None] * np.array(lift))
+    at = np.array([[before]])
+    change = np.diff(link_distances(Capsules(at, at, np.full((1, 1), 0.2)), robot)[:, :, 0], axis=0)
+    tool = [MODEL.capsule_names.index(name) for name in ("gripper", "payload")]
+    assert (change[:, tool] > 0).all()
+    assert change.min() < 0
+    lifted = JUDGES["iso"].judge(now(lift), balls(before)).people
+    standard = JUDGES["iso"].judge(RobotNow(READY, np.zeros(6), 0.0), balls(before)).people
+    assert lifted.limits == standard.limits
+
+
+@pytest.mark.parametrize("mode", ["predictive", "reactive"])
+def test_by_time_every_link_must_keep_clear(mode):
+    # shoulder and elbow take the tool away from somebody and bring the upper arm near
+    qd, where = np.array([0.5, 0.8, 0.8, -0.5, 0, 0]), (0.57, 1.5, 1.13)
+    at = np.array([[where]])
+    person = Capsules(at, at, np.full((1, 1), 0.1))
+    path = MODEL.capsules(READY + np.linspace(0, 0.5, 40)[:, None] * qd)
+    links = link_distances(person, path)[:, :, 0]
+    upper_arm, wrist = (MODEL.capsule_names.index(n) for n in ("upper_arm", "wrist_3"))
+    needed = (links[0].min() + links.min()) / 2
+    assert links[:, wrist:].min() > needed > links[:, upper_arm].min()
+    strict = judge(
+        mode, person_uncertainty_m=needed, robot_uncertainty_m=0, slow_margin_m=0, band_m=0
+    )
+    found = strict.judge(now(qd), balls(where, radius=0.1)).people
+    assert found.limits[0] < 1.0
+    assert found.link == upper_arm
+
+
+def test_retreat_follows_every_link_and_every_person():
+    def capsules(centres, radius):
+        at = np.asarray(centres, float)
+        return Capsules(at, at, np.full(at.shape[:-1], radius))
+
+    people = capsules([[[0.0, 0, 0]], [[0.0, 9, 0]]], 0.1)
+    # link 0 stands, link 1 goes along x from 1 to 2: farther from the first, hardly from the second
+    path = np.zeros((6, 2, 3))
+    path[:, 0] = [3.0, 0, 0]
+    path[:, 1, 0] = np.linspace(1, 2, 6)
+    assert retreat_steps(people, capsules(path, 0.1)) == 5
+    path[4:, 0, 0] = 2.9  # at step 4 the standing link comes nearer to the first person
+    assert retreat_steps(people, capsules(path, 0.1)) == 3
+    path[:, 0] = [3.0, 0, 0]
+    path[1:, 1, 1] = 0.1 * np.arange(1, 6) ** 2  # and now link 1 nears the second at once
+    assert retreat_steps(people, capsules(path, 0.1)) == 0
+    assert retreat_steps(people, capsules(path * np.nan, 0.1)) == 0
+    # (K, C, P) by hand: 1 m along x and radii of 0.1 m each; sqrt(1 + 81)
+    distances = link_distances(people, capsules(path[:1], 0.1))
+    np.testing.assert_allclose(distances[0, 1], [0.8, np.sqrt(82) - 0.2])
