@@ -108,8 +108,11 @@ def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Bo
 
 def _origin(placement: Any, pinocchio: Any, joint: str) -> dict[str, Any]:
     rpy = pinocchio.rpy.matrixToRpy(placement.rotation)
-    if not (np.isfinite(rpy).all() and np.isfinite(placement.translation).all()):
-        raise RobotError(f"joint '{joint}': its origin, or one it hangs on, is not finite")
+    if not (np.isfinite(rpy).all() and np.abs(placement.translation).max() <= MAX_COORDINATE_M):
+        raise RobotError(
+            f"joint '{joint}': its origin, or one it hangs on, is beyond {MAX_COORDINATE_M:g} m or "
+            f"not a number; correct it"
+        )
     xyz, rpy = (np.round(v, 12) + 0.0 for v in (placement.translation, rpy))
     return {"origin": {"xyz": xyz.tolist(), "rpy": rpy.tolist()}}
 

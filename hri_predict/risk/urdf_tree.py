@@ -216,6 +216,11 @@ def _shaped(link: ElementTree.Element, urdf: Path, packages: list[Path]) -> Elem
     for shape in link.findall("collision") or link.findall("visual"):
         collision = ElementTree.SubElement(slim, "collision")
         collision.extend(part for part in shape if part.tag in ("origin", "geometry"))
+        if [len(part) for part in shape.findall("geometry")] != [1]:
+            raise RobotError(
+                f"link '{_name(link)}': a <{shape.tag}> must have one <geometry> with one shape; "
+                f"split it"
+            )
     for mesh in slim.iter("mesh"):
         try:
             mesh.set("filename", str(_mesh(mesh.get("filename", ""), urdf, packages)))

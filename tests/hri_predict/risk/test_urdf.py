@@ -292,7 +292,7 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
         "'lift' mimics",
     ),
     "no geometry": (
-        swap('<box size="0.4 0.2 0.1"/>', ""), CHAIN + STOP, "'plate': a <collision>.*has no shape",
+        swap('<box size="0.4 0.2 0.1"/>', ""), CHAIN + STOP, "'plate': a <collision> must",
     ),
     "no collision": (
         swap('<collision><geometry><box size="0.4 0.2 0.1"/></geometry></collision>', ""),
@@ -302,9 +302,14 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
         swap('<sphere radius="0.07"/>', '<cone radius="1"/>'), CHAIN + STOP,
         "'tower': a <collision>.*has no shape",
     ),
+    "two shapes": (
+        swap('<sphere radius="0.07"/>', '<sphere radius="0.07"/><sphere radius="1"/>'),
+        CHAIN + STOP, "'tower': a <collision> must have one",
+    ),
+    "origin far": (swap('xyz="0 0 0.1"', 'xyz="0 0 1e308"'), CHAIN + STOP, "'turn': its origin"),
     "only seen, not how": (
         swap('<link name="top"/>', '<link name="top"><visual/></link>'), CHAIN + STOP,
-        "'top': a <collision>.*has no shape",
+        "'top': a <visual> must have one",
     ),
     "the chain left out": (same, [*CHAIN, *STOP, "--leave-out", "arm"], "out arm.*needs it"),
     "another unit": (swap("MESH", "inch.dae"), CHAIN + STOP, "inch.dae.*0.0254 m.*in metres"),
@@ -344,7 +349,7 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
     "same joint": (swap('name="lift"', 'name="turn"'), CHAIN + STOP, "two <joint> named 'turn'"),
     "long mesh": (swap("MESH", "x" * 5000 + ".stl"), CHAIN + STOP, "is not there"),
     "deep": (
-        swap("<sphere", "<a>" * 100_000 + "</a>" * 100_000 + "<sphere"), CHAIN + STOP,
+        swap('<sphere radius="0.07"/>', "<a>" * 100_000 + "</a>" * 100_000), CHAIN + STOP,
         "nested too deeply",
     ),
     "a loop": (swap('<parent link="plate"/>', '<parent link="arm"/>'), CHAIN + STOP, "loop"),
