@@ -15,6 +15,7 @@ from hri_predict.prediction import PredictionRunner
 from hri_predict.predictors.base import Predictor
 from hri_predict.publisher import Publisher
 from hri_predict.recording.played_link import played_links
+from hri_predict.risk.calibration import Calibration, calibration_for
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.robot import RobotModel, load_robot
@@ -83,7 +84,16 @@ def build_risk(
         build_budget(config, source),
         predictor.rate_hz,
         predictor.horizon_steps,
+        build_calibration(config),
     )
+
+
+def build_calibration(config: Config) -> Calibration | None:
+    """The calibration that the zones use; ``None`` where there is none, or no use for it."""
+    if config.node.risk.mode != "predictive":
+        return None
+    settings = config.predictor.resolved(config.base_dir)
+    return calibration_for(settings, config.node.risk.coverage, config.base_dir)
 
 
 def advised_on_links(config: Config) -> list[frozenset[int]]:

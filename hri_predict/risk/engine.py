@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +12,13 @@ from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import Advice
 from hri_predict.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings
+from hri_predict.risk.calibration import Calibration, Radii
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.human_speed import HumanSpeeds, measure_people
 from hri_predict.risk.levels import Demand, LevelMachine, combined
 from hri_predict.risk.robot_judge import Judgement, RobotJudge
 from hri_predict.risk.robot_tracker import RobotTracker
+from hri_predict.risk.self_check import SelfCheck, SelfCheckSettings, Trust
 from hri_predict.risk.separation import Finding
 from hri_predict.risk.settings import HumanLimits, RiskSettings
 from hri_predict.risk.types import Assessment, NamedZoneState
@@ -46,6 +49,7 @@ class RiskEngine:
         budget: the delays.
         forecast_rate_hz: steps per second of the forecast.
         horizon_steps: H of the forecast.
+        calibration: of the predictor, in the modes that use forecasts; ``None``: there is none.
 
     Raises:
         ConfigError: the delay budget goes past the horizon, a zone names an unknown robot, or no
@@ -63,12 +67,14 @@ class RiskEngine:
         budget: DelayBudget,
         forecast_rate_hz: float,
         horizon_steps: int,
+        calibration: Calibration | None = None,
     ) -> None:
         self._settings = settings
         self._budget = budget
         self._rate_hz = forecast_rate_hz
         self._skeleton = skeleton
-        self._horizon_s = horizon_steps / forecast_rate_hz
+        trusted = horizon_steps if calibration is None else min(horizon_steps, calibration.steps)
+        self._horizon_s = trusted / forecast_rate_hz
         view = None if field_of_view is None else FieldOfView.of(field_of_view)
         self._judges = tuple(
             RobotJudge(settings, tracker, budget, view, self._horizon_s) for tracker in robots
@@ -76,6 +82,18 @@ class RiskEngine:
         _check_zones(named_zones, [judge.name for judge in self._judges])
         needed_s = max((judge.longest_s for judge in self._judges), default=0.0)
         steps = max(horizon_steps, math.ceil(needed_s * forecast_rate_hz - 1e-9))
+        radii, self._check = None, None
+        if calibration is not None:
+            coverage = settings.coverage
+            radii = Radii(calibration, coverage, skeleton, horizon_steps)
+            self._check = SelfCheck(
+                SelfCheckSettings(),
+                coverage.level,
+                coverage.of,
+                forecast_rate_hz,
+                horizon_steps,
+                calibration.motion_ranges(skeleton),
+            )
         self._builder = ZoneBuilder(
             skeleton,
             absent_parts,
@@ -83,6 +101,7 @@ class RiskEngine:
             forecast_rate_hz,
             horizon_steps,
             steps if settings.beyond_horizon else horizon_steps,
+            radii,
         )
         self._named = tuple(NamedZone(z, settings.person_uncertainty_m) for z in named_zones)
         self._next_latch = 0
@@ -118,8 +137,13 @@ class RiskEngine:
             forecast, reasons = None, [r for r in reasons if r not in _OF_PREDICTOR]
         if forecast is not None and not _is_sound(forecast, snapshot, self._builder.horizon_steps):
             forecast, reasons = None, (*reasons, Reason.PREDICTOR_FAILED)
-        bodies = self._builder.build(snapshot, forecast, with_paths=bool(self._named))
-        return replace(bodies, reasons=tuple(reasons))
+        trust = self._trust(snapshot)
+        bodies = self._builder.build(snapshot, forecast, bool(self._named), trust)
+        if trust is None:
+            return replace(bodies, reasons=tuple(reasons))
+        if self._check is not None and forecast is not None and bodies.claimed is not None:
+            self._check.note(snapshot, forecast, bodies.claimed)
+        return replace(bodies, reasons=(*reasons, *trust.reasons))
 
     def judge(self, snapshot: PeopleSnapshot, bodies: BodyZones) -> Assessment:
         """Judge zones: the second half of ``assess``."""
@@ -140,6 +164,19 @@ class RiskEngine:
             for robot in range(len(self._judges))
         )
         return Assessment(advices, bodies.zones, named, bodies.reasons)
+
+    def self_check(self) -> dict[str, Any] | None:
+        """How often past forecasts held, for the run's summary; ``None`` without a calibration."""
+        return None if self._check is None else self._check.report()
+
+    def _trust(self, snapshot: PeopleSnapshot) -> Trust | None:
+        """What past forecasts say; alone their surprise, where nothing is to be made of it."""
+        if self._check is None:
+            return None
+        trust = self._check.check(snapshot)
+        if self._settings.coverage.self_check:
+            return trust
+        return Trust(trust.surprise_m, np.ones_like(trust.widen), np.zeros_like(trust.unlike), ())
 
     def acknowledge(self, latch_id: int) -> bool:
         """Release the latched stop ``latch_id`` if its cause has cleared; whether it was."""

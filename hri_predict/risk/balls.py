@@ -1,0 +1,38 @@
+"""Balls that hold the intersection of two balls: how one bound on a point is cut by another."""
+
+import numpy as np
+
+from hri_predict.scene import Floats
+
+
+def cut(
+    centre: Floats, radius: Floats, other_centre: Floats, other_radius: Floats
+) -> tuple[Floats, Floats]:
+    """The smallest ball that holds whatever lies in both of two balls.
+
+    With d the distance of the centres, the spheres meet in a circle whose plane is at
+    x = (d^2 + r1^2 - r2^2) / 2d from the first centre. Where 0 < x < d the circle's disc is the
+    widest part of the intersection, so the ball about its middle with its radius,
+    sqrt(r1^2 - x^2), holds all of it; elsewhere the smaller ball does.
+
+    Two balls that do not meet contradict each other: then the *other* one is returned, which the
+    caller takes for the surer.
+
+    Args:
+        centre, radius: (..., 3) and (...) metres, the ball that is to be cut.
+        other_centre, other_radius: likewise; all broadcast together. A radius may be infinite.
+
+    Returns:
+        centre (..., 3) and radius (...), never larger than the smaller of the two radii.
+    """
+    apart = other_centre - centre
+    d = np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2 + apart[..., 2] ** 2)
+    with np.errstate(invalid="ignore", over="ignore"):
+        x = 0.5 * (d + (radius - other_radius) * (radius + other_radius) / np.maximum(d, 1e-12))
+        lens = (x > 0) & (x < d) & (d < radius + other_radius)
+        square = np.where(lens, (radius - x) * (radius + x), 0.0)
+        take_other = (~lens) & ((other_radius < radius) | (d >= radius + other_radius))
+        part = np.where(lens, x / np.maximum(d, 1e-12), np.where(take_other, 1.0, 0.0))
+    middle = centre + part[..., None] * apart
+    within = np.where(take_other, other_radius, radius)
+    return middle, np.where(lens, np.sqrt(np.maximum(square, 0.0)), within)

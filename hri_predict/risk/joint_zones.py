@@ -1,0 +1,338 @@
+"""Joint zones: a ball for every joint of every person and every interval.
+
+The growth rule
+===============
+Time ``t`` runs from each person's capture. A joint that was seen in that capture, and in half of
+the last ``SETTLED_STEPS`` steps, is within its *calibrated radius* of where the forecast puts it
+(``calibration``: by motion class, joint and horizon), times what the live self-check widens it by.
+
+A predictor without a calibration has the *uncalibrated rule* instead: at most
+
+    min(v t, a t^2 / 2 + e_v t)
+
+from the forecast, where ``v`` and ``a`` are the standard's and SaRA's (``HumanLimits``) and ``e_v``
+bounds the error of the forecast's velocity. Somebody who at once reverses what was forecast can
+leave such a zone; how often is not known.
+
+Without a forecast, for a joint that was not seen in the capture or only of late, and for a person
+whose motion is unlike all that was calibrated, nothing is assumed but *physical limits*: the joint
+is at most ``v (t + joint_age)`` from where it was last seen, with ``v`` the physical speed or the
+joint's present speed, the higher. A lost person walks from where they were last seen, arms at arm
+speed. Past the last step that is calibrated the zone grows at the physical speed.
+
+Whatever follows a forecast is cut to what a body can do by then (``reach``).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.predictors.base import Forecast
+from hri_predict.risk.calibration import Radii
+from hri_predict.risk.human_speed import joint_speeds
+from hri_predict.risk.motion_class import trunk_speed
+from hri_predict.risk.reach import BodyReach
+from hri_predict.risk.self_check import Trust
+from hri_predict.risk.settings import HumanLimits
+from hri_predict.scene import Bools, Floats
+from hri_predict.skeleton import Skeleton
+from hri_predict.snapshot import PeopleSnapshot
+
+Ints = NDArray[np.intp]
+
+_NEVER_S = 1e3
+"""Age given to a joint that was never seen: at any human speed it may be anywhere."""
+_FAR_M = 1e4
+"""A coordinate beyond this is no position in a room."""
+FRESH_S = 1e-6
+SETTLED_STEPS = 15
+"""Radii are calibrated on so much history; a joint seen in less than half of it is not settled."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointBalls:
+    """Where joints may be. P people (lost ones last), K steps after now, J joints.
+
+    Attributes:
+        mid, radius: (P, K+1, J, 3) and (P, K+1, J); entry 0 at the capture, entry k during the
+            whole interval that ends with step k.
+        path, inflation: the same, of the forecast's own path, without growth or cut.
+        joint_age: (P, J) seconds from when a joint was last seen to its person's capture.
+        follows: (P, J) whether the joint follows the forecast.
+        claimed: (P, H, J) the calibrated radii before widening, of the people who are here (those
+            whose motion is unlike all, too, whose zones have physical limits); infinite where there
+            is none. ``None`` without a calibration.
+    """
+
+    mid: Floats
+    radius: Floats
+    path: Floats
+    inflation: Floats
+    joint_age: Floats
+    follows: Bools
+    claimed: Floats | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tracks:
+    """Joints of P people at their captures, lost people last, and how to move on from there."""
+
+    last: Floats  # (P, J, 3) where last seen
+    joint_age: Floats  # (P, J) seconds before the capture
+    speed: Floats  # (P, J) of a joint that is not forecast
+    forecast: Bools  # (P, J) whether the joint follows the forecast
+    age: Floats  # (P,) seconds from capture to now
+    waited: Floats  # (P,) seconds from capture to the instant of entry 0
+
+
+class JointZones:
+    """Builds joint zones; see the module's docstring.
+
+    Args:
+        skeleton: the joints.
+        limits: see ``HumanLimits``.
+        rate_hz: steps per second of the forecast.
+        horizon_steps: H of the forecast.
+        times_s: (K+1,) ends of the intervals after now, from 0.
+        radii: calibrated ones; ``None``: the predictor is not calibrated.
+    """
+
+    def __init__(
+        self,
+        skeleton: Skeleton,
+        limits: HumanLimits,
+        rate_hz: float,
+        horizon_steps: int,
+        times_s: Floats,
+        radii: Radii | None,
+    ) -> None:
+        self._skeleton = skeleton
+        self._limits = limits
+        self._rate_hz = rate_hz
+        self._horizon_steps = horizon_steps
+        self._times_s = times_s
+        self._radii = radii
+        self._trusted_steps = horizon_steps if radii is None else min(horizon_steps, radii.steps)
+        self._body = BodyReach(limits, skeleton, rate_hz)
+        arm = np.zeros(len(skeleton.joints), dtype=bool)
+        for part in ("left_arm", "right_arm"):
+            arm[list(skeleton.parts.get(part, ()))] = True
+        self._speed: Floats = np.where(arm, limits.arm_speed_m_s, limits.body_speed_m_s)
+        self._acceleration: Floats = np.where(
+            arm, limits.arm_acceleration_m_s2, limits.body_acceleration_m_s2
+        )
+
+    def build(
+        self,
+        snapshot: PeopleSnapshot,
+        forecast: Forecast | None,
+        capture_ns: int | None,
+        trust: Trust | None,
+    ) -> JointBalls:
+        """Balls for everybody in ``snapshot``; see ``ZoneBuilder.build``."""
+        claimed = None if forecast is None else self._claimed(snapshot, trust)
+        tracks = self._tracks(snapshot, forecast, claimed, trust, capture_ns)
+        since = tracks.age[:, None] + self._times_s  # (P, K+1) seconds since capture
+        until = since.copy()
+        since[:, 0] = until[:, 0] = tracks.waited
+        growth = tracks.speed[:, None] * (until[..., None] + tracks.joint_age[:, None])
+        shape = (*since.shape, tracks.last.shape[1])
+        if forecast is None or not tracks.forecast.any():
+            mid = np.broadcast_to(tracks.last[:, None], (*shape, 3))
+            flat = np.zeros(shape)
+            return JointBalls(mid, growth, mid, flat, tracks.joint_age, tracks.forecast, claimed)
+        path, inflation = _enclosed(self._knots(tracks, forecast), since * self._rate_hz)
+        rule = self._deviation(until, forecast, claimed, trust)
+        growth = np.where(tracks.forecast[:, None], rule, growth)
+        mid, radius = self._cut(path, inflation + growth, tracks, snapshot, until)
+        return JointBalls(mid, radius, path, inflation, tracks.joint_age, tracks.forecast, claimed)
+
+    @staticmethod
+    def along_forecast(balls: JointBalls) -> tuple[Floats, Floats]:
+        """Centres and radii without growth where joints follow the forecast."""
+        follows = balls.follows[:, None]
+        return (
+            np.where(follows[..., None], balls.path, balls.mid),
+            np.where(follows, balls.inflation, balls.radius),
+        )
+
+    def _claimed(self, snapshot: PeopleSnapshot, trust: Trust | None) -> Floats | None:
+        """(P, H, J) calibrated radii, infinite for people and joints that have none."""
+        if self._radii is None:
+            return None
+        people, joints = len(snapshot.ids), len(self._skeleton.joints)
+        if trust is None:
+            return np.full((people, self._horizon_steps, joints), np.inf)
+        speed = trunk_speed(snapshot.history, snapshot.observed, self._rate_hz, self._skeleton)
+        claimed = self._radii.of(speed, trust.surprise_m)
+        recent = snapshot.observed[:, -SETTLED_STEPS:].sum(1)  # (P, J)
+        most = min(SETTLED_STEPS, snapshot.observed.shape[1])
+        known = (2 * recent >= most) & np.isfinite(claimed[:, : self._trusted_steps]).all(1)
+        return np.where(known[:, None], claimed, np.inf)
+
+    def _tracks(
+        self,
+        snapshot: PeopleSnapshot,
+        forecast: Forecast | None,
+        claimed: Floats | None,
+        trust: Trust | None,
+        capture_ns: int | None,
+    ) -> _Tracks:
+        people, joints = len(snapshot.ids), len(self._speed)
+        lost = len(snapshot.lost)
+        last = np.concatenate(
+            [
+                snapshot.last_positions.reshape(people, joints, 3),
+                np.array([p.positions for p in snapshot.lost]).reshape(lost, joints, 3),
+            ]
+        )
+        joint_age = np.concatenate(
+            [snapshot.joint_age_s.reshape(people, joints), np.zeros((lost, joints))]
+        )
+        seen = (np.abs(last) < _FAR_M).all(-1) & (joint_age >= 0)  # false for NaN too
+        last = np.where(seen[..., None], last, 0.0)
+        joint_age = np.where(seen, np.minimum(joint_age, _NEVER_S), _NEVER_S)
+        is_lost = np.arange(people + lost)[:, None] >= people
+        fresh = (joint_age < FRESH_S) & ~is_lost
+        follows = np.zeros_like(fresh)
+        if forecast is not None:
+            follows = fresh
+            if claimed is not None and trust is not None:
+                # a joint without a radius, and a person unlike all, have physical limits
+                has = np.isfinite(claimed[:, : self._trusted_steps]).all(1)
+                has &= ~trust.unlike[:, None]
+                follows = fresh & np.concatenate([has, np.zeros((lost, joints), bool)])
+        captures = np.array(
+            [*snapshot.capture_ns, *(p.last_seen_ns for p in snapshot.lost)], dtype=np.int64
+        )
+        reference = snapshot.now_ns if capture_ns is None else capture_ns
+        return _Tracks(
+            last=last,
+            joint_age=joint_age,
+            speed=np.where(is_lost, self._speed, self._present_speed(snapshot, lost)),
+            forecast=follows,
+            age=np.maximum(0.0, (snapshot.now_ns - captures) * 1e-9),
+            waited=np.where(is_lost[:, 0], np.maximum(0.0, (reference - captures) * 1e-9), 0.0),
+        )
+
+    def _present_speed(self, snapshot: PeopleSnapshot, lost: int) -> Floats:
+        """(P, J) speed at which a joint that is not forecast may go: its own, if that is higher."""
+        speed, _ = joint_speeds(snapshot.history, snapshot.observed, self._rate_hz)
+        none = np.zeros((lost, speed.shape[1]))
+        return np.maximum(np.concatenate([speed, none]), self._limits.physical_speed_m_s)
+
+    def _knots(self, tracks: _Tracks, forecast: Forecast) -> Floats:
+        """(P, H+1, J, 3) the forecast's path from the capture on; others stay where they are."""
+        people = len(forecast.positions)
+        knots = np.repeat(tracks.last[:, None], self._horizon_steps + 1, axis=1)
+        follows = tracks.forecast[:people, None, :, None]
+        knots[:people, 1:] = np.where(follows, forecast.positions, knots[:people, 1:])
+        return knots
+
+    def _deviation(
+        self,
+        until: Floats,
+        forecast: Forecast,
+        claimed: Floats | None,
+        trust: Trust | None,
+    ) -> Floats:
+        """(P, K+1, J) metres from the forecast, at most, by each interval's end (P, K+1)."""
+        end = self._trusted_steps / self._rate_hz
+        beyond = self._limits.physical_speed_m_s * np.maximum(until - end, 0.0)[..., None]
+        people, steps = len(forecast.positions), until * self._rate_hz
+        if claimed is None or trust is None:
+            within = self._uncalibrated(np.minimum(until, end)[..., None])
+        else:
+            table = claimed * trust.widen[..., None]
+            at = np.ceil(steps[:people] - 1e-6).astype(np.intp) - 1  # the step that ends it
+            person = np.arange(people)[:, None]
+            here = table[person, np.clip(at, 0, self._trusted_steps - 1)]
+            within = np.zeros((*until.shape, here.shape[-1]))
+            within[:people] = here
+        rule: Floats = within + beyond
+        if forecast.std is not None and self._limits.std_factor > 0:
+            std = _std_during(forecast.std, steps, self._horizon_steps)
+            rule[:people] = np.maximum(rule[:people], self._limits.std_factor * std)
+        rule[:, 0] = 0.0
+        return rule
+
+    def _uncalibrated(self, t: Floats) -> Floats:
+        free = (0.5 * self._acceleration * t + self._limits.velocity_error_m_s) * t
+        return np.minimum(self._speed * t, free)
+
+    def _cut(
+        self,
+        mid: Floats,
+        radius: Floats,
+        tracks: _Tracks,
+        snapshot: PeopleSnapshot,
+        until: Floats,
+    ) -> tuple[Floats, Floats]:
+        """Cut what follows a forecast to what a body can do; entry 0 is as captured."""
+        people = len(snapshot.ids)
+        begin = np.maximum(until[:people, 1:] - 1.0 / self._rate_hz, 0.0)
+        follows = tracks.forecast[:people]
+        own = self._body.cut_by_motion(
+            mid[:people, 1:],
+            radius[:people, 1:],
+            tracks.last[:people],
+            self._body.velocity(snapshot.history, snapshot.observed),
+            begin,
+            until[:people, 1:],
+        )
+        own_mid = np.where(follows[:, None, :, None], own[0], mid[:people, 1:])
+        own_radius = np.where(follows[:, None], own[1], radius[:people, 1:])
+        own = self._body.cut_by_bones(own_mid, own_radius, tracks.last[:people], follows)
+        mid, radius = mid.copy(), radius.copy()
+        mid[:people, 1:], radius[:people, 1:] = own
+        return mid, radius
+
+
+def _enclosed(knots: Floats, steps: Floats) -> tuple[Floats, Floats]:
+    """Spheres around a piecewise linear path.
+
+    Args:
+        knots: (P, N, J, 3) the path at steps 0..N-1; it rests at the last.
+        steps: (P, K+1) ascending by at most 1 from entry 1 on, so that an interval spans at most
+            one knot.
+
+    Returns:
+        mid (P, K+1, J, 3) and radius (P, K+1, J): entry k >= 1 holds the path between
+        ``steps[k-1]`` and ``steps[k]``; entry 0 is the path at step 0. Interval 1 begins at
+        ``steps[1] - 1``, the step of now.
+    """
+    last = knots.shape[1] - 1
+    ends = steps[:, 1:]
+    bounds = np.clip(np.concatenate([ends[:, :1] - 1.0, ends], axis=1), 0.0, last)
+    below = np.minimum(bounds.astype(np.intp), max(last - 1, 0))
+    person = np.arange(len(knots))[:, None]
+    part = (bounds - below)[..., None, None]
+    lower, upper = knots[person, below], knots[person, np.minimum(below + 1, last)]
+    at = lower + part * (upper - lower)  # (P, K+1, J, 3) at the bounds
+    start, end = at[:, :-1], at[:, 1:]
+    corner = upper[:, :-1]
+    inside = (below[:, :-1] + 1 < bounds[:, 1:])[..., None]
+    mid = 0.5 * (start + end)
+    half = 0.5 * _norm(end - start)
+    radius = np.maximum(half, np.where(inside, _norm(corner - mid), 0.0))
+    return (
+        np.concatenate([knots[:, :1], mid], axis=1),
+        np.concatenate([np.zeros_like(radius[:, :1]), radius], axis=1),
+    )
+
+
+def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
+    """(P, H, J) at the forecast's steps to the largest (P, K+1, J) during each interval."""
+    people = len(std)
+    person = np.arange(people)[:, None]
+    end = np.ceil(steps[:people]).astype(np.intp)  # forecast step k is at (k + 1)
+    after = std[person, np.clip(end - 1, 0, horizon_steps - 1)]
+    before = std[person, np.clip(end - 2, 0, horizon_steps - 1)]
+    return np.maximum(after, before)
+
+
+def _norm(vectors: Floats) -> Floats:
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    result: Floats = np.sqrt(x * x + y * y + z * z)
+    return result

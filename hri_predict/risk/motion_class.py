@@ -1,0 +1,67 @@
+"""Motion classes: what can be seen of a person *before* it is known how good the forecast is.
+
+A radius that holds people in general is far too wide for most and too narrow for some. So people
+are told apart by two things that the node sees at every capture:
+
+- **speed** of the trunk: *still* below ``MOVING_M_S``, else *moving*;
+- **surprise**: by how much forecasts of this person were wrong of late. The mean over joints of
+  how far the newest capture is from where it was forecast ``SURPRISE_S`` before, and the largest
+  such value within the last ``SURPRISE_S``. Three grades, *calm*, *usual* and *surprising*, whose
+  thresholds are the terciles of the calibration's windows.
+
+Where no forecast is old enough yet, the grade is *surprising*; where no speed is known, *moving*.
+Both are functions of the past alone, so a calibration within each class is as valid as one without
+(Mondrian conformal prediction: V. Vovk, A. Gammerman, G. Shafer, "Algorithmic Learning in a Random
+World", 2005, section 4.5).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.risk.human_speed import joint_velocities
+from hri_predict.scene import Bools, Floats
+from hri_predict.skeleton import Skeleton
+
+MOVING_M_S = 0.4
+"""Below this the trunk stays: well under walking (1.2 m/s), well over swaying (0.05 m/s)."""
+SURPRISE_S = 0.4
+"""How old a forecast is when its error counts as surprise, and how long that is remembered."""
+SPEED_CLASSES = ("still", "moving")
+GRADES = ("calm", "usual", "surprising")
+CLASSES = tuple(f"{speed}, {grade}" for speed in SPEED_CLASSES for grade in GRADES)
+
+_TRUNK = ("waist", "torso", "neck", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
+
+
+def trunk_speed(history: Floats, observed: Bools, rate_hz: float, skeleton: Skeleton) -> Floats:
+    """(P,) speed of the trunk in m/s, the mean of its measured joints; NaN where none is.
+
+    Args:
+        history: (P, T, J, 3) metres.
+        observed: (P, T, J).
+        rate_hz: steps per second.
+        skeleton: names the joints.
+    """
+    trunk = [i for i, name in enumerate(skeleton.joints) if name in _TRUNK]
+    velocity, measured = joint_velocities(history[:, :, trunk], observed[:, :, trunk], rate_hz)
+    count = measured.sum(1)
+    mean = velocity.sum(1) / np.maximum(count, 1)[:, None]  # 0 where it was not measured
+    return np.where(count > 0, np.linalg.norm(mean, axis=-1), np.nan)
+
+
+def is_moving(speed_m_s: Floats) -> Bools:
+    """(P,) whether of the class *moving*; an unknown speed (NaN) is."""
+    return ~(speed_m_s < MOVING_M_S)
+
+
+def motion_class(speed_m_s: Floats, surprise_m: Floats, thresholds_m: Floats) -> NDArray[np.intp]:
+    """(P,) index into ``CLASSES``.
+
+    Args:
+        speed_m_s: (P,) see ``trunk_speed``.
+        surprise_m: (P,) metres; NaN where no forecast is old enough.
+        thresholds_m: (2, 2) of each speed class, between calm and usual, and usual and surprising.
+    """
+    moving = is_moving(speed_m_s).astype(np.intp)
+    grade = (~(surprise_m[:, None] < thresholds_m[moving])).sum(1)
+    return moving * len(GRADES) + grade

@@ -1,0 +1,252 @@
+"""From scores to radii: split conformal quantiles, and what few recordings leave open.
+
+*Estimated*: of every motion class, joint and step the quantile of rank ceil((n + 1) l) over all its
+windows. Few recordings make it uncertain, so it is computed for ``RESAMPLES`` draws of as many
+recordings with replacement (bootstrap by recording), and ``CONFIDENCE`` of those lie below the
+radius. The body's radii are the joints' ``SHAPE_LEVEL`` quantiles times one factor per class and
+step: the same quantile of the largest ratio over the joints. A class that fewer than
+``LEAST_RECORDINGS`` recordings show is not calibrated, and physical limits serve there.
+
+*Guaranteed*: see ``risk.calibration``. Here the body's shape must not come from the recordings that
+are ranked: it is the fixed growth ``body_shape``.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.errors import ConfigError
+from hri_predict.risk.calibration import Calibration, needed, plain
+from hri_predict.risk.motion_class import CLASSES, GRADES, SPEED_CLASSES, is_moving, motion_class
+from hri_predict.risk.motion_ranges import SHORT_S, motion_ranges, short_ratio
+from hri_predict.risk.settings import LEVELS
+from hri_predict.scene import Floats
+from hri_predict.skeleton import Skeleton
+from hri_predict.training.zone_scores import HISTORY_STEPS, Scores, units
+
+CONFIDENCE = 0.9
+RESAMPLES = 200
+SHAPE_LEVEL = 0.95
+LEAST_RECORDINGS = 4
+Ints = NDArray[np.intp]
+
+
+def calibrate(
+    scores: Sequence[Scores],
+    predictor: str,
+    settings: Mapping[str, Any],
+    weights: str | None,
+    rate_hz: float,
+    skeleton: Skeleton,
+    seed: int = 0,
+) -> Calibration:
+    """Make a calibration; the same scores give the same one.
+
+    Raises:
+        ConfigError: there are too few recordings for anything.
+    """
+    names = list(units(scores))
+    if len(names) < LEAST_RECORDINGS:
+        raise ConfigError(
+            f"--data: {len(names)} recordings; windows of one resemble each other, so give"
+            f" {LEAST_RECORDINGS} at least ({needed(LEVELS[0])} for a guarantee of"
+            f" {100 * LEVELS[0]:g} %)"
+        )
+    error = np.concatenate([s.error_m for s in scores])
+    unit = np.concatenate([np.full(len(s.error_m), names.index(s.name)) for s in scores])
+    speed = np.concatenate([s.speed_m_s for s in scores])
+    surprise = np.concatenate([s.surprise_m for s in scores])
+    thresholds = _terciles(speed, surprise)
+    kind = motion_class(speed, surprise, thresholds)
+    joints = tuple(dict.fromkeys(plain(name) for name in skeleton.joints))
+    group = np.array([joints.index(plain(name)) for name in skeleton.joints])
+    counts = np.array(
+        [np.bincount(kind[unit == u], minlength=len(CLASSES)) for u in range(len(names))]
+    )
+    draws = np.random.default_rng(seed).multinomial(
+        len(names), np.full(len(names), 1 / len(names)), RESAMPLES
+    )
+    estimated = _estimated(error, kind, unit, group, len(joints), draws, counts > 0)
+    guaranteed = _guaranteed(error, is_moving(speed), unit, group, len(joints), rate_hz)
+    ranges = _ranges(scores, estimated["joint"][-1], kind, error, group, joints, rate_hz, skeleton)
+    return Calibration(
+        predictor,
+        settings,
+        weights,
+        rate_hz,
+        joints,
+        thresholds,
+        estimated,
+        guaranteed,
+        tuple((name, tuple(map(int, row))) for name, row in zip(names, counts, strict=True)),
+        ranges,
+    )
+
+
+def _terciles(speed: Floats, surprise: Floats) -> Floats:
+    """(2, 2) thresholds of surprise in each speed class; those of all where a class is empty."""
+    moving = is_moving(speed)
+    found = []
+    for wanted in (False, True):
+        own = surprise[(moving == wanted) & np.isfinite(surprise)]
+        known = own if own.size else surprise[np.isfinite(surprise)]
+        shares = np.arange(1, len(GRADES)) / len(GRADES)
+        found.append(np.quantile(known, shares) if known.size else np.full(len(shares), np.inf))
+    return np.round(np.array(found), 4)
+
+
+def _estimated(
+    error: Floats, kind: Ints, unit: Ints, group: Ints, joints: int, draws: Ints, shown: Any
+) -> dict[str, Floats]:
+    """Per question (L, C, G, H)."""
+    steps = error.shape[1]
+    tables = {
+        of: np.full((len(LEVELS), len(CLASSES), joints, steps), np.inf) for of in ("joint", "body")
+    }
+    for c in range(len(CLASSES)):
+        if shown[:, c].sum() < LEAST_RECORDINGS:
+            continue
+        own, of_unit = error[kind == c], unit[kind == c]
+        for step in range(steps):
+            at, shape = own[:, step], np.full(joints, np.inf)
+            for g in range(joints):
+                values = at[:, group == g]
+                each = np.repeat(of_unit, values.shape[1])
+                tables["joint"][:, c, g, step] = upper_quantiles(values.ravel(), each, draws)
+                shape[g] = rank_quantile(values.ravel(), SHAPE_LEVEL)
+            ratio = _largest(at / shape[group])
+            factor = upper_quantiles(ratio, of_unit, draws)
+            tables["body"][:, c, :, step] = factor[:, None] * shape
+    return {of: rising(table) for of, table in tables.items()}
+
+
+def _guaranteed(
+    error: Floats, moving: Any, unit: Ints, group: Ints, joints: int, rate_hz: float
+) -> dict[str, Floats]:
+    """Per question (L, 2, G, H): ranks of the recordings' largest errors."""
+    steps = error.shape[1]
+    shape = body_shape(np.arange(1, steps + 1) / rate_hz)
+    tables = {of: np.full((len(LEVELS), 2, joints, steps), np.inf) for of in ("joint", "body")}
+    for s in range(len(SPEED_CLASSES)):
+        chosen = moving == bool(s)
+        present = np.unique(unit[chosen])
+        largest = [_largest_of(error[chosen & (unit == u)], group, joints) for u in present]
+        if not largest:
+            continue
+        by_unit = np.stack(largest)  # (n, G, H), NaN where a recording knows nothing
+        body = np.where(np.isnan(by_unit), -np.inf, by_unit).max(1) / shape  # (n, H)
+        body = np.where(np.isfinite(body), body, np.nan)
+        for i, level in enumerate(LEVELS):
+            tables["joint"][i, s] = _ranked(by_unit, level)
+            tables["body"][i, s] = _ranked(body, level) * shape
+    return {of: rising(table) for of, table in tables.items()}
+
+
+def body_shape(times_s: Floats) -> Floats:
+    """(H,) a growth that is known beforehand: 1.6 m/s, the standard's walking speed."""
+    return 1.6 * times_s
+
+
+def _largest_of(error: Floats, group: Ints, joints: int) -> Floats:
+    """(G, H) largest error of a recording's windows."""
+    by_joint = _nanmax(error, 0)  # (H, J)
+    return np.stack([_nanmax(by_joint[:, group == g], 1) for g in range(joints)])
+
+
+def _ranked(values: Floats, level: float) -> Floats:
+    """The value of rank ceil((n + 1) level) along axis 0; infinite if there are too few."""
+    known = np.isfinite(values).sum(0)
+    rank = np.ceil((known + 1) * level - 1e-9).astype(np.intp)
+    ordered = np.sort(np.where(np.isfinite(values), values, np.inf), axis=0)
+    last = np.minimum(rank, len(ordered)) - 1
+    found = np.take_along_axis(ordered, np.maximum(last, 0)[None], axis=0)[0]
+    return np.where((known > 0) & (rank <= known), found, np.inf)
+
+
+def rank_quantile(values: Floats, level: float) -> float:
+    """The value of rank ceil((n + 1) level) of the finite values, or the largest; inf of none."""
+    known = np.sort(values[np.isfinite(values)])
+    if not known.size:
+        return math.inf
+    return float(known[min(math.ceil((known.size + 1) * level - 1e-9), known.size) - 1])
+
+
+def upper_quantiles(values: Floats, unit: Ints, draws: Ints) -> Floats:
+    """(L,) of ``LEVELS``: the upper bound, over draws of recordings, of the values' quantile.
+
+    Args:
+        values: (N,) NaN where not known.
+        unit: (N,) the recording of each.
+        draws: (B, U) how often each recording was drawn.
+    """
+    known = np.isfinite(values)
+    order = np.argsort(values[known], kind="stable")
+    ordered, weight = values[known][order], draws[:, unit[known][order]]  # (N,), (B, N)
+    if not ordered.size:
+        return np.full(len(LEVELS), np.inf)
+    reached = np.cumsum(weight, axis=1)
+    total = reached[:, -1]
+    drawn = total > 0
+    result = np.empty(len(LEVELS))
+    for i, level in enumerate(LEVELS):
+        rank = np.minimum(np.ceil((total + 1) * level - 1e-9), total)
+        index = (reached < rank[:, None]).sum(1)
+        quantiles = ordered[np.minimum(index, ordered.size - 1)][drawn]
+        result[i] = np.quantile(quantiles, CONFIDENCE, method="higher")
+    return result
+
+
+def rising(table: Floats) -> Floats:
+    """A zone never shrinks with the horizon."""
+    result: Floats = np.maximum.accumulate(table, axis=-1)
+    return result
+
+
+def _largest(ratio: Floats) -> Floats:
+    """(W,) largest over the joints; NaN where none is known."""
+    return _nanmax(ratio, 1)
+
+
+def _nanmax(values: Floats, axis: int) -> Floats:
+    known = np.isfinite(values)
+    largest = np.where(known, values, -np.inf).max(axis)
+    return np.where(known.any(axis), largest, np.nan)
+
+
+def _ranges(
+    scores: Sequence[Scores],
+    radius: Floats,
+    kind: Ints,
+    error: Floats,
+    group: Ints,
+    joints: Sequence[str],
+    rate_hz: float,
+    skeleton: Skeleton,
+) -> dict[str, Any]:
+    """What bodies and motions of the calibration were like; see ``self_check.MotionRanges``."""
+    short = max(1, round(SHORT_S * rate_hz))
+    claimed = radius[kind][:, group, :short].swapaxes(1, 2)  # (W, short, J)
+    judged = np.isfinite(claimed) & np.isfinite(error[:, :short])
+    ratio = np.where(judged, error[:, :short] / claimed, 0.0).reshape(-1, len(group))
+    wrong = short_ratio(ratio, judged.reshape(ratio.shape))
+    found = motion_ranges(
+        np.concatenate([s.history[:, -HISTORY_STEPS:] for s in scores]),
+        np.concatenate([s.observed[:, -HISTORY_STEPS:] for s in scores]),
+        rate_hz,
+        skeleton.parents,
+        float(np.nanmax(wrong)) if np.isfinite(wrong).any() else 1.0,
+    )
+    speed = {
+        name: float(np.ceil(100 * found.speed_m_s[group == g].max()) / 100)
+        for g, name in enumerate(joints)
+        if np.isfinite(found.speed_m_s[group == g]).all()
+    }
+    bone = {}
+    for g, name in enumerate(joints):
+        low, high = found.bone_m[group == g, 0].min(), found.bone_m[group == g, 1].max()
+        if np.isfinite(high) and np.isfinite(low):
+            bone[name] = [float(np.floor(1000 * low) / 1000), float(np.ceil(1000 * high) / 1000)]
+    return {"speed_m_s": speed, "bone_m": bone, "ratio_short": max(found.ratio_short, 1e-3)}

@@ -1,0 +1,267 @@
+"""How far people were from where a predictor put them: the scores that radii are calibrated from.
+
+Windows are cut as the running node would have had them: canonical joints, a window that ends at a
+capture, histories resampled by the node's ring buffer, origins 40 ms apart. The error of step k is
+the largest distance of a joint from the forecast's path (linear between steps) at any capture
+*during* the interval that ends with the step, since a zone holds the body during the whole of it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.errors import RecordingError
+from hri_predict.predictors.base import Predictor, checked
+from hri_predict.recording.opening import open_recording
+from hri_predict.recording.recording import Recording
+from hri_predict.ring_buffer import resample
+from hri_predict.risk.motion_class import SURPRISE_S, trunk_speed
+from hri_predict.scene import Bools, Floats
+from hri_predict.training.tracks import action_of
+
+HISTORY_STEPS = 15
+"""Every window rests on so much history, whatever the predictor reads."""
+LEAST_RATE_HZ = 20.0
+_BATCH = 128
+_LEAST_WINDOWS = 5
+_MAX_GAP_S = 0.1  # as the node's people stage bridges it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Presence:
+    """One person's unbroken presence in a recording, on canonical joints.
+
+    Attributes:
+        stamps_ns: (F,) captures.
+        positions: (F, J, 3) metres; 0 where not observed.
+        observed: (F, J).
+        rate_hz: nominal captures per second.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    positions: Floats
+    observed: Bools
+    rate_hz: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scores:
+    """The windows of one presence. W windows, T steps of history, H steps ahead, J joints.
+
+    Attributes:
+        name: the recording; all its presences are one independent unit.
+        action: what is done in it.
+        origin_ns: (W,) captures from which is forecast.
+        history, observed: (W, T, J, 3) metres and (W, T, J), T at least ``HISTORY_STEPS``.
+        forecast: (W, H, J, 3).
+        error_m: (W, H, J) see above; NaN where the truth is not known.
+        speed_m_s: (W,) of the trunk, NaN where not known.
+        surprise_m: (W,) see ``motion_class``; NaN where no forecast is old enough.
+        truth: where the errors come from.
+    """
+
+    name: str
+    action: str
+    origin_ns: NDArray[np.int64]
+    history: Floats
+    observed: Bools
+    forecast: Floats
+    error_m: Floats
+    speed_m_s: Floats
+    surprise_m: Floats
+    truth: Presence
+
+
+def score_recordings(
+    predictor: Predictor,
+    recordings: Sequence[Path | Recording],
+    on_recording: Callable[[str], None] = lambda _: None,
+) -> list[Scores]:
+    """Score a predictor, which works on canonical joints.
+
+    Raises:
+        RecordingError: a file cannot be read, is too slow, or has no window.
+        PredictorError: the predictor breaks its contract.
+    """
+    found: list[Scores] = []
+    for entry in recordings:
+        recording = entry if isinstance(entry, Recording) else open_recording(entry)
+        presences = presences_of(recording)
+        own = [s for p in presences if (s := score(predictor, recording, p)) is not None]
+        if not own:
+            raise RecordingError(
+                f"recording {recording.path}: nobody is seen for"
+                f" {(HISTORY_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz:g} s without a break;"
+                f" leave it out"
+            )
+        found += own
+        on_recording(recording.path.stem)
+    return found
+
+
+def presences_of(recording: Recording) -> list[Presence]:
+    """Every person of a recording, cut where a gap is not bridged.
+
+    Raises:
+        RecordingError: it has too few captures per second.
+    """
+    if recording.rate_hz < LEAST_RATE_HZ:
+        raise RecordingError(
+            f"recording {recording.path}: {recording.rate_hz:.3g} captures per second are too few "
+            f"to say what happened between two steps; give one of {LEAST_RATE_HZ:g} or more"
+        )
+    people: dict[int, list[tuple[int, Floats, Bools]]] = {}
+    for scene in recording.scenes:
+        for person in scene.people:
+            samples = people.setdefault(person.id, [])
+            if not samples or scene.capture_ns > samples[-1][0]:
+                joints, seen = recording.joint_map.map(person.positions, person.observed)
+                seen = seen & np.isfinite(joints).all(-1)
+                samples.append((scene.capture_ns, np.where(seen[:, None], joints, 0.0), seen))
+    found = []
+    for samples in people.values():
+        samples = [s for s in samples if s[2].any()]
+        stamps = np.array([s[0] for s in samples], dtype=np.int64)
+        breaks = np.flatnonzero(np.diff(stamps) > _gap_ns(recording.rate_hz)) + 1
+        parts = [p for p in np.split(np.arange(len(samples)), breaks) if p.size]
+        found += [
+            Presence(
+                stamps[part],
+                np.stack([samples[i][1] for i in part]),
+                np.stack([samples[i][2] for i in part]),
+                recording.rate_hz,
+            )
+            for part in parts
+        ]
+    return found
+
+
+def score(predictor: Predictor, recording: Recording, presence: Presence) -> Scores | None:
+    """Score one presence; ``None`` if it is too short."""
+    at = _origins(presence, predictor.rate_hz)
+    if len(at) < _LEAST_WINDOWS:
+        return None
+    steps = max(predictor.history_steps, HISTORY_STEPS)
+    windows = [window_at(presence, int(i), steps, predictor.rate_hz) for i in at]
+    history = np.stack([w[0] for w in windows])
+    observed = np.stack([w[1] for w in windows])
+    own = slice(steps - predictor.history_steps, None)
+    forecast = np.concatenate(
+        [
+            checked(predictor.predict(h[:, own], o[:, own]), len(h), predictor).positions
+            for h, o in _batches(history, observed)
+        ]
+    )
+    error = np.stack(
+        [_errors(presence, int(i), f, predictor.rate_hz) for i, f in zip(at, forecast, strict=True)]
+    )
+    kind = "arms" if recording.kind == "assembly" else action_of(recording.path.stem)
+    return Scores(
+        recording.path.stem,
+        kind,
+        presence.stamps_ns[at],
+        history,
+        observed,
+        forecast,
+        error,
+        trunk_speed(history, observed, predictor.rate_hz, predictor.skeleton),
+        _surprise(presence, at, forecast, predictor.rate_hz),
+        presence,
+    )
+
+
+def window_at(presence: Presence, index: int, steps: int, rate_hz: float) -> tuple[Floats, Bools]:
+    """History (T, J, 3) and mask (T, J) that ends at capture ``index``: nothing after it."""
+    stamps, now = presence.stamps_ns, int(presence.stamps_ns[index])
+    gap_ns = _gap_ns(presence.rate_hz)
+    first = int(stamps.searchsorted(now - round(steps * 1e9 / rate_hz) - gap_ns))
+    held = slice(first, index + 1)
+    window = resample(
+        stamps[held],
+        presence.positions[held],
+        presence.observed[held],
+        now,
+        steps,
+        rate_hz,
+        gap_ns,
+    )
+    return window.positions, window.observed
+
+
+def _origins(presence: Presence, rate_hz: float) -> NDArray[np.intp]:
+    """Indices of the captures nearest to a grid of ``rate_hz`` that begins with the presence."""
+    stamps = presence.stamps_ns
+    step_ns = 1e9 / rate_hz
+    count = int((stamps[-1] - stamps[0]) / step_ns) + 1
+    grid = stamps[0] + np.round(step_ns * np.arange(HISTORY_STEPS - 1, count)).astype(np.int64)
+    after = np.minimum(stamps.searchsorted(grid), len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(stamps[after] - grid < grid - stamps[before], after, before)
+    nearest = np.unique(nearest)
+    result: NDArray[np.intp] = nearest[stamps[nearest] + step_ns <= stamps[-1]]
+    return result
+
+
+def _errors(presence: Presence, index: int, forecast: Floats, rate_hz: float) -> Floats:
+    """(H, J) largest distance from the forecast's path during each step's interval."""
+    stamps, (steps, joints) = presence.stamps_ns, forecast.shape[:2]
+    end_ns = stamps[index] + round(steps * 1e9 / rate_hz)
+    ahead = slice(index + 1, int(stamps.searchsorted(end_ns, side="right")))
+    passed = (stamps[ahead] - stamps[index]) * 1e-9 * rate_hz  # steps since the origin
+    interval = np.minimum(np.ceil(passed - 1e-6).astype(np.intp) - 1, steps - 1)
+    knots = np.concatenate([presence.positions[index][None], forecast])
+    path = along(knots, passed)
+    seen = presence.observed[ahead] & presence.observed[index]
+    distance = np.linalg.norm(path - presence.positions[ahead], axis=-1)
+    distance = np.where(seen, distance, np.nan)
+    result = np.full((steps, joints), np.nan)
+    for step in np.unique(interval):  # one unseen capture leaves the whole interval unknown
+        result[step] = distance[interval == step].max(axis=0)
+    return result
+
+
+def along(knots: Floats, steps: Floats) -> Floats:
+    """(M, ...) a path of knots (N, ...) at fractional steps (M,), linear in between."""
+    below = np.clip(np.floor(steps).astype(np.intp), 0, len(knots) - 2)
+    part = (steps - below).reshape(-1, *(1 for _ in knots.shape[1:]))
+    result: Floats = knots[below] + part * (knots[below + 1] - knots[below])
+    return result
+
+
+def _surprise(presence: Presence, at: NDArray[np.intp], forecast: Floats, rate_hz: float) -> Floats:
+    """(W,) mean error of a forecast ``SURPRISE_S`` old, the largest in the last ``SURPRISE_S``."""
+    span = round(SURPRISE_S * rate_hz)
+    now, seen = presence.positions[at], presence.observed[at]
+    value = np.full(len(at), np.nan)
+    if span <= forecast.shape[1] and len(at) > span:
+        both = seen[span:] & seen[:-span]
+        error = np.linalg.norm(forecast[:-span, span - 1] - now[span:], axis=-1)
+        count = both.sum(1)
+        mean = np.where(both, error, 0.0).sum(1) / np.maximum(count, 1)
+        value[span:] = np.where(count > 0, mean, np.nan)
+    padded = np.concatenate([np.full(span, np.nan), value])
+    recent = np.lib.stride_tricks.sliding_window_view(padded, span + 1)
+    known = np.isfinite(recent)
+    largest = np.where(known, recent, -np.inf).max(1)
+    return np.where(known.any(1), largest, np.nan)
+
+
+def _batches(history: Floats, observed: Bools) -> list[tuple[Floats, Bools]]:
+    return [
+        (history[i : i + _BATCH], observed[i : i + _BATCH]) for i in range(0, len(history), _BATCH)
+    ]
+
+
+def _gap_ns(rate_hz: float) -> int:
+    return round(1e9 * max(_MAX_GAP_S, 2.5 / rate_hz))
+
+
+def units(scores: Sequence[Scores]) -> Mapping[str, list[int]]:
+    """Recording -> indices of its presences, in order."""
+    found: dict[str, list[int]] = {}
+    for index, entry in enumerate(scores):
+        found.setdefault(entry.name, []).append(index)
+    return found
