@@ -1,0 +1,386 @@
+"""The self-check's factors, surprise and comings and goings, against values worked by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hri_predict.predictors.base import Forecast
+from hri_predict.reasons import Reason
+from hri_predict.risk.self_check import SelfCheck, SelfCheckSettings
+from hri_predict.skeleton import CANONICAL
+from hri_predict.snapshot import PeopleSnapshot
+
+RATE_HZ = 25.0
+STEP_S = 1 / RATE_HZ
+JOINTS = len(CANONICAL.joints)
+
+
+def snapshot(tick, bodies, ids=(1,), observed=None, hz=RATE_HZ):
+    """People seen at capture ``tick``: bodies (P, J, 3), observed (P, J)."""
+    bodies = np.asarray(bodies, float)
+    seen = np.ones(bodies.shape[:2], bool) if observed is None else observed
+    capture = 10**9 + round(tick / hz * 1e9)
+    return PeopleSnapshot(
+        now_ns=capture + 30_000_000,
+        ids=tuple(ids),
+        history=np.repeat(np.nan_to_num(bodies)[:, None], 25, axis=1),
+        observed=np.repeat(seen[:, None], 25, axis=1),
+        capture_ns=np.full(len(ids), capture),
+        last_positions=bodies,
+        joint_age_s=np.where(seen, 0.0, 0.2),
+        lost=(),
+        reasons=(),
+        newest_capture_ns=capture,
+        captures=tick + 1,
+        counters={},
+    )
+
+
+def still(people=1):
+    return np.zeros((people, JOINTS, 3))
+
+
+def forecast_off_by(metres, steps, people=1, joints=slice(None)):
+    """Everybody stays, but for an error along x that is there from the first step on."""
+    positions = np.zeros((people, steps, JOINTS, 3))
+    positions[:, :, joints, 0] = metres
+    return Forecast(positions, None)
+
+
+def checker(steps=3, level=0.99, of="body", **settings):
+    return SelfCheck(SelfCheckSettings(**settings), level, of, RATE_HZ, steps, None)
+
+
+def radius(value, steps, people=1):
+    return np.full((people, steps, JOINTS), value)
+
+
+def drive(check, ticks, off, claimed=0.1, steps=3, start=0, **kwargs):
+    """Tick by tick with forecasts that are ``off``; the trust of each tick."""
+    trusts = []
+    for tick in range(start, start + ticks):
+        snap = snapshot(tick, still(), **kwargs)
+        trusts.append(check.check(snap))
+        check.note(snap, forecast_off_by(off, steps), radius(claimed, steps))
+    return trusts
+
+
+def test_factor_grows_by_the_stated_step():
+    # level 0.99: tau = 5 / ln(1 / 0.01) = 1.0857; after one miss m = 1 - e^(-0.04 / 1.0857) =
+    # 0.0362 > 0.01, so w = 2 x 0.04 x (1 - 0.01) = 0.0792 and then twice that: factors e^0.0792 =
+    # 1.0824 and e^0.1584 = 1.1716. The errors are 0.2 over radii of 0.1: missed below a factor 2.
+    trusts = drive(checker(), 4, 0.2)
+    factors = [t.widen[0, 0] for t in trusts]
+    np.testing.assert_allclose(factors, [1.0, 1.0824, 1.1716, 1.2682], atol=1e-4)
+    assert trusts[2].reasons == (Reason.ZONES_WIDENED,)
+    assert trusts[0].reasons == ()
+
+
+def test_a_lower_level_waits_for_its_own_miss_rate():
+    # level 0.9: tau = 5 / ln 10 = 2.1715, and m = 1 - e^(-n 0.04 / 2.1715) passes 0.1 at n = 6
+    # (n > 2.1715 x 0.10536 / 0.04 = 5.72); then w = 2 x 0.04 x 0.9 = 0.072
+    factors = [t.widen[0, 0] for t in drive(checker(level=0.9), 8, 0.2)]
+    assert factors[:6] == [1.0] * 6
+    np.testing.assert_allclose(factors[6:], np.exp([0.072, 0.144]))
+
+
+def test_reaction_is_as_fast_as_stated():
+    # ln(2) / (2 x 0.99) = 0.350 s: at 0.36 s (9 captures) after the first judged the factor holds
+    # an error of twice the radius; then it stays there, as the misses of the present factor cease
+    factors = np.array([t.widen[0, 0] for t in drive(checker(), 40, 0.2)])
+    assert factors[8] < 2
+    assert (factors[9:] >= 2 - 0.05).all()
+    assert factors.max() < 2 * math.exp(2 * 0.04)
+
+
+def test_joint_counts_the_share_of_joints():
+    # 7 of 21 joints miss: err = 1/3, w = 0.08 (1/3 - 0.01) = 0.02587
+    check = checker(of="joint")
+    snap = snapshot(0, still())
+    check.check(snap)
+    check.note(snap, forecast_off_by(0.2, 3, joints=slice(0, 7)), radius(0.1, 3))
+    trust = check.check(snapshot(1, still()))
+    assert trust.widen[0, 0] == pytest.approx(math.exp(0.08 * (1 / 3 - 0.01)))
+
+
+def test_bands_are_apart_and_the_horizon_reacts_when_its_time_has_come():
+    steps = 25
+    check = checker(steps)
+    off = forecast_off_by(0.0, steps)
+    off.positions[:, 20:, :, 0] = 1.0  # wrong only from 0.84 s on
+    widened = []
+    for tick in range(40):
+        snap = snapshot(tick, still())
+        widened.append(check.check(snap).widen[0])
+        check.note(snap, off, radius(0.1, steps))
+    widened = np.array(widened)
+    assert (widened[:, :20] == 1).all()  # 0.8 s: the fifth band ends
+    assert (widened[:21, 20:] == 1).all()  # the oldest forecast is 20 steps old
+    assert (widened[21:, 20:] > 1).all()
+    assert (np.diff(widened[0:, 20:], axis=1) == 0).all()
+
+
+@pytest.mark.parametrize("level", [0.9, 0.95, 0.99])
+def test_returns_to_one_after_recover_s_of_good_coverage_and_not_before(level):
+    check = checker(level=level, recover_s=2.0)
+    drive(check, 400, 0.2)  # 16 s: the running miss rate is 1 - e^(-16 / tau), nearly 1
+    trusts = drive(check, 60, 0.0, start=400)
+    factors = np.array([t.widen[0, 0] for t in trusts])
+    # the last wrong forecast is judged 3 steps on; m falls to 1 - level in 2 s = 50 captures
+    assert (factors[:45] > 1).all()
+    assert (factors[54:] == 1).all()
+
+
+def test_at_its_bound_a_factor_that_still_misses_is_unlike():
+    # ln 4 / (2 x 0.99 x 0.04) = 17.5: at the 18th judgement the factor is at 4, errors are 5 radii
+    trusts = drive(checker(), 30, 0.5)
+    assert not any(t.unlike[0] for t in trusts[:18])
+    assert all(t.unlike[0] for t in trusts[18:])
+    assert max(t.widen.max() for t in trusts) == pytest.approx(4.0)
+    assert trusts[-1].reasons == (Reason.MOTION_UNLIKE,)
+
+
+def test_unlike_is_held_and_then_over():
+    check = checker(unlike_hold_s=0.5, recover_s=1.0)
+    assert drive(check, 30, 0.5)[-1].unlike[0]
+    trusts = drive(check, 40, 0.0, start=30)
+    unlike = [bool(t.unlike[0]) for t in trusts]
+    # the wrong forecasts of ticks 27 to 29 are judged until tick 32: 0.5 s after it are 12 captures
+    assert unlike[:15] == [True] * 15
+    assert not any(unlike[16:])
+
+
+def test_who_is_not_judged_while_unlike_comes_back_too():
+    check = checker(unlike_hold_s=0.5)
+    drive(check, 30, 0.5)
+    trusts = drive(check, 60, 0.5, claimed=np.inf, start=30)
+    assert not trusts[-1].unlike[0]
+    assert trusts[-1].widen[0, 0] == pytest.approx(4.0)  # and nothing was won by it
+
+
+def test_never_below_one_however_good():
+    rng = np.random.default_rng(5)
+    check = checker(level=0.9)
+    for tick in range(300):
+        trust = check.check(snap := snapshot(tick, rng.normal(0, 0.05, (1, JOINTS, 3))))
+        check.note(snap, forecast_off_by(0.0, 3), radius(rng.uniform(0.01, 0.4), 3))
+        assert (trust.widen >= 1).all()
+
+
+# -- surprise -------------------------------------------------------------------------------------
+
+
+def test_surprise_is_the_largest_error_at_the_age_of_400_ms():
+    steps, check, seen = 25, checker(25), []
+    for tick in range(45):
+        snap = snapshot(tick, still())
+        seen.append(check.check(snap).surprise_m[0])
+        off = 0.3 if tick == 5 else 0.1
+        check.note(snap, forecast_off_by(off, steps), radius(1.0, steps))
+    assert np.isnan(seen[:10]).all()  # none is 0.4 s = 10 steps old
+    np.testing.assert_allclose(seen[10:15], 0.1)
+    # the one of tick 5 is 10 steps old at tick 15, and is remembered until 10 steps later
+    np.testing.assert_allclose(seen[15:26], 0.3)
+    np.testing.assert_allclose(seen[26:], 0.1)
+
+
+def test_surprise_is_interpolated_and_tolerates_captures_at_30_hz_in_ticks_at_25():
+    # a forecast that leaves along x at 1 m/s of somebody who stays errs by its age in metres
+    steps, check, seen = 25, checker(25), []
+    ahead = np.zeros((1, steps, JOINTS, 3))
+    ahead[..., 0] = ((np.arange(steps) + 1) * STEP_S)[:, None]
+    for tick in range(50):
+        capture = math.floor(tick / 25 * 30 + 1e-9)
+        snap = snapshot(capture, still(), hz=30.0)
+        seen.append(check.check(snap).surprise_m[0])
+        check.note(snap, Forecast(ahead, None), radius(10.0, steps))
+    known = np.array([value for value in seen if not np.isnan(value)])
+    assert len(known) > 30
+    # ages are multiples of 1/30 s, and 12 / 30 s = 0.4 s is one of them
+    np.testing.assert_allclose(known, 0.4, atol=1e-6)
+
+
+def test_nothing_is_judged_where_a_joint_was_not_seen_then_or_now():
+    half = np.ones((1, JOINTS), bool)
+    half[:, :10] = False
+    for first, second in ((half, None), (None, half)):
+        check = checker(steps=10)
+        snap = snapshot(0, still(), observed=first)
+        check.check(snap)
+        check.note(snap, forecast_off_by(0.4, 10, joints=slice(0, 10)), radius(0.1, 10))
+        trust = check.check(snapshot(10, still(), observed=second))
+        assert trust.surprise_m[0] == 0.0
+        assert (trust.widen == 1).all()
+        assert check.report()["judged"] == 1
+
+
+# -- what is not a number -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("positions", "claimed"),
+    [(np.nan, 0.1), (np.inf, 0.1), (0.0, np.nan), (0.0, -1.0), (0.0, 0.0), (0.0, -np.inf)],
+)
+def test_what_is_no_sane_number_is_a_miss(positions, claimed):
+    check = checker(steps=12)
+    body = still() + 0.01
+    for tick in range(15):
+        snap = snapshot(tick, body)
+        trust = check.check(snap)
+        check.note(snap, forecast_off_by(positions, 12), radius(claimed, 12))
+    assert (trust.widen > 1).any()
+    assert trust.surprise_m[0] > 0
+    assert math.isfinite(check.report()["mean_error_m"])
+
+
+def test_a_joint_seen_at_no_number_is_a_miss():
+    check = checker()
+    drive(check, 5, 0.0)
+    body = still()
+    body[0, 3] = np.nan
+    assert (check.check(snapshot(5, body)).widen > 1).any()
+
+
+def test_infinite_radii_claim_nothing():
+    check = checker()
+    assert (drive(check, 30, 5.0, claimed=np.inf)[-1].widen == 1).all()
+    assert check.report()["judged"] == 0
+    assert check.report()["covered"] is None
+
+
+# -- people come and go ---------------------------------------------------------------------------
+
+
+def test_people_are_kept_apart_whatever_their_order():
+    check = checker()
+    for tick in range(20):
+        ids, off = ((7, 9), [0.0, 0.2]) if tick % 2 else ((9, 7), [0.2, 0.0])
+        snap = snapshot(tick, still(2), ids=ids)
+        trust = check.check(snap)
+        forecast = forecast_off_by(0.0, 3, people=2)
+        forecast.positions[..., 0] += np.array(off)[:, None, None]
+        check.note(snap, forecast, radius(0.1, 3, people=2))
+    assert (trust.widen[ids.index(7)] == 1).all()
+    assert (trust.widen[ids.index(9)] > 1.5).all()
+    people = check.report()["people"]
+    assert people["7"]["covered"] == 1.0
+    assert people["9"]["covered"] < 0.7
+    assert people["9"]["covered_as_calibrated"] == 0.0
+
+
+def test_an_id_is_remembered_for_the_longest_horizon_and_no_longer():
+    for gone, remembered in ((3, True), (5, False)):
+        check = checker()
+        drive(check, 10, 0.2)
+        nobody = np.zeros((0, JOINTS, 3))
+        for tick in range(10, 10 + gone):  # the horizon is 3 steps
+            trust = check.check(snapshot(tick, nobody, ids=()))
+            assert trust.widen.shape == (0, 3)
+            assert trust.reasons == ()
+        widened = bool((check.check(snapshot(10 + gone, still())).widen > 1).any())
+        assert widened == remembered
+        assert check.report()["people"]["1"]["judged"] > 0
+
+
+def test_more_people_than_can_be_remembered_are_unlike():
+    check = checker(max_people=2)
+    trust = check.check(snapshot(0, still(3), ids=(1, 2, 3)))
+    assert trust.unlike.tolist() == [False, False, True]
+    assert np.isnan(trust.surprise_m).all()
+    assert trust.reasons == (Reason.MOTION_UNLIKE,)
+    assert not check.check(snapshot(1, still(), ids=(3,))).unlike[0]  # takes the place of one gone
+
+
+def test_ids_that_flicker_do_not_fill_the_memory():
+    check = checker()
+    for tick in range(500):
+        snap = snapshot(tick, still(), ids=(tick,))
+        check.check(snap)
+        check.note(snap, forecast_off_by(0.0, 3), radius(0.1, 3))
+    assert len(check.report()["people"]) <= 64
+
+
+def test_the_same_capture_twice_is_judged_once():
+    once, twice = checker(), checker()
+    for tick in range(12):
+        for check, times in ((once, 1), (twice, 2)):
+            for _ in range(times):
+                snap = snapshot(tick, still())
+                trust = check.check(snap)
+                check.note(snap, forecast_off_by(0.2, 3), radius(0.1, 3))
+            if check is once:
+                kept = trust
+    np.testing.assert_array_equal(kept.widen, trust.widen)
+    assert once.report()["judged"] == twice.report()["judged"]
+
+
+def test_a_tick_without_forecast_and_a_clock_that_goes_back_are_survived():
+    check = checker()
+    for tick in (0, 1, 2, 9, 3, 4):
+        trust = check.check(snapshot(tick, still()))
+        if tick != 1:
+            check.note(snapshot(tick, still()), forecast_off_by(0.0, 3), radius(0.1, 3))
+        assert (trust.widen == 1).all()
+
+
+def test_levels_that_are_none_are_refused():
+    for level in (0.0, 1.0, math.nan):
+        with pytest.raises(ValueError, match="level"):
+            checker(level=level)
+
+
+# -- under a shift of the distribution ------------------------------------------------------------
+
+STEPS = 10  # 0.4 s, in three bands
+
+
+def simulated(check, level, ticks, shift_at, scale, seed=11):
+    """Somebody stays; forecasts err by independent Gaussians that grow with the horizon.
+
+    Radii are the exact quantile of each step's error, until errors grow by ``scale``. Returns per
+    tick the factor and whether all joints were inside at every step with the factor in force when
+    the forecast was made, by step: (ticks, H).
+    """
+    steps = STEPS
+    rng = np.random.default_rng(seed)
+    sigma = 0.01 * np.arange(1, steps + 1)
+    # all joints err alike, along x: inside with |N(0, 1)| below its two-sided quantile
+    quantile = {0.9: 1.6449, 0.95: 1.9600, 0.99: 2.5758}[level]
+    claimed = np.repeat((quantile * sigma)[None, :, None], JOINTS, axis=2)
+    factors, inside = [], []
+    for tick in range(ticks):
+        snap = snapshot(tick, still())
+        trust = check.check(snap)
+        off = sigma * rng.normal(0, scale if tick >= shift_at else 1.0)
+        forecast = np.zeros((1, steps, JOINTS, 3))
+        forecast[0, :, :, 0] = off[:, None]
+        check.note(snap, Forecast(forecast, None), claimed)
+        factors.append(trust.widen[0])
+        inside.append(np.abs(off) <= quantile * sigma * trust.widen[0])
+    return np.array(factors), np.array(inside)
+
+
+@pytest.mark.parametrize("level", [0.9, 0.95, 0.99])
+def test_coverage_returns_to_the_level_after_a_shift(level):
+    _, inside = simulated(checker(STEPS, level), level, 1500, 250, 1.8)
+    # the share of misses over T seconds is at most alpha + ln(4) / (2 T): 0.07 over the 10 s after
+    # the longest horizon, 0.017 over the next 40 s; unwidened it were P(|N| > q / 1.8) = 0.361,
+    # 0.276, 0.152 at the three levels
+    soon = 250 + STEPS
+    bound = math.log(4) / 2
+    assert inside[soon : soon + 250].mean() > level - bound / 10
+    assert inside[soon + 250 :].mean() > level - bound / 40
+
+
+@pytest.mark.parametrize("level", [0.9, 0.95, 0.99])
+def test_radii_that_hold_as_often_as_they_say_are_hardly_widened(level):
+    factors, inside = simulated(checker(STEPS, level), level, 1000, 10**9, 1.0)
+    assert (factors >= 1).all()
+    assert factors.mean() < 1.1
+    assert inside.mean() >= level - 0.005
+
+
+def test_the_same_input_gives_the_same_bytes():
+    first, again = (simulated(checker(STEPS, 0.95), 0.95, 400, 100, 2.0)[0] for _ in range(2))
+    assert first.tobytes() == again.tobytes()
