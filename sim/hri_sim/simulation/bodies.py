@@ -30,7 +30,7 @@ class Bodies:
     """K ticks of one motion or of several together.
 
     Attributes:
-        snapshots: (K) without history.
+        snapshots: (K).
         forecasts: (K) of (P, H, J, 3), ``None`` where there was none.
         zones: variant's name -> (K).
     """
@@ -40,11 +40,26 @@ class Bodies:
     zones: dict[str, list[BodyZones]]
 
 
-def compute(cell: Cell, motion: str, lead_in_s: float, variants: Sequence[Variant]) -> Bodies:
-    """Run people, predictor and zones over one motion in its own frame, as the node would."""
+def compute(
+    cell: Cell,
+    motions: Sequence[str],
+    lead_in_s: float,
+    variants: Sequence[Variant],
+    places: Sequence[Sequence[float]] | None = None,
+) -> Bodies:
+    """Run people, predictor and zones over motions, as the node would.
+
+    Args:
+        cell: its predictor and configuration are used.
+        motions: of the people.
+        lead_in_s: the room is empty before.
+        variants: how risk is judged; zones may depend on it.
+        places: (x, y, yaw) of each; default each in its own frame.
+    """
     config = cell.config
+    placed = [list(place) for place in places or [(0.0, 0.0, 0.0)] * len(motions)]
     settings = cell.source.model_copy(
-        update={"motions": [motion], "places": [[0.0, 0.0, 0.0]], "lead_in_s": lead_in_s}
+        update={"motions": list(motions), "places": placed, "lead_in_s": lead_in_s}
     )
     clock = VirtualClock(VIRTUAL_START_NS)
     source = ApproachSource(settings, config.base_dir)
@@ -64,7 +79,7 @@ def compute(cell: Cell, motion: str, lead_in_s: float, variants: Sequence[Varian
         for name, engine in engines.items():
             found.zones[name].append(engine.zones(snapshot, forecast, reasons))
         found.forecasts.append(None if forecast is None else forecast.positions)
-        found.snapshots.append(_light(snapshot))
+        found.snapshots.append(snapshot)
     return found
 
 
@@ -108,15 +123,11 @@ def joined(parts: Sequence[Bodies]) -> Bodies:
     )
 
 
-def _light(snapshot: PeopleSnapshot) -> PeopleSnapshot:
-    """Without the history, which nobody needs once there is a forecast."""
-    return replace(snapshot, history=snapshot.history[:, :0], observed=snapshot.observed[:, :0])
-
-
 def _moved_snapshot(snapshot: PeopleSnapshot, matrix: Floats, person: int) -> PeopleSnapshot:
     return replace(
         snapshot,
         ids=tuple(i + person for i in snapshot.ids),
+        history=transform(matrix, snapshot.history),
         last_positions=transform(matrix, snapshot.last_positions),
         lost=tuple(
             replace(p, id=p.id + person, positions=transform(matrix, p.positions))
@@ -180,6 +191,7 @@ def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
         age_s=max(part.age_s for part in parts),
         capture_ns=min(captures, default=None),
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
+        claimed=None,  # it served its purpose when the zones were built
     )
 
 

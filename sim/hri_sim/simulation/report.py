@@ -200,11 +200,11 @@ def notes(results: Sequence[Judged]) -> list[str]:
         f"{min(1.0, 3 / recordings):.2g} of recordings if only recordings are (rule of three).",
         "Contacts, moving: touches while any point of the robot was faster than 10 mm/s; standing: "
         "of a robot that stood, for recorded people do not react to it and walk through it.",
-        "Too near: the robot moved while a body was nearer than C + Z_d + Z_r; deepest: by how much "
-        "at most.",
+        "Too near: the robot moved while a body was nearer than C + Z_d + Z_r; deepest: by how "
+        "much at most.",
         f"A false stop: had the robot gone on at full speed along its plan, nobody would have come "
-        f"within {NEAR_M:g} m in {HORIZON_S:g} s. The last {HORIZON_S:g} s of each approach count for "
-        f"neither column of stops: what would have come is not recorded.",
+        f"within {NEAR_M:g} m in {HORIZON_S:g} s. The last {HORIZON_S:g} s of each approach count "
+        f"for neither column of stops: what would have come is not recorded.",
         "Missed: the unprotected robot would have been touched, and the advice was clear or warn "
         "until then. Lead time: since when it asked for less, in the others.",
         "Productivity: work cycles while somebody is there, against an empty cell in the same time "

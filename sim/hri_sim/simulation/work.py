@@ -146,4 +146,4 @@ def _cell(plan: Plan, predictor: int) -> tuple[Cell, list[Variant]]:
 @lru_cache(maxsize=8)
 def _computed(plan: Plan, predictor: int, motion: str, lead_in_s: float) -> Bodies:
     cell, modes = _cell(plan, predictor)
-    return stages.compute(cell, motion, lead_in_s, modes)
+    return stages.compute(cell, [motion], lead_in_s, modes)
