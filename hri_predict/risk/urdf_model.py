@@ -121,10 +121,9 @@ def _axis(joint: ElementTree.Element, name: str) -> list[float]:
     element = joint.find("axis")
     text = "1 0 0" if element is None else element.get("xyz", "1 0 0")  # URDF's default
     axis = np.array([_number(word, f"joint '{name}': axis") for word in text.split()])
-    length = np.linalg.norm(axis)
-    if axis.shape != (3,) or not 1e-6 < length < 1e6:
+    if axis.shape != (3,) or not 1e-6 < np.abs(axis).max() < 1e6:
         raise RobotError(f"joint '{name}': axis '{text}' is no direction; give three numbers")
-    return [round(float(v), 15) for v in axis / length]
+    return [round(float(v), 15) for v in axis / np.linalg.norm(axis)]
 
 
 def _limits(joint: ElementTree.Element, name: str) -> dict[str, Any]:

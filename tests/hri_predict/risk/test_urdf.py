@@ -2,6 +2,7 @@
 
 import re
 import struct
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,64 +20,7 @@ from hri_predict.risk.robot_file import read_robot_file
 from hri_predict.risk.urdf_tree import read_chain
 from hri_predict.settings import Pose
 
-# A floor plate, three turning joints (the last without limits, all about different axes), a wrist
-# and a camera that are fixed to the last one, and a finger that slides.
-URDF = """<?xml version="1.0"?>
-<robot name="small">
-  <link name="world"/>
-  <joint name="floor" type="fixed">
-    <parent link="world"/><child link="plate"/><origin xyz="0 0 1" rpy="0 0 1"/>
-  </joint>
-  <link name="plate">
-    <collision><geometry><box size="0.4 0.2 0.1"/></geometry></collision>
-  </link>
-  <joint name="turn" type="revolute">
-    <parent link="plate"/><child link="tower"/><origin xyz="0 0 0.1" rpy="0.1 0.2 0.3"/>
-    <axis xyz="0 0 2"/><limit lower="-3" upper="2.5" velocity="1.5" effort="9"/>
-  </joint>
-  <link name="tower">
-    <visual><geometry><mesh filename="package://nowhere/seen.dae"/></geometry></visual>
-    <collision>
-      <origin xyz="0.02 0 0.2" rpy="0.3 0 0"/>
-      <geometry><cylinder radius="0.06" length="0.4"/></geometry>
-    </collision>
-    <collision>
-      <origin xyz="0 0.1 0"/><geometry><sphere radius="0.07"/></geometry>
-    </collision>
-  </link>
-  <joint name="bracket" type="fixed">
-    <parent link="tower"/><child link="top"/><origin xyz="0 0 0.4" rpy="0 0.5 0"/>
-  </joint>
-  <link name="top"/>
-  <joint name="lift" type="revolute">
-    <parent link="top"/><child link="arm"/><origin xyz="0 0.05 0" rpy="0 0 0.7"/>
-    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="9"/>
-  </joint>
-  <link name="arm">
-    <collision>
-      <origin xyz="0.2 0 0"/><geometry><mesh filename="MESH" scale="0.5 1 1"/></geometry>
-    </collision>
-  </link>
-  <joint name="roll" type="continuous">
-    <parent link="arm"/><child link="wrist"/><origin xyz="0.4 0 0"/>
-    <axis xyz="0.6 0 0.8"/><limit velocity="2" effort="9"/>
-  </joint>
-  <link name="wrist">
-    <collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
-  </link>
-  <joint name="mount" type="fixed">
-    <parent link="wrist"/><child link="camera"/><origin xyz="0.1 0 0" rpy="0 1 0"/>
-  </joint>
-  <link name="camera">
-    <collision><origin xyz="0 0 0.05"/><geometry><sphere radius="0.03"/></geometry></collision>
-  </link>
-  <joint name="slide" type="prismatic">
-    <parent link="camera"/><child link="finger"/>
-    <axis xyz="1 0 0"/><limit lower="0" upper="0.1" velocity="1" effort="1"/>
-  </joint>
-  <link name="finger"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
-</robot>
-"""
+URDF = Path(__file__).with_name("small.urdf").read_text(encoding="utf-8")
 CORNERS = np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.04, 0.04) for z in (-0.03, 0.05)])
 
 
@@ -319,6 +263,7 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
     ),
     "limits reversed": (swap('lower="-2"', 'lower="3"'), CHAIN + STOP, "'lift'.*lower, upper"),
     "limit nan": (swap('lower="-2"', 'lower="nan"'), CHAIN + STOP, "lift"),
+    "huge axis": (swap('xyz="0 0 2"', 'xyz="0 0 1e308"'), CHAIN + STOP, "no direction"),
     "no axis": (swap('xyz="0 0 2"', 'xyz="0 0 0"'), CHAIN + STOP, "turn"),
     "axis of words": (swap('xyz="0 0 2"', 'xyz="a b c"'), CHAIN + STOP, "turn"),
     "origin nan": (swap('xyz="0 0 0.1"', 'xyz="0 nan 0"'), CHAIN + STOP, "small.urdf: .*nan"),
@@ -372,6 +317,12 @@ def test_mistakes_give_one_line(urdf: Path, capfd: pytest.CaptureFixture[str], c
     assert said.err.count("\n") == 1
     assert said.out == ""
     assert not (folder / "mine.yaml").exists()
+
+
+def test_without_pinocchio(urdf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    with pytest.raises(RobotError, match=r"pip install 'hri-predict\[robot\]'"):
+        converter.convert(urdf, "plate", "camera", {}, left_out=["finger"])
 
 
 def test_nothing_is_overwritten(urdf: Path, capsys: pytest.CaptureFixture[str]) -> None:
