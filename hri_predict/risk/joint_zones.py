@@ -283,7 +283,8 @@ class JointZones:
         )
         own_mid = np.where(follows[:, None, :, None], own[0], mid[:people, 1:])
         own_radius = np.where(follows[:, None], own[1], radius[:people, 1:])
-        own = self._body.cut_by_bones(own_mid, own_radius, tracks.last[:people], follows)
+        fresh = tracks.joint_age[:people] < FRESH_S
+        own = self._body.cut_by_bones(own_mid, own_radius, tracks.last[:people], fresh)
         mid, radius = mid.copy(), radius.copy()
         mid[:people, 1:], radius[:people, 1:] = own
         return mid, radius

@@ -96,7 +96,8 @@ class BodyReach:
         Args:
             mid, around: (P, K, J, 3) and (P, K, J).
             last: (P, J, 3) where each joint was at the capture.
-            seen: (P, J) whether it was seen in that capture; only those are cut.
+            seen: (P, J) whether it was seen in that capture; only those are cut, each to the bone's
+                length as seen, or the longest of anybody where the parent was not.
         """
         parents = self._parents
         length = np.sqrt(((last - last[:, parents]) ** 2).sum(-1)) * BONE_FACTOR + BONE_MARGIN_M

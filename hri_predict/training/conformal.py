@@ -3,15 +3,14 @@
 *Estimated*: of every motion class, joint and step the quantile of rank ceil((n + 1) l) over all its
 windows. Few recordings make it uncertain, so it is computed for ``RESAMPLES`` draws of as many
 recordings with replacement (bootstrap by recording), and ``CONFIDENCE`` of those lie below the
-radius. The body's radii are the joints' ``SHAPE_LEVEL`` quantiles times one factor per class and
-step: the same quantile of the largest ratio over the joints. A class that fewer than
+radius. The body's radii are the joints' radii of the same level (``LEAST_SHAPE_M`` at least) times
+one factor per class and step: the same quantile of the largest ratio over the joints. A class that fewer than
 ``LEAST_RECORDINGS`` recordings show is not calibrated, and physical limits serve there.
 
 *Guaranteed*: see ``risk.calibration``. Here the body's shape must not come from the recordings that
 are ranked: it is the fixed growth ``body_shape``.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -29,7 +28,8 @@ from hri_predict.training.zone_scores import HISTORY_STEPS, Scores, units
 
 CONFIDENCE = 0.9
 RESAMPLES = 200
-SHAPE_LEVEL = 0.95
+LEAST_SHAPE_M = 0.02
+"""Joints that hardly move would scale everybody else by their millimetres."""
 LEAST_RECORDINGS = 4
 Ints = NDArray[np.intp]
 
@@ -111,15 +111,15 @@ def _estimated(
             continue
         own, of_unit = error[kind == c], unit[kind == c]
         for step in range(steps):
-            at, shape = own[:, step], np.full(joints, np.inf)
+            at = own[:, step]
             for g in range(joints):
                 values = at[:, group == g]
                 each = np.repeat(of_unit, values.shape[1])
                 tables["joint"][:, c, g, step] = upper_quantiles(values.ravel(), each, draws)
-                shape[g] = rank_quantile(values.ravel(), SHAPE_LEVEL)
-            ratio = _largest(at / shape[group])
-            factor = upper_quantiles(ratio, of_unit, draws)
-            tables["body"][:, c, :, step] = factor[:, None] * shape
+            for i in range(len(LEVELS)):
+                shape = np.maximum(tables["joint"][i, c, :, step], LEAST_SHAPE_M)
+                factor = upper_quantiles(_largest(at / shape[group]), of_unit, draws)[i]
+                tables["body"][i, c, :, step] = factor * shape
     return {of: rising(table) for of, table in tables.items()}
 
 
@@ -164,14 +164,6 @@ def _ranked(values: Floats, level: float) -> Floats:
     last = np.minimum(rank, len(ordered)) - 1
     found = np.take_along_axis(ordered, np.maximum(last, 0)[None], axis=0)[0]
     return np.where((known > 0) & (rank <= known), found, np.inf)
-
-
-def rank_quantile(values: Floats, level: float) -> float:
-    """The value of rank ceil((n + 1) level) of the finite values, or the largest; inf of none."""
-    known = np.sort(values[np.isfinite(values)])
-    if not known.size:
-        return math.inf
-    return float(known[min(math.ceil((known.size + 1) * level - 1e-9), known.size) - 1])
 
 
 def upper_quantiles(values: Floats, unit: Ints, draws: Ints) -> Floats:
