@@ -176,7 +176,7 @@ class RiskEngine:
         trust = self._check.check(snapshot)
         if self._settings.coverage.self_check:
             return trust
-        return Trust(trust.surprise_m, np.ones_like(trust.widen), np.zeros_like(trust.unlike), ())
+        return trust.surprise_alone()
 
     def acknowledge(self, latch_id: int) -> bool:
         """Release the latched stop ``latch_id`` if its cause has cleared; whether it was."""

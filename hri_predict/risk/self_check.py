@@ -1,33 +1,11 @@
 """Live self-check: past forecasts are compared with what came, and zones widened that fell short.
 
-**Widening** is adaptive conformal inference (I. Gibbs, E. Candès, "Adaptive Conformal Inference
-Under Distribution Shift", NeurIPS 2021, arXiv:2106.00263, eq. 2: alpha' = alpha + gamma (alpha -
-err)), done to the logarithm w of a factor on the calibrated radii instead of to alpha, so that it
-can go beyond the largest error of the calibration, and held at w >= 0: it only ever widens.
-Horizons share a state in bands (``BANDS_S``), every person has their own. At each new capture,
-``dt`` seconds after the last (at most ``MAX_DT_S``), every remembered forecast whose age lies in
-the band is judged, with alpha = 1 - level:
+**Surprise**: the mean error of the forecast made ``SURPRISE_S`` before, the largest of the last
+``SURPRISE_S``; see ``motion_class``.
 
-    err_f   mean over them of: some joint is farther off than f times its calibrated radius
-            (``of="joint"``: the share of joints that are)
-    m       <- m + (err_1 - m) (1 - exp(-dt / tau)),    tau = recover_s / ln(1 / alpha)
-    w       <- clip(w + growth_per_s dt (err_e^w - alpha), 0, ln max_factor)  if m > alpha, else 0
-
-``m`` is the running miss rate of the radii as calibrated. Judgements of neighbouring captures
-overlap, so steps are by time and not by count: what matters is for how long forecasts have been
-wrong. The misses are those of the factor in force *now*, not of the one when the forecast was made:
-the truth of a forecast 1 s ahead comes 1 s late, and a second of misses that were mended already
-would drive the factor to its bound.
-
-- Reaction: with every forecast of a band missing by a factor F, m passes alpha after
-  tau ln(1 / level) and the factor passes F ln(F) / (growth_per_s level) after that, both after the
-  horizon itself has passed. At level 0.99 with the defaults: 0.01 s and, for F = 2, 0.35 s. At 0.9:
-  0.23 s and 0.39 s.
-- Between two returns to 1, and below the bound, w grows by at least the sum of its steps, so over
-  T seconds the share of misses is at most alpha + ln(max_factor) / (growth_per_s T), whatever the
-  people do (Gibbs and Candès, prop. 4.1, in this form).
-- Return: from the worst state (m = 1) after recover_s in which the *calibrated* radii would have
-  held (err_1 = 0); m falls to alpha just then. While they would not have held, nothing returns.
+**Widening**: factors >= 1 on the calibrated radii, by person and band of horizons (``BANDS_S``),
+that grow while radii hold less often than their level; see ``adaptive_widening`` for the update,
+its reaction time and its return.
 
 **Unlike**: a person is taken for unlike anything calibrated, so that physical limits apply, when
 
@@ -41,7 +19,6 @@ would drive the factor to its bound.
 It lasts until ``unlike_hold_s`` of captures without a sign of it.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -52,6 +29,7 @@ from pydantic import Field
 from hri_predict.predictors.base import Forecast
 from hri_predict.reasons import Reason
 from hri_predict.ring_buffer import NEVER
+from hri_predict.risk.adaptive_widening import AdaptiveWidening
 from hri_predict.risk.motion_class import SURPRISE_S
 from hri_predict.risk.motion_ranges import SHORT_S, MotionRanges, is_out_of_range, short_ratio
 from hri_predict.risk.past_forecasts import Ints, Judged, PastForecasts, Stamps, mean_error
@@ -78,7 +56,7 @@ class SelfCheckSettings(Settings):
     """How past forecasts are judged; the module's docstring says how they are used."""
 
     growth_per_s: float = Field(
-        2.0, gt=0, le=100, description="a factor that always misses grows by e^this in a second"
+        4.0, gt=0, le=100, description="a factor that always misses grows by e^this in a second"
     )
     recover_s: float = Field(
         5.0, gt=0, le=600, description="after so long of good coverage radii are not widened"
@@ -124,6 +102,10 @@ class Trust:
     unlike: Bools
     reasons: tuple[Reason, ...]
 
+    def surprise_alone(self) -> "Trust":
+        """The same surprise, which tells motion classes apart, and nothing made of it."""
+        return Trust(self.surprise_m, np.ones_like(self.widen), np.zeros_like(self.unlike), ())
+
 
 class SelfCheck:
     """Remembers forecasts and judges them; one per run, deterministic.
@@ -146,12 +128,7 @@ class SelfCheck:
         horizon_steps: int,
         ranges: MotionRanges | None,
     ) -> None:
-        if not 0 < level < 1:
-            raise ValueError("level must be above 0 and below 1")
         self._settings = settings
-        self._alpha = 1.0 - level
-        self._tau_s = settings.recover_s / math.log(1.0 / self._alpha)
-        self._max_log = math.log(settings.max_factor)
         self._of = of
         self._rate_hz = rate_hz
         self._ranges = ranges
@@ -165,12 +142,19 @@ class SelfCheck:
         self._present_ns: Stamps = np.full(people, NEVER)  # newest tick with this person
         self._capture_ns: Stamps = np.full(people, NEVER)  # newest capture judged
         self._sign_ns: Stamps = np.full(people, NEVER)  # newest capture with a sign of unlike
-        self._log: Floats = np.zeros((people, bands))  # w
-        self._missed: Floats = np.zeros((people, bands))  # m
         self._surprise: Floats = np.zeros((people, _SURPRISES))
         self._surprise_ns: Stamps = np.full((people, _SURPRISES), NEVER)
         self._surprises: Ints = np.zeros(people, np.intp)
-        self._tally = Tally(people, (*BANDS_S[: bands - 1], float(ends[-1])))
+        band_ends = (*BANDS_S[: bands - 1], float(ends[-1]))
+        self._widening = AdaptiveWidening(
+            people,
+            np.array(band_ends),
+            level,
+            settings.growth_per_s,
+            settings.recover_s,
+            settings.max_factor,
+        )
+        self._tally = Tally(people, band_ends)
 
     # -- each tick --------------------------------------------------------------------------------
 
@@ -197,6 +181,7 @@ class SelfCheck:
         """
         slot_of = {number: slot for slot, number in enumerate(self._ids) if number is not None}
         fresh = snapshot.joint_age_s < _FRESH_S
+        factor = self._widening.factor(np.arange(len(self._ids)))[:, self._band]
         for person, number in enumerate(snapshot.ids):
             slot = slot_of.get(number)
             if slot is not None:
@@ -207,7 +192,7 @@ class SelfCheck:
                     fresh[person],
                     forecast.positions[person],
                     radius[person],
-                    np.exp(self._log[slot])[self._band],
+                    factor[slot],
                 )
 
     def report(self) -> dict[str, Any]:
@@ -251,7 +236,7 @@ class SelfCheck:
         self._ids[slot] = None
         self._past.forget(slot)
         self._capture_ns[slot] = self._sign_ns[slot] = NEVER
-        self._log[slot] = self._missed[slot] = 0.0
+        self._widening.forget(slot)
         self._surprise_ns[slot] = NEVER
 
     # -- judging ----------------------------------------------------------------------------------
@@ -298,7 +283,7 @@ class SelfCheck:
 
     def _adapt(self, judged: Judged, slots: Ints, dt: Floats) -> Bools:
         """Move the factors; whether one is at its bound, and forecasts still miss."""
-        factor = np.exp(self._log[slots])[judged.person, self._band[judged.step]]
+        factor = self._widening.own(slots)[judged.person, self._band[judged.step]]
         claimed = judged.claimed
         some = claimed.any(1)
         # of the whole body, its worst joint decides
@@ -319,19 +304,11 @@ class SelfCheck:
         self._tally.add(slots, count, bare, then, error)
 
         share_of = np.maximum(count, 1.0)
-        missed, log, step = self._missed[slots], self._log[slots], dt[:, None]
-        rise = 1.0 - np.exp(-step / self._tau_s)
-        missed = np.where(count > 0, missed + (bare / share_of - missed) * rise, missed)
-        moved = log + self._settings.growth_per_s * step * (now / share_of - self._alpha)
-        moved = np.where(missed > self._alpha, np.clip(moved, 0.0, self._max_log), 0.0)
-        self._missed[slots] = missed
-        self._log[slots] = log = np.where(count > 0, moved, log)
-        stuck = (log >= self._max_log - 1e-9) & (now / share_of > self._alpha)
-        return np.asarray(stuck.any(1))
+        return self._widening.update(slots, dt, count > 0, bare / share_of, now / share_of)
 
     def _by_band(self, judged: Judged, people: int, values: Sequence[Floats]) -> Floats:
         """(V, people, bands) sums of V values per judgement (N,)."""
-        bands = self._log.shape[1]
+        bands = int(self._band[-1]) + 1
         cell = judged.person * bands + self._band[judged.step]
         member = (cell[:, None] == np.arange(people * bands)).astype(np.float64)
         return (np.stack(values) @ member).reshape(len(values), people, bands)
@@ -354,7 +331,7 @@ class SelfCheck:
         sign = self._sign_ns[slots]
         held = (sign != NEVER) & (capture - np.maximum(sign, 0) <= self._hold_ns)
         unlike = held | ~kept
-        widen = np.where(kept[:, None], np.exp(self._log[slots])[:, self._band], 1.0)
+        widen = np.where(kept[:, None], self._widening.factor(slots)[:, self._band], 1.0)
         return Trust(
             surprise_m=np.where(worst >= 0, worst, np.nan),
             widen=widen,

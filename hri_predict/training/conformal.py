@@ -4,8 +4,8 @@
 windows. Few recordings make it uncertain, so it is computed for ``RESAMPLES`` draws of as many
 recordings with replacement (bootstrap by recording), and ``CONFIDENCE`` of those lie below the
 radius. The body's radii are the joints' radii of the same level (``LEAST_SHAPE_M`` at least) times
-one factor per class and step: the same quantile of the largest ratio over the joints. A class that fewer than
-``LEAST_RECORDINGS`` recordings show is not calibrated, and physical limits serve there.
+one factor per class and step: the same quantile of the largest ratio over the joints. A class that
+fewer than ``LEAST_RECORDINGS`` recordings show is not calibrated, and physical limits serve there.
 
 *Guaranteed*: see ``risk.calibration``. Here the body's shape must not come from the recordings that
 are ranked: it is the fixed growth ``body_shape``.
