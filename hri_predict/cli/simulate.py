@@ -131,7 +131,7 @@ def _show(report: Any) -> None:
             title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
         )
         for k, column in enumerate(table.columns):
-            shown.add_column(column, justify="left" if k < 2 else "right")
+            shown.add_column(column, justify="left" if k < 2 else "right", no_wrap=k < 2)
         for row in table.rows:
             shown.add_row(*row)
         console.print(shown)

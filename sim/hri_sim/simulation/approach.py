@@ -4,6 +4,7 @@
 approach through the node (``hri-predict run``), so that a contact in a table can be looked at.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -123,7 +124,7 @@ def together(motions: list[Motion]) -> NDArray[np.int64]:
     return captures
 
 
-def over_floor(place: list[float]) -> Floats:
+def over_floor(place: Sequence[float]) -> Floats:
     """(4, 4) of a turn about z by yaw, then a move by x and y."""
     x, y, yaw = place
     matrix = np.eye(4)

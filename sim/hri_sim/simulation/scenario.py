@@ -160,7 +160,7 @@ def _through(
 def _start_m(motion: Motion, place: Sequence[float], workspace: Workspace) -> float:
     """Metres between the body at its first capture and the swept space."""
     body, counts = body_capsules(
-        transform(over_floor(list(place)), motion.positions[0]), motion.observed[0]
+        transform(over_floor(place), motion.positions[0]), motion.observed[0]
     )
     chosen = Capsules(
         body.a[counts][:, None], body.b[counts][:, None], body.radius[counts][:, None]

@@ -19,7 +19,7 @@ from hri_sim.simulation.outcome import Truth, outcome, prediction
 from hri_sim.simulation.scenario import Scenario, draw
 from hri_sim.simulation.whole_node import disagreement
 
-ALONE = Variant("no protection", ())
+ALONE = Variant("unprotected", ())
 BLOCK = 20
 """Episodes of one recording that are done, and kept, at once."""
 
@@ -131,7 +131,7 @@ def _company(plan: Plan, block: Block) -> list[str]:
 
 def _bodies(plan: Plan, predictor: int, scenario: Scenario) -> Bodies:
     parts = [
-        stages.moved(_computed(plan, predictor, name, scenario.lead_in_s), over_floor(list(at)), p)
+        stages.moved(_computed(plan, predictor, name, scenario.lead_in_s), over_floor(at), p)
         for p, (name, at) in enumerate(zip(scenario.motions, scenario.places, strict=True))
     ]
     return stages.joined(parts)

@@ -1,0 +1,83 @@
+"""``hri-predict simulate``: tables, files, JSON, and one clear line for every mistake."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from hri_predict.cli import main
+
+
+@pytest.fixture
+def small(tmp_path):
+    """Arguments: one approach of a second's recording of arms, by a cheap predictor."""
+    rest = np.array([[x, y, 0.7] for y in (0.25, 0.1, -0.1) for x in (0.2, -0.2)])
+    positions = rest + 0.1 * np.sin(np.arange(45) / 30)[:, None, None]
+    path = tmp_path / "arms.npz"
+    np.savez(path, positions=positions.astype(np.float32), fps=np.float32(30))
+    return ["--predictor", "constant_velocity", "--data", path, "--episodes", "1"]
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys):
+    """Run a command line; gives exit status, standard output, standard error."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["hri-predict", "simulate", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return ended.value.code or 0, captured.out, captured.err
+
+    return call
+
+
+def test_tables_files_and_resumed_json(cli, small, tmp_path):
+    out = tmp_path / "loop"
+    status, text, err = cli(*small, "--mode", "iso", "--mode", "predictive", "--out", out)
+    assert status == 0, err
+    assert "unprotected" in text
+    files = {"simulate.md", "simulate.json", "simulate.png", "risk_productivity.png"}
+    assert files <= {path.name for path in out.iterdir()}
+    arguments = ["--mode", "iso", "--mode", "predictive", "--out", out, "--resume", "--json"]
+    status, text, err = cli(*small, *arguments)
+    assert status == 0, err
+    data = json.loads(text)
+    assert data == json.loads((out / "simulate.json").read_text())
+    assert [r["mode"] for r in data["results"]] == ["iso", "predictive", "unprotected"]
+    assert data["whole_node"] == {"episodes": 2, "disagreements": []}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--resume"], "--out"),
+        (["--mode", "iso", "--mode", "iso"], "given twice"),
+        (["--mode", "ISO9"], "mode"),
+        (["--predictor", "nobody"], "nobody"),
+        (["--data", "nowhere"], "no such file"),
+        (["--coverage", "0.5"], "level"),
+        (["nowhere.yaml"], "no such file"),
+        (["demo.yaml"], "approach"),
+        (["--episodes", "0"], "episodes"),
+        (["--people", "9"], "people"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2(cli, arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    known = [] if "--data" in arguments else ["--data", "procedural"]
+    status, out, err = cli(*arguments, *known)
+    assert status == 2
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert message in err
+
+
+def test_a_recording_named_twice_is_refused(cli, tmp_path):
+    path = tmp_path / "walk.npz"
+    path.write_bytes(b"x")
+    status, _, err = cli("--data", path, "--data", path)
+    assert status == 2
+    assert "named twice" in err

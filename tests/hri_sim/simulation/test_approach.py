@@ -1,0 +1,70 @@
+"""An approach as a source: an empty room first, then everybody where they were put."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hri_predict.errors import ConfigError
+from hri_sim.simulation.approach import ApproachSettings, ApproachSource, over_floor
+from hri_sim.simulation.motion import load_motion
+
+
+def source(**settings):
+    return ApproachSource(ApproachSettings(kind="approach", **settings))
+
+
+def scenes(approach):
+    approach.open(1_000)
+    found = []
+    while (due := approach.next_ns()) is not None:
+        assert approach.poll(due - 1) is None
+        found.append(approach.poll(due))
+    return found
+
+
+def test_the_room_is_empty_for_the_lead_in_and_then_the_motion_plays_at_its_place():
+    found = scenes(
+        source(motions=["procedural:1"], places=[[1.0, 2.0, math.pi / 2]], lead_in_s=0.5)
+    )
+    motion = load_motion("procedural:1", 30.0)
+    assert [len(scene.people) for scene in found[:16]] == [0] * 15 + [1]
+    assert len(found) == 15 + len(motion.capture_ns)
+    assert [scene.sequence for scene in found] == list(range(len(found)))
+    assert found[15].capture_ns == 1_000 + 500_000_000
+    # a quarter turn takes (x, y) to (-y, x), and then it is moved by (1, 2)
+    x, y, z = motion.positions[7].T
+    expected = np.stack([1.0 - y, 2.0 + x, z], axis=-1)
+    np.testing.assert_allclose(found[22].people[0].positions, expected, atol=1e-12)
+
+
+def test_several_people_are_told_apart_and_end_with_the_shortest():
+    found = scenes(
+        source(
+            motions=["procedural:1", "procedural:2"],
+            places=[[0, 0, 0], [3, 0, 0]],
+            lead_in_s=0.0,
+        )
+    )
+    assert [p.id for p in found[0].people] == [1, 2]
+    lengths = [len(load_motion(f"procedural:{s}", 30.0).capture_ns) for s in (1, 2)]
+    assert len(found) == min(lengths)
+
+
+def test_nobody_named_is_refused():
+    with pytest.raises(ConfigError, match="hri-predict simulate"):
+        source()
+
+
+def test_people_of_two_rates_are_refused(recording, tmp_path):
+    slow = tmp_path / "slow.npz"
+    arrays = dict(np.load(recording)) | {"fps": np.float32(20)}
+    np.savez(slow, **arrays)
+    with pytest.raises(ConfigError, match="one rate"):
+        source(motions=[str(recording), str(slow)], places=[[0, 0, 0]] * 2)
+
+
+def test_over_floor_is_rigid_and_keeps_heights():
+    matrix = over_floor([0.3, -1.0, 0.7])
+    np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(matrix[2], [0, 0, 1, 0])

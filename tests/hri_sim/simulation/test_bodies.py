@@ -1,0 +1,65 @@
+"""Bodies computed once and moved are the bodies that the node would have found there."""
+
+import numpy as np
+import pytest
+
+from hri_sim.simulation.approach import over_floor
+from hri_sim.simulation.bodies import compute, joined, moved
+from hri_sim.simulation.cell import variants
+
+PLACES = [(1.3, -0.4, 0.9), (-2.0, 1.0, -2.2)]
+MOTIONS = ["procedural:1", "procedural:2"]
+
+
+@pytest.fixture(scope="module")
+def modes(cell):
+    return variants(cell.config, ["predictive", "iso"], [])
+
+
+def assert_same(found, expected):
+    assert len(found.snapshots) == len(expected.snapshots)
+    for mine, theirs in zip(found.snapshots, expected.snapshots, strict=True):
+        assert (mine.now_ns, mine.ids, mine.captures) == (
+            theirs.now_ns,
+            theirs.ids,
+            theirs.captures,
+        )
+        assert (mine.reasons, mine.newest_capture_ns) == (theirs.reasons, theirs.newest_capture_ns)
+        np.testing.assert_array_equal(mine.capture_ns, theirs.capture_ns)
+        for name in ("observed", "last_positions", "joint_age_s"):
+            np.testing.assert_allclose(getattr(mine, name), getattr(theirs, name), atol=1e-9)
+        seen = mine.observed  # what was not observed has a value that means nothing
+        np.testing.assert_allclose(mine.history[seen], theirs.history[seen], atol=1e-9)
+    for mine, theirs in zip(found.forecasts, expected.forecasts, strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-9)
+    for name in expected.zones:
+        for mine, theirs in zip(found.zones[name], expected.zones[name], strict=True):
+            assert mine.zones.ids == theirs.zones.ids
+            assert (mine.age_s, mine.capture_ns, mine.reasons) == (
+                theirs.age_s,
+                theirs.capture_ns,
+                theirs.reasons,
+            )
+            for part in ("a", "b", "radius"):
+                np.testing.assert_allclose(
+                    getattr(mine.zones.capsules, part),
+                    getattr(theirs.zones.capsules, part),
+                    atol=1e-9,
+                )
+                np.testing.assert_allclose(
+                    getattr(mine.paths, part), getattr(theirs.paths, part), atol=1e-9
+                )
+
+
+def test_moved_zones_are_the_zones_of_moved_people(cell, modes):
+    own = compute(cell, MOTIONS[:1], 0.4, modes)
+    there = compute(cell, MOTIONS[:1], 0.4, modes, PLACES[:1])
+    assert_same(moved(own, over_floor(PLACES[0]), 0), there)
+
+
+def test_people_computed_apart_are_the_people_of_one_room(cell, modes):
+    parts = [
+        moved(compute(cell, [name], 0.4, modes), over_floor(place), person)
+        for person, (name, place) in enumerate(zip(MOTIONS, PLACES, strict=True))
+    ]
+    assert_same(joined(parts), compute(cell, MOTIONS, 0.4, modes, PLACES))

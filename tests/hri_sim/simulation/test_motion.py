@@ -1,0 +1,50 @@
+"""Motions: recordings and scripts, each in its own frame with the floor at z = 0."""
+
+import numpy as np
+import pytest
+
+from hri_predict.errors import ConfigError
+from hri_predict.skeleton import JOINTS
+from hri_sim.simulation.motion import load_motion
+
+
+def test_a_script_is_the_same_for_the_same_seed_and_reaches_out():
+    one, again, other = (load_motion(f"procedural:{s}", 30.0) for s in (5, 5, 6))
+    np.testing.assert_array_equal(one.positions, again.positions)
+    assert one.positions.shape != other.positions.shape or (one.positions != other.positions).any()
+    assert one.duration_s > 3.0
+    assert one.observed.all()
+    lowest = one.positions[..., 2].min(axis=1)
+    assert ((lowest > -0.05) & (lowest < 0.25)).all()  # feet on the floor
+
+
+def test_arms_in_a_cameras_frame_are_lifted_to_where_one_sits(recording):
+    motion = load_motion(str(recording), 30.0)
+    shoulders = [JOINTS.index("l_shoulder"), JOINTS.index("r_shoulder")]
+    assert np.nanmean(motion.positions[:, shoulders, 2]) == pytest.approx(1.05)
+    assert not motion.observed[:, JOINTS.index("l_foot") if "l_foot" in JOINTS else 0].any()
+
+
+def test_a_recording_plays_at_the_rate_asked_for_or_its_own(recording):
+    assert load_motion(str(recording), 15.0).rate_hz == 15.0
+    assert load_motion(str(recording), 60.0).rate_hz == 30.0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("procedural:x", "procedural:SEED"),
+        ("monday.mcap", "motion files"),
+    ],
+)
+def test_what_cannot_be_placed_is_refused_in_one_line(name, message):
+    with pytest.raises(ConfigError, match=message) as error:
+        load_motion(name, 30.0)
+    assert "\n" not in str(error.value)
+
+
+def test_a_recording_shorter_than_a_second_is_refused(tmp_path):
+    path = tmp_path / "short.npz"
+    np.savez(path, positions=np.ones((20, 6, 3), np.float32), fps=np.float32(30))
+    with pytest.raises(ConfigError, match="too short"):
+        load_motion(str(path), 30.0)

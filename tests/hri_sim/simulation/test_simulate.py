@@ -1,0 +1,76 @@
+"""Simulations: every approach once, the same for the same seed, and resumed without a trace."""
+
+from dataclasses import replace
+
+import pytest
+
+from hri_predict import config as configuration
+from hri_predict.errors import ConfigError
+from hri_sim.simulation import Request, report, simulate
+from hri_sim.simulation.work import BLOCK, Plan, blocks, episodes
+
+
+def plan(motions, count):
+    return Plan("", (None, "b"), (), (), tuple(map(str, range(motions))), count, 0, 1, frozenset())
+
+
+@pytest.mark.parametrize(("motions", "count"), [(3, 100), (24, 10), (1, 2 * BLOCK + 1), (5, 5)])
+def test_blocks_hold_every_episode_of_every_predictor_once(motions, count):
+    made = plan(motions, count)
+    for predictor in (0, 1):
+        mine = [e for b in blocks(made) if b.predictor == predictor for e in episodes(made, b)]
+        assert sorted(mine) == list(range(count))
+    assert all(0 < len(episodes(made, block)) <= BLOCK for block in blocks(made))
+    assert len({block.key for block in blocks(made)}) == len(blocks(made))
+
+
+@pytest.fixture
+def request_of(recording, tmp_path):
+    """A request of two approaches, of two short recordings."""
+    other = tmp_path / "others.npz"
+    other.write_bytes(recording.read_bytes())
+    base = Request(
+        config=configuration.shipped("simulate.yaml"),
+        predictors=("constant_velocity",),
+        modes=("iso",),
+        motions=(str(recording), str(other)),
+        episodes=2,
+    )
+    return lambda **more: replace(base, **more)
+
+
+def text(result):
+    return report(result, None).json
+
+
+def test_a_simulation_reproduces_and_resumes_to_the_same_table(request_of, tmp_path):
+    said, out = [], tmp_path / "out"
+    whole = simulate(request_of(out=out), lambda done, total: said.append((done, total)))
+    assert said == [(0, 2), (1, 2), (2, 2)]
+    assert whole.checks == 2
+    assert whole.disagreements == []
+    path = out / "episodes.jsonl"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:2]) + "\n")  # as if it had been ended after one block
+    said.clear()
+    resumed = simulate(
+        request_of(out=out, resume=True), lambda done, total: said.append((done, total))
+    )
+    assert said == [(1, 2), (2, 2)]
+    assert text(resumed) == text(whole)
+    assert text(simulate(request_of(), lambda *_: None)) == text(whole)
+    other = simulate(request_of(seed=1), lambda *_: None)
+    assert text(other) != text(whole)
+
+
+def test_unknown_modes_and_coverages_are_refused_before_anything_starts(request_of, tmp_path):
+    for change in ({"modes": ("iso9",)}, {"modes": (), "coverages": (0.5,)}):
+        with pytest.raises(ConfigError, match="--mode") as error:
+            simulate(request_of(out=tmp_path / "out", **change), lambda *_: None)
+        assert "\n" not in str(error.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_configuration_without_a_closed_loop_is_refused(request_of):
+    with pytest.raises(ConfigError, match="needs 'approach'"):
+        simulate(request_of(config=configuration.shipped("demo.yaml")), lambda *_: None)
