@@ -26,8 +26,13 @@ def window(body=BODY, velocity=(1.0, 0.0, 0.0), steps=25):
     return history[None], np.ones((1, steps, JOINTS), bool)
 
 
+def bones_of(history, observed):
+    return bone_lengths(history, observed, RATE_HZ, PARENTS)
+
+
 def ranges():
-    return motion_ranges(*window(), RATE_HZ, PARENTS, 1.0)
+    history, observed = window()
+    return motion_ranges(history, observed, RATE_HZ, PARENTS, 1.0)
 
 
 def out(history, observed, limits=None):
@@ -36,7 +41,7 @@ def out(history, observed, limits=None):
 
 
 def test_bones_are_distances_to_the_parents():
-    lengths = bone_lengths(*window(), RATE_HZ, PARENTS)[0]
+    lengths = bones_of(*window())[0]
     assert np.isnan(lengths[0])
     expected = [np.linalg.norm(BODY[j] - BODY[PARENTS[j]]) for j in range(1, JOINTS)]
     np.testing.assert_allclose(lengths[1:], expected)
@@ -48,12 +53,12 @@ def test_bones_are_means_over_what_was_seen_of_the_last_400_ms():
     history[0, :, elbow] = history[0, :, shoulder]
     history[0, -10:, elbow, 2] += np.linspace(0.1, 1.0, 10)  # mean of the last ten: 0.55
     history[0, :-10, elbow] += 50.0
-    assert bone_lengths(history, observed, RATE_HZ, PARENTS)[0, elbow] == pytest.approx(0.55)
+    assert bones_of(history, observed)[0, elbow] == pytest.approx(0.55)
     observed[0, -10:-2, elbow] = False
     history[0, -10:-2, elbow] = np.nan
-    assert bone_lengths(history, observed, RATE_HZ, PARENTS)[0, elbow] == pytest.approx(0.95)
+    assert bones_of(history, observed)[0, elbow] == pytest.approx(0.95)
     observed[0, :, shoulder] = False
-    assert np.isnan(bone_lengths(history, observed, RATE_HZ, PARENTS)[0, elbow])
+    assert np.isnan(bones_of(history, observed)[0, elbow])
 
 
 def test_ranges_are_the_extremes_and_unknown_where_never_measured():
@@ -62,7 +67,7 @@ def test_ranges_are_the_extremes_and_unknown_where_never_measured():
     seen = np.concatenate([seen, seen])
     seen[:, :, 8] = False
     found = motion_ranges(np.concatenate([slow, fast]), seen, RATE_HZ, PARENTS, 1.5)
-    bones = bone_lengths(*window(), RATE_HZ, PARENTS)[0]
+    bones = bones_of(*window())[0]
     known = np.arange(JOINTS) != 8
     np.testing.assert_allclose(found.speed_m_s[known], 2.0)
     np.testing.assert_allclose(found.bone_m[1:][known[1:], 0], bones[1:][known[1:]])
@@ -89,7 +94,8 @@ def test_nothing_known_is_never_exceeded():
     for bones in ((np.nan, np.nan), (0.0, np.inf)):
         for speed in (np.nan, np.inf):
             limits = MotionRanges(np.full(JOINTS, speed), np.tile(bones, (JOINTS, 1)), 1.0)
-            assert not out(*window(body=3 * BODY, velocity=(9.0, 0, 0)), limits)
+            history, observed = window(body=3 * BODY, velocity=(9.0, 0, 0))
+            assert not out(history, observed, limits)
 
 
 @given(st.floats(-np.pi, np.pi), st.lists(st.floats(-50, 50), min_size=3, max_size=3))
@@ -98,10 +104,8 @@ def test_place_and_heading_change_nothing(angle, shift):
         [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     )
     moved = BODY @ turn.T + shift
-    lengths = bone_lengths(*window(body=moved, velocity=(0, 0, 0)), RATE_HZ, PARENTS)
-    np.testing.assert_allclose(
-        lengths, bone_lengths(*window(velocity=(0, 0, 0)), RATE_HZ, PARENTS), atol=1e-9
-    )
+    lengths = bones_of(*window(body=moved, velocity=(0, 0, 0)))
+    np.testing.assert_allclose(lengths, bones_of(*window(velocity=(0, 0, 0))), atol=1e-9)
 
 
 def test_short_ratio_is_the_upper_median_of_the_judged():

@@ -68,40 +68,40 @@ def drive(check, ticks, off, claimed=0.1, steps=3, start=0, **kwargs):
 
 def test_factor_grows_by_the_stated_step():
     # level 0.99: tau = 5 / ln(1 / 0.01) = 1.0857; after one miss m = 1 - e^(-0.04 / 1.0857) =
-    # 0.0362 > 0.01, so w = 2 x 0.04 x (1 - 0.01) = 0.0792 and then twice that: factors e^0.0792 =
-    # 1.0824 and e^0.1584 = 1.1716. The errors are 0.2 over radii of 0.1: missed below a factor 2.
+    # 0.0362 > 0.01, so w = 4 x 0.04 x (1 - 0.01) = 0.1584 and then twice that: factors e^0.1584 =
+    # 1.1716 and e^0.3168 = 1.3727. The errors are 0.2 over radii of 0.1: missed below a factor 2.
     trusts = drive(checker(), 4, 0.2)
     factors = [t.widen[0, 0] for t in trusts]
-    np.testing.assert_allclose(factors, [1.0, 1.0824, 1.1716, 1.2682], atol=1e-4)
+    np.testing.assert_allclose(factors, [1.0, 1.1716, 1.3727, 1.6083], atol=1e-4)
     assert trusts[2].reasons == (Reason.ZONES_WIDENED,)
     assert trusts[0].reasons == ()
 
 
 def test_a_lower_level_waits_for_its_own_miss_rate():
     # level 0.9: tau = 5 / ln 10 = 2.1715, and m = 1 - e^(-n 0.04 / 2.1715) passes 0.1 at n = 6
-    # (n > 2.1715 x 0.10536 / 0.04 = 5.72); then w = 2 x 0.04 x 0.9 = 0.072
+    # (n > 2.1715 x 0.10536 / 0.04 = 5.72); then w = 4 x 0.04 x 0.9 = 0.144
     factors = [t.widen[0, 0] for t in drive(checker(level=0.9), 8, 0.2)]
     assert factors[:6] == [1.0] * 6
-    np.testing.assert_allclose(factors[6:], np.exp([0.072, 0.144]))
+    np.testing.assert_allclose(factors[6:], np.exp([0.144, 0.288]))
 
 
 def test_reaction_is_as_fast_as_stated():
-    # ln(2) / (2 x 0.99) = 0.350 s: at 0.36 s (9 captures) after the first judged the factor holds
-    # an error of twice the radius; then it stays there, as the misses of the present factor cease
+    # ln(2) / (4 x 0.99) = 0.175 s: at the 5th judged capture, 0.2 s, the factor holds an error of
+    # twice the radius; then it stays there, as the misses of the present factor cease
     factors = np.array([t.widen[0, 0] for t in drive(checker(), 40, 0.2)])
-    assert factors[8] < 2
-    assert (factors[9:] >= 2 - 0.05).all()
-    assert factors.max() < 2 * math.exp(2 * 0.04)
+    assert factors[4] < 2
+    assert (factors[5:] >= 2 - 0.05).all()
+    assert factors.max() < 2 * math.exp(4 * 0.04)
 
 
 def test_joint_counts_the_share_of_joints():
-    # 7 of 21 joints miss: err = 1/3, w = 0.08 (1/3 - 0.01) = 0.02587
+    # 7 of 21 joints miss: err = 1/3, w = 0.16 (1/3 - 0.01) = 0.05173
     check = checker(of="joint")
     snap = snapshot(0, still())
     check.check(snap)
     check.note(snap, forecast_off_by(0.2, 3, joints=slice(0, 7)), radius(0.1, 3))
     trust = check.check(snapshot(1, still()))
-    assert trust.widen[0, 0] == pytest.approx(math.exp(0.08 * (1 / 3 - 0.01)))
+    assert trust.widen[0, 0] == pytest.approx(math.exp(0.16 * (1 / 3 - 0.01)))
 
 
 def test_bands_are_apart_and_the_horizon_reacts_when_its_time_has_come():
@@ -109,12 +109,12 @@ def test_bands_are_apart_and_the_horizon_reacts_when_its_time_has_come():
     check = checker(steps)
     off = forecast_off_by(0.0, steps)
     off.positions[:, 20:, :, 0] = 1.0  # wrong only from 0.84 s on
-    widened = []
+    factors = []
     for tick in range(40):
         snap = snapshot(tick, still())
-        widened.append(check.check(snap).widen[0])
+        factors.append(check.check(snap).widen[0])
         check.note(snap, off, radius(0.1, steps))
-    widened = np.array(widened)
+    widened = np.array(factors)
     assert (widened[:, :20] == 1).all()  # 0.8 s: the fifth band ends
     assert (widened[:21, 20:] == 1).all()  # the oldest forecast is 20 steps old
     assert (widened[21:, 20:] > 1).all()
@@ -133,10 +133,10 @@ def test_returns_to_one_after_recover_s_of_good_coverage_and_not_before(level):
 
 
 def test_at_its_bound_a_factor_that_still_misses_is_unlike():
-    # ln 4 / (2 x 0.99 x 0.04) = 17.5: at the 18th judgement the factor is at 4, errors are 5 radii
+    # ln 4 / (4 x 0.99 x 0.04) = 8.75: at the 9th judgement the factor is at 4, errors are 5 radii
     trusts = drive(checker(), 30, 0.5)
-    assert not any(t.unlike[0] for t in trusts[:18])
-    assert all(t.unlike[0] for t in trusts[18:])
+    assert not any(t.unlike[0] for t in trusts[:9])
+    assert all(t.unlike[0] for t in trusts[9:])
     assert max(t.widen.max() for t in trusts) == pytest.approx(4.0)
     assert trusts[-1].reasons == (Reason.MOTION_UNLIKE,)
 
@@ -265,7 +265,7 @@ def test_people_are_kept_apart_whatever_their_order():
     assert (trust.widen[ids.index(9)] > 1.5).all()
     people = check.report()["people"]
     assert people["7"]["covered"] == 1.0
-    assert people["9"]["covered"] < 0.7
+    assert 0.5 < people["9"]["covered"] < 0.8
     assert people["9"]["covered_as_calibrated"] == 0.0
 
 
@@ -364,13 +364,14 @@ def simulated(check, level, ticks, shift_at, scale, seed=11):
 @pytest.mark.parametrize("level", [0.9, 0.95, 0.99])
 def test_coverage_returns_to_the_level_after_a_shift(level):
     _, inside = simulated(checker(STEPS, level), level, 1500, 250, 1.8)
-    # the share of misses over T seconds is at most alpha + ln(4) / (2 T): 0.07 over the 10 s after
-    # the longest horizon, 0.017 over the next 40 s; unwidened it were P(|N| > q / 1.8) = 0.361,
-    # 0.276, 0.152 at the three levels
+    # the share of misses of the factor in force is at most alpha + ln(4) / (4 T) over T seconds:
+    # 0.035 more over the 10 s after the longest horizon, 0.009 over the next 40 s. Of the factor
+    # when the forecast was made it is a little more, as a miss is judged again and again within its
+    # band: up to 0.015. Unwidened it were P(|N| > q / 1.8) = 0.361, 0.276, 0.152 at the levels.
     soon = 250 + STEPS
-    bound = math.log(4) / 2
-    assert inside[soon : soon + 250].mean() > level - bound / 10
-    assert inside[soon + 250 :].mean() > level - bound / 40
+    bound = math.log(4) / 4
+    assert inside[soon : soon + 250].mean() > level - bound / 10 - 0.015
+    assert inside[soon + 250 :].mean() > level - bound / 40 - 0.015
 
 
 @pytest.mark.parametrize("level", [0.9, 0.95, 0.99])
