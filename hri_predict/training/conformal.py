@@ -1,16 +1,20 @@
 """From scores to radii: split conformal quantiles, and what few recordings leave open.
 
 *Estimated*: of every motion class, joint and step the quantile of rank ceil((n + 1) l) over all its
-windows. Few recordings make it uncertain, so it is computed for ``RESAMPLES`` draws of as many
-recordings with replacement (bootstrap by recording), and ``CONFIDENCE`` of those lie below the
-radius. The body's radii are the joints' radii of the same level (``LEAST_SHAPE_M`` at least) times
-one factor per class and step: the same quantile of the largest ratio over the joints. A class that
-fewer than ``LEAST_RECORDINGS`` recordings show is not calibrated, and physical limits serve there.
+windows, ``LEAST_RADIUS_M`` at least; the body's radii are those times one factor per class and
+step, the same quantile of the largest ratio over the joints. But windows of one recording resemble
+each other, and a new recording is unlike all of them. So each recording is left out in turn, and
+all radii of a level are multiplied by the factor (1 at least) with which the others' radii would
+have held the stated share of the windows left out: cross-conformal prediction (V. Vovk, Annals of
+Mathematics and AI 74 (2015) 9; R. Barber et al., "Predictive inference with the jackknife+", Annals
+of Statistics 49 (2021) 486) with recordings for folds. A class that fewer than ``LEAST_RECORDINGS``
+recordings show is not calibrated, and physical limits serve there.
 
 *Guaranteed*: see ``risk.calibration``. Here the body's shape must not come from the recordings that
 are ranked: it is the fixed growth ``body_shape``.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.errors import ConfigError
-from hri_predict.risk.calibration import Calibration, needed, plain
+from hri_predict.risk.calibration import OFS, Calibration, needed, plain
 from hri_predict.risk.motion_class import CLASSES, GRADES, SPEED_CLASSES, is_moving, motion_class
 from hri_predict.risk.motion_ranges import SHORT_S, motion_ranges, short_ratio
 from hri_predict.risk.settings import LEVELS
@@ -26,9 +30,7 @@ from hri_predict.scene import Floats
 from hri_predict.skeleton import Skeleton
 from hri_predict.training.zone_scores import HISTORY_STEPS, Scores, units
 
-CONFIDENCE = 0.9
-RESAMPLES = 200
-LEAST_SHAPE_M = 0.02
+LEAST_RADIUS_M = 0.02
 """Joints that hardly move would scale everybody else by their millimetres."""
 LEAST_RECORDINGS = 4
 Ints = NDArray[np.intp]
@@ -41,7 +43,6 @@ def calibrate(
     weights: str | None,
     rate_hz: float,
     skeleton: Skeleton,
-    seed: int = 0,
 ) -> Calibration:
     """Make a calibration; the same scores give the same one.
 
@@ -66,10 +67,8 @@ def calibrate(
     counts = np.array(
         [np.bincount(kind[unit == u], minlength=len(CLASSES)) for u in range(len(names))]
     )
-    draws = np.random.default_rng(seed).multinomial(
-        len(names), np.full(len(names), 1 / len(names)), RESAMPLES
-    )
-    estimated = _estimated(error, kind, unit, group, len(joints), draws, counts > 0)
+    windows = _Windows(error, kind, unit, group)
+    estimated = _inflated(windows, _estimated(windows))
     guaranteed = _guaranteed(error, is_moving(speed), unit, group, len(joints), rate_hz)
     ranges = _ranges(scores, estimated["joint"][-1], kind, error, group, joints, rate_hz, skeleton)
     return Calibration(
@@ -98,29 +97,57 @@ def _terciles(speed: Floats, surprise: Floats) -> Floats:
     return np.round(np.array(found), 4)
 
 
-def _estimated(
-    error: Floats, kind: Ints, unit: Ints, group: Ints, joints: int, draws: Ints, shown: Any
-) -> dict[str, Floats]:
-    """Per question (L, C, G, H)."""
-    steps = error.shape[1]
-    tables = {
-        of: np.full((len(LEVELS), len(CLASSES), joints, steps), np.inf) for of in ("joint", "body")
-    }
+class _Windows:
+    """All windows: error (W, H, J), motion class and recording (W,), group of each joint (J,)."""
+
+    def __init__(self, error: Floats, kind: Ints, unit: Ints, group: Ints) -> None:
+        self.error, self.kind, self.unit, self.group = error, kind, unit, group
+        self.joints = int(group.max()) + 1
+
+    def of(self, chosen: Any) -> "_Windows":
+        """Some of them."""
+        return _Windows(self.error[chosen], self.kind[chosen], self.unit[chosen], self.group)
+
+
+def _estimated(windows: _Windows) -> dict[str, Floats]:
+    """Per question (L, C, G, H): pooled quantiles."""
+    steps, group = windows.error.shape[1], windows.group
+    shape = (len(LEVELS), len(CLASSES), windows.joints, steps)
+    tables = {of: np.full(shape, np.inf) for of in OFS}
     for c in range(len(CLASSES)):
-        if shown[:, c].sum() < LEAST_RECORDINGS:
+        own = windows.of(windows.kind == c)
+        if len(np.unique(own.unit)) < LEAST_RECORDINGS:
             continue
-        own, of_unit = error[kind == c], unit[kind == c]
         for step in range(steps):
-            at = own[:, step]
-            for g in range(joints):
-                values = at[:, group == g]
-                each = np.repeat(of_unit, values.shape[1])
-                tables["joint"][:, c, g, step] = upper_quantiles(values.ravel(), each, draws)
+            at = own.error[:, step]
+            by_joint = np.stack(
+                [quantiles(at[:, group == g].ravel()) for g in range(windows.joints)], axis=1
+            )
+            radius = np.maximum(by_joint, LEAST_RADIUS_M)  # (L, G)
+            tables["joint"][:, c, :, step] = radius
             for i in range(len(LEVELS)):
-                shape = np.maximum(tables["joint"][i, c, :, step], LEAST_SHAPE_M)
-                factor = upper_quantiles(_largest(at / shape[group]), of_unit, draws)[i]
-                tables["body"][i, c, :, step] = factor * shape
+                factor = quantiles(_nanmax(at / radius[i, group], 1))[i]
+                tables["body"][i, c, :, step] = factor * radius[i]
     return {of: rising(table) for of, table in tables.items()}
+
+
+def _inflated(windows: _Windows, tables: dict[str, Floats]) -> dict[str, Floats]:
+    """The radii times what makes those of the others hold each recording; see the module."""
+    ratios: dict[str, list[list[Floats]]] = {of: [[] for _ in LEVELS] for of in OFS}
+    for left_out in np.unique(windows.unit):
+        mine = windows.unit == left_out
+        others, own = _estimated(windows.of(~mine)), windows.of(mine)
+        for of in OFS:
+            for i in range(len(LEVELS)):
+                radius = others[of][i, own.kind][:, own.group].swapaxes(1, 2)  # (W, H, J)
+                ratio = np.where(np.isfinite(radius), own.error / radius, np.nan)
+                ratios[of][i].append(ratio.ravel() if of == "joint" else _nanmax(ratio, 2).ravel())
+    result = {}
+    for of, table in tables.items():
+        factor = [quantiles(np.concatenate(ratios[of][i]))[i] for i in range(len(LEVELS))]
+        usable = np.where(np.isfinite(factor), np.maximum(factor, 1.0), 1.0)
+        result[of] = table * usable[:, None, None, None]
+    return result
 
 
 def _guaranteed(
@@ -129,7 +156,7 @@ def _guaranteed(
     """Per question (L, 2, G, H): ranks of the recordings' largest errors."""
     steps = error.shape[1]
     shape = body_shape(np.arange(1, steps + 1) / rate_hz)
-    tables = {of: np.full((len(LEVELS), 2, joints, steps), np.inf) for of in ("joint", "body")}
+    tables = {of: np.full((len(LEVELS), 2, joints, steps), np.inf) for of in OFS}
     for s in range(len(SPEED_CLASSES)):
         chosen = moving == bool(s)
         present = np.unique(unit[chosen])
@@ -166,40 +193,19 @@ def _ranked(values: Floats, level: float) -> Floats:
     return np.where((known > 0) & (rank <= known), found, np.inf)
 
 
-def upper_quantiles(values: Floats, unit: Ints, draws: Ints) -> Floats:
-    """(L,) of ``LEVELS``: the upper bound, over draws of recordings, of the values' quantile.
-
-    Args:
-        values: (N,) NaN where not known.
-        unit: (N,) the recording of each.
-        draws: (B, U) how often each recording was drawn.
-    """
-    known = np.isfinite(values)
-    order = np.argsort(values[known], kind="stable")
-    ordered, weight = values[known][order], draws[:, unit[known][order]]  # (N,), (B, N)
-    if not ordered.size:
+def quantiles(values: Floats) -> Floats:
+    """(L,) the values of rank ceil((n + 1) l) of n finite ones, at most the largest; inf of none."""
+    known = np.sort(values[np.isfinite(values)])
+    if not known.size:
         return np.full(len(LEVELS), np.inf)
-    reached = np.cumsum(weight, axis=1)
-    total = reached[:, -1]
-    drawn = total > 0
-    result = np.empty(len(LEVELS))
-    for i, level in enumerate(LEVELS):
-        rank = np.minimum(np.ceil((total + 1) * level - 1e-9), total)
-        index = (reached < rank[:, None]).sum(1)
-        quantiles = ordered[np.minimum(index, ordered.size - 1)][drawn]
-        result[i] = np.quantile(quantiles, CONFIDENCE, method="higher")
-    return result
+    ranks = [min(math.ceil((known.size + 1) * level - 1e-9), known.size) for level in LEVELS]
+    return np.asarray(known[np.array(ranks) - 1])
 
 
 def rising(table: Floats) -> Floats:
     """A zone never shrinks with the horizon."""
     result: Floats = np.maximum.accumulate(table, axis=-1)
     return result
-
-
-def _largest(ratio: Floats) -> Floats:
-    """(W,) largest over the joints; NaN where none is known."""
-    return _nanmax(ratio, 1)
 
 
 def _nanmax(values: Floats, axis: int) -> Floats:
