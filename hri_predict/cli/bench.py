@@ -15,6 +15,7 @@ from rich.table import Table
 
 from hri_predict import assemble, registry
 from hri_predict import config as configuration
+from hri_predict.cli.bench_risk import PEOPLE, SEGMENTS, TITLE, risk_calls
 from hri_predict.clock import VirtualClock
 from hri_predict.errors import ConfigError
 from hri_predict.protocol import messages as m
@@ -45,7 +46,7 @@ def bench(context: typer.Context, as_json: Json = False) -> None:
     """
     if context.invoked_subcommand is not None:
         return
-    rows = [*_ring_buffer(), *_codecs(), _distances(), *_tick_overhead()]
+    rows = [*_ring_buffer(), *_codecs(), _distances(), *_risk(), *_tick_overhead()]
     if as_json:
         print(json.dumps(rows))
         return
@@ -148,6 +149,15 @@ def _distances() -> dict[str, Any]:
                      rng.uniform(0.05, 0.1, (25, 8)))  # fmt: skip
     seconds = _timed(lambda: pairwise_min(people, robot), number=5)
     return _row("distances: 20 segments x 25 horizons x 8 capsules", seconds, 1000)
+
+
+def _risk() -> list[dict[str, Any]]:
+    """The dearest branch: people near enough that several speeds of each robot are tried."""
+    zones, judge = risk_calls()
+    return [
+        _row(TITLE, _timed(judge, number=5, repeat=100), 3000),
+        _row(f"zones of {PEOPLE} people x {SEGMENTS} segments", _timed(zones, 5, 100), None),
+    ]
 
 
 def _tick_overhead() -> list[dict[str, Any]]:

@@ -9,86 +9,117 @@ from hri_predict.risk.geometry import capsule_distance
 from hri_predict.risk.types import Capsules
 from hri_predict.scene import Floats
 
+Ints = NDArray[np.intp]
+ROUNDING_M = 1e-9
+"""Pairs within this of a bound stay in: two ways of adding the same may differ in the last bit."""
+
+
+_THICK, _SIZE = 3, 4
+"""Rows of balls: the capsule's radius, and that of the sphere that holds all of it."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestInTime:
-    """Nearest pair of any person and the robot per step: (..., K) distance and indices."""
+    """Nearest pair of any person and the robot per step or course: distance and indices."""
 
     distance: Floats
-    person: NDArray[np.intp]
-    segment: NDArray[np.intp]
-    link: NDArray[np.intp]
+    person: Ints
+    segment: Ints
+    link: Ints
 
 
 class BodiesInTime:
     """Everybody's capsules step by step, ready to be compared with a robot's.
+
+    Most pairs are ruled out by bounding spheres, of whole people first: the distance of two
+    capsules is at least that of the spheres around them and at most that of the spheres about their
+    middles. What remains is exact.
 
     Args:
         people: (P, K, S) capsules, P >= 1.
     """
 
     def __init__(self, people: Capsules) -> None:
-        self._segments = people.radius.shape[-1]
-        self._a, self._b = _by_step(people.a), _by_step(people.b)  # (K, P S, 3)
-        self._radius = _by_step(people.radius)
-        self._middle, self._half = _spheres(self._a, self._b)
+        by_step = [v.swapaxes(0, 1) for v in (people.a, people.b, people.radius)]  # (K, P, S)
+        steps, count, segments = by_step[2].shape
+        balls = _balls(Capsules(*by_step))
+        with np.errstate(invalid="ignore"):
+            self._persons = _around(balls)  # (5, K, P)
+        self._segments = balls.reshape(5, steps * count, segments)
+        self._flat = _flat(Capsules(*by_step))  # (K P S,)
 
-    @np.errstate(invalid="ignore")  # what is not finite is found and answered below
     def nearest(self, robot: Capsules) -> NearestInTime:
-        """Smallest distance between any of the people and the robot, step by step, exact.
-
-        Most pairs are ruled out by their bounding spheres: the distance of two capsules is at least
-        that of the spheres around them and at most that of the spheres about their middles.
+        """Smallest distance between any of the people and the robot, step by step.
 
         Args:
-            robot: (..., K, C) capsules; leading axes are several courses of the robot, and K = 1
-                is a robot that stays where it is.
+            robot: (K, C) capsules, or (1, C): it stays where it is.
 
         Returns:
-            (..., K) each; a step in which anything is not finite has the distance minus infinity.
+            (K,) each; a step in which anything is not finite has the distance minus infinity.
         """
-        steps, bodies = self._radius.shape
-        links = robot.radius.shape[-1]
-        lead = robot.radius.shape[:-2]
-        middle, half = _spheres(robot.a, robot.b)
-        # (..., K, C, P S): the longer axis last, where numpy's loops run
-        most = self._middle[0][:, None] - middle[0][..., None]
-        most *= most
-        for body_x, robot_x in zip(self._middle[1:], middle[1:], strict=True):
-            gap = body_x[:, None] - robot_x[..., None]
-            gap *= gap
-            most += gap
-        np.sqrt(most, out=most)
-        most -= self._radius[:, None] + robot.radius[..., None]
-        bound = most.min(axis=(-2, -1), keepdims=True)
-        least = np.subtract(most, self._half[:, None] + half[..., None], out=most)
-        possible = ~(least > bound)  # NaN stays in
-        row, pair = np.nonzero(possible.reshape(-1, bodies * links))
-        link, body = np.divmod(pair, bodies)
-        step = row % steps
-        # a row of the robot's: its own step, or the only one
-        of_robot = row if robot.radius.shape[-2] == steps else row // steps
+        step = np.arange(self._persons.shape[1])
+        place = step if len(robot.radius) > 1 else np.zeros_like(step)
+        return self._search(robot, step, place, step, np.full(len(step), np.inf))
+
+    def least(self, robot: Capsules, until: Ints, enough_m: Floats) -> NearestInTime:
+        """Smallest distance over some time of each of several courses of the robot.
+
+        Args:
+            robot: (L, K, C) capsules.
+            until: (L,) the last step that counts, at least 1; the first is step 1.
+            enough_m: (L,) a distance above it need not be known: then it is ``enough_m``.
+
+        Returns:
+            (L,) each; minus infinity where anything is not finite.
+        """
+        courses, steps, links = robot.radius.shape
+        counts = np.minimum(until, steps - 1)
+        course = np.repeat(np.arange(courses), counts)
+        step = np.concatenate([np.arange(1, n + 1) for n in counts])
+        flat = Capsules(
+            robot.a.reshape(-1, links, 3), robot.b.reshape(-1, links, 3),
+            robot.radius.reshape(-1, links),
+        )  # fmt: skip
+        return self._search(flat, step, course * steps + step, course, enough_m)
+
+    @np.errstate(invalid="ignore")  # what is not finite is found and answered below
+    def _search(
+        self, robot: Capsules, step: Ints, place: Ints, group: Ints, enough_m: Floats
+    ) -> NearestInTime:
+        """The least distance of each group of rows (ascending): bodies at a step, robot (C) there.
+
+        Args:
+            robot: (Q, C) capsules.
+            step, place: (R,) indices of the bodies' K and the robot's Q.
+            group: (R,) ascending from 0, every one.
+            enough_m: of each group.
+        """
+        people = self._persons.shape[2]
+        rows = np.arange(len(step))
+        # whole people against links: (R, C, P)
+        part, person = _balls(robot).take(place, axis=1), self._persons.take(step, axis=1)
+        least = _apart(part[..., None], person[:, :, None])
+        least -= part[_SIZE, ..., None] + person[_SIZE][:, None]
+        likely, likely_person = np.divmod(least.reshape(len(step), -1).argmin(1), people)
+        likely_body = self._segments.take(step * people + likely_person, axis=1)
+        first = _at_most(part[:, rows, likely][..., None], likely_body).min(1)
+        starts = np.searchsorted(group, np.arange(len(enough_m)))
+        limit = np.minimum(enough_m, np.minimum.reduceat(first, starts)) + ROUNDING_M
+        row, c, p = np.nonzero(~(least > limit[group][:, None, None]))  # NaN stays in
+
+        # their segments: (n, S)
+        part, body = part[:, row, c][..., None], self._segments.take(step[row] * people + p, axis=1)
+        most = _at_most(part, body)
+        closest, some = _least_of_groups(most.min(1, initial=np.inf), group[row])
+        limit[some] = np.minimum(limit[some], closest + ROUNDING_M)
+        least = most - (part[_SIZE] - part[_THICK] + (body[_SIZE] - body[_THICK]))
+        n, s = np.nonzero(~(least > limit[group[row]][:, None]))
+        row, c, p = row[n], c[n], p[n]
         exact = capsule_distance(
-            Capsules(self._a[step, body], self._b[step, body], self._radius[step, body]),
-            Capsules(
-                robot.a.reshape(-1, links, 3)[of_robot, link],
-                robot.b.reshape(-1, links, 3)[of_robot, link],
-                robot.radius.reshape(-1, links)[of_robot, link],
-            ),
+            _taken(self._flat, (step[row] * people + p) * body.shape[2] + s),
+            _taken(_flat(robot), place[row] * robot.radius.shape[1] + c),
         )
-        distance = np.full((possible.size // (bodies * links), bodies * links), np.inf)
-        distance[row, pair] = np.where(np.isfinite(exact), exact, -np.inf)
-        index = distance.argmin(1)
-        shape = (*lead, steps)
-        link, body = np.divmod(index, bodies)
-        person, segment = np.divmod(body, self._segments)
-        least_m = distance[np.arange(len(index)), index]
-        return NearestInTime(
-            least_m.reshape(shape),
-            person.reshape(shape),
-            segment.reshape(shape),
-            link.reshape(shape),
-        )
+        return _nearest(exact, group[row], enough_m, (p, s, c))
 
 
 def nearest_in_time(people: Capsules, robot: Capsules) -> NearestInTime:
@@ -96,15 +127,76 @@ def nearest_in_time(people: Capsules, robot: Capsules) -> NearestInTime:
     return BodiesInTime(people).nearest(robot)
 
 
-def _by_step(values: Floats) -> Floats:
-    """(P, K, S, ...) to (K, P S, ...)."""
-    people, steps, segments = values.shape[:3]
-    result: Floats = values.swapaxes(0, 1).reshape(steps, people * segments, *values.shape[3:])
+def _least_of_groups(values: Floats, group: Ints) -> tuple[Floats, Ints]:
+    """The least value of each group (ascending) that has any, and which these are."""
+    if not len(group):
+        return np.zeros(0), group
+    starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
+    return np.minimum.reduceat(values, starts), group[starts]
+
+
+def _nearest(
+    exact: Floats, group: Ints, enough_m: Floats, who: tuple[Ints, Ints, Ints]
+) -> NearestInTime:
+    """The least distance of each group (ascending), and whose it is."""
+    exact = np.where(np.isfinite(exact), exact, -np.inf)
+    least, some = _least_of_groups(exact, group)
+    distance, found = enough_m.astype(np.float64), np.zeros((3, len(enough_m)), np.intp)
+    distance[some] = np.minimum(least, distance[some])
+    is_least = np.flatnonzero(exact <= distance[group])[::-1]  # backwards: the first one stays
+    found[:, group[is_least]] = [index[is_least] for index in who]
+    return NearestInTime(distance, *found)
+
+
+def _flat(capsules: Capsules) -> Capsules:
+    """One batch axis instead of several."""
+    return Capsules(
+        capsules.a.reshape(-1, 3), capsules.b.reshape(-1, 3), capsules.radius.reshape(-1)
+    )
+
+
+def _taken(capsules: Capsules, index: Ints) -> Capsules:
+    return Capsules(
+        capsules.a.take(index, axis=0),
+        capsules.b.take(index, axis=0),
+        capsules.radius.take(index),
+    )
+
+
+def _balls(capsules: Capsules) -> Floats:
+    """(5, ...) sphere about each capsule's middle: x, y, z, and the rows below."""
+    middle, axis = 0.5 * (capsules.a + capsules.b), capsules.b - capsules.a
+    square = axis[..., 0] ** 2 + axis[..., 1] ** 2 + axis[..., 2] ** 2
+    balls = np.empty((5, *capsules.radius.shape))
+    for i in range(3):
+        balls[i] = middle[..., i]
+    balls[_THICK] = capsules.radius
+    balls[_SIZE] = capsules.radius + 0.5 * np.sqrt(square)
+    return balls
+
+
+def _around(balls: Floats) -> Floats:
+    """(5, ...) a sphere that holds all (5, ..., S) of the last axis."""
+    result = np.empty(balls.shape[:-1])
+    result[:3] = 0.5 * (balls[:3].min(-1) + balls[:3].max(-1))
+    result[_SIZE] = (_apart(result[..., None], balls) + balls[_SIZE]).max(-1)
+    result[_THICK] = result[_SIZE]
     return result
 
 
-def _spheres(a: Floats, b: Floats) -> tuple[list[Floats], Floats]:
-    """Middles of axes, one array per coordinate (the fastest for numpy), and half their length."""
-    middle, axis = 0.5 * (a + b), b - a
-    square = axis[..., 0] ** 2 + axis[..., 1] ** 2 + axis[..., 2] ** 2
-    return [np.ascontiguousarray(middle[..., i]) for i in range(3)], 0.5 * np.sqrt(square)
+def _apart(a: Floats, b: Floats) -> Floats:
+    """Distance of the middles of balls, broadcast."""
+    square: Floats = a[0] - b[0]
+    square *= square
+    for i in (1, 2):
+        gap = a[i] - b[i]
+        gap *= gap
+        square += gap
+    return np.sqrt(square, out=square)
+
+
+def _at_most(part: Floats, body: Floats) -> Floats:
+    """How far apart capsules are at most: their middles, less both radii."""
+    most = _apart(part, body)
+    most -= part[_THICK] + body[_THICK]
+    return most

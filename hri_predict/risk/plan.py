@@ -123,10 +123,13 @@ class Plan:
         """
         phases, stands_s = self.phases(start.phase_s, speeds_m_s, times_s, reaction_s)
         before = np.concatenate([phases[:, :1], phases[:, :-1]], axis=1)
-        q, dq = self.trajectory.at((phases + before) / 2)
+        q, dq = self.trajectory.at(phases)
+        rate = np.abs(dq)
         bend = self.trajectory.acceleration_most(before, phases)
         half = (phases - before) / 2
-        swept = self._model.swept_capsules(q, dq, np.abs(dq) + half[..., None] * bend, bend, half)
+        # no place of a stretch is farther than half of it from one of its ends
+        fastest = np.maximum(rate, np.concatenate([rate[:, :1], rate[:, :-1]], axis=1))
+        swept = self._model.swept_capsules(q, fastest + half[..., None] * bend, bend, half)
         return Capsules(swept.a, swept.b, swept.radius + start.off_m), stands_s
 
     def phases(

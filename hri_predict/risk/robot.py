@@ -190,16 +190,8 @@ class RobotModel:
         Entry k contains the robot during the whole of [times_s[k-1], times_s[k]]; entry 0 at the
         instant times_s[0].
 
-        Proof: all joints share one path parameter, q(u) = q + qd u, and an interval covers
-        u in [m - h, m + h]. For an end x of a capsule's axis, Taylor about m gives
-        |x(u) - x(m)| <= |x'(m)| h + max|x''| h^2 / 2. The end is a sum of rigid pieces, piece i
-        fixed to link i with |omega_i| <= W_i = sum over j <= i of |qd_j|; so its second derivative
-        is at most length_i (W_i^2 + |omega_i'|), and omega_i' = sum over j <= i of
-        qd_j omega_{j-1} x axis_j is at most sum of |qd_j| W_{j-1} = (W_i^2 - sum of qd_j^2) / 2.
-        Likewise |x(u) - x(m)| <= h x sum of |qd_j| x (pieces beyond j); the smaller bound serves.
-        A point of the axis is a fixed convex combination of the two ends and moves by no more
-        than the farther; a point of the capsule stays within the radius of its point of the axis.
-        So the capsule at m with the radius grown by that bound contains it throughout.
+        The proof is at ``swept_capsules``: all joints share one path parameter, q(u) = q + qd u,
+        whose second derivative is 0.
 
         Args:
             q, qd: (N,) rad and rad/s at time 0.
@@ -215,42 +207,44 @@ class RobotModel:
         if speed_m_s is None:
             speed_m_s = float(self.tip_speed(q, qd))
         travel = self.travel_s(factor * speed_m_s, np.asarray(times_s, float), reaction_s, stopping)
-        before = np.concatenate([travel[..., :1], travel[..., :-1]], axis=-1)
-        # seconds at qd itself, from here on
-        middle, half = factor * (travel + before) / 2, factor * np.abs(travel - before) / 2
-        links = self._chain.links(q + middle[..., None] * qd)
-        placed = self._place(links)
-
-        speed, _ = self._end_speeds(links, placed, qd)
-        rate = np.abs(qd)
-        turning = np.cumsum(rate)
-        bend = self._arms @ (turning**2 + (turning**2 - np.cumsum(rate**2)) / 2)  # (C,)
-        beyond = self._beyond @ rate  # (C,)
-        grow = np.minimum(speed + bend * half[..., None] / 2, beyond) * half[..., None]
-        return Capsules(placed.a, placed.b, placed.radius + grow)
+        u = factor * travel  # seconds at qd itself, from here on
+        half = np.diff(u, axis=-1, prepend=u[..., :1]) / 2
+        return self.swept_capsules(q + u[..., None] * qd, np.abs(qd), np.zeros(self.dof), half)
 
     def swept_capsules(
-        self, q: Floats, dq: Floats, dq_most: Floats, ddq_most: Floats, half: Floats
+        self, q: Floats, dq_most: Floats, ddq_most: Floats, half: Floats
     ) -> Capsules:
-        """Capsules (..., C) that contain the robot along a stretch of a path q(u) about u = m.
+        """Capsules (..., K, C) that contain the robot along each stretch of a path q(u).
 
-        The proof of ``stopping_capsules`` holds with W_i made of the greatest rates along the
-        stretch, and with sum over j <= i of |q_j''| added to |omega_i'|.
+        Entry k contains it from u_{k-1} to u_k; entry 0 at the instant u_0.
+
+        Proof: let x be an end of a capsule's axis and h half the stretch. From the chord between
+        the stretch's ends x departs by at most max|x''| h^2 / 2, and the chord from its own middle
+        by half its length; so |x(u) - (x_{k-1} + x_k) / 2| <= |x_k - x_{k-1}| / 2 + max|x''| h^2/2.
+        The end is a sum of rigid pieces, piece i fixed to link i with |omega_i| <= W_i = sum over
+        j <= i of max|q_j'|; so its second derivative is at most the sum of length_i (W_i^2 +
+        |omega_i'|), and omega_i' = sum over j <= i of q_j'' axis_j + q_j' omega_{j-1} x axis_j is
+        at most sum of |q_j''| + sum of |q_j'| W_{j-1} = sum of |q_j''| + (W_i^2 - sum q_j'^2) / 2.
+        Likewise x is at most h x sum of |q_j'| x (pieces beyond j) from that middle; the smaller
+        bound serves. A point of the axis is a fixed convex combination of the two ends and moves by
+        no more than the farther; a point of the capsule stays within the radius of its point of the
+        axis. So the capsule about the middles, its radius grown by that bound, contains it.
 
         Args:
-            q, dq: (..., N) the path and its derivative at m.
-            dq_most, ddq_most: (..., N) bounds of its first and second derivatives' amounts.
-            half: (...) h: the stretch is [m - h, m + h].
+            q: (..., K, N) the path at u_0, u_1, ...
+            dq_most, ddq_most: (..., K, N) or (N,) bounds of its derivatives' amounts, on each
+                stretch.
+            half: (..., K) h of each stretch; 0 for entry 0.
         """
-        links = self._chain.links(q)
-        placed = self._place(links)
-        speed, _ = self._end_speeds(links, placed, dq)
+        placed = self._place(self._chain.links(q))
+        a, reach_a = _middles(placed.a)
+        b, reach_b = _middles(placed.b)
         turning = np.cumsum(dq_most, axis=-1)
         curving = 1.5 * turning**2 - np.cumsum(dq_most**2, axis=-1) / 2
         bend = (curving + np.cumsum(ddq_most, axis=-1)) @ self._arms.T
         h = half[..., None]
-        grow = np.minimum(speed + bend * h / 2, dq_most @ self._beyond.T) * h
-        return Capsules(placed.a, placed.b, placed.radius + grow)
+        grow = np.maximum(reach_a, reach_b) + bend * (h * h / 2)
+        return Capsules(a, b, placed.radius + np.minimum(grow, (dq_most @ self._beyond.T) * h))
 
     def shift_m(self, off: Floats) -> float:
         """How far any point may be off where every joint is off by at most ``off`` (N,) rad."""
@@ -290,6 +284,12 @@ class RobotModel:
         turn, shift = omega.take(self._link, axis=-2), v0.take(self._link, axis=-2)
         fastest = [norm(shift + cross(turn, end)) for end in (placed.a, placed.b)]
         return np.maximum(*fastest), norm(turn)
+
+
+def _middles(points: Floats) -> tuple[Floats, Floats]:
+    """Middle (..., K, C, 3) between each entry and the one before, and half their distance."""
+    before = np.concatenate([points[..., :1, :, :], points[..., :-1, :, :]], axis=-3)
+    return 0.5 * (points + before), 0.5 * norm(points - before)
 
 
 def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:

@@ -157,9 +157,9 @@ class RobotJudge:
         )
         standing = course.nearest(_once(motion.capsules))
 
-        def at_speeds(speeds_m_s: Floats) -> tuple[NearestInTime, Floats]:
-            robot, stands_s = motion.stopping_at(speeds_m_s)
-            return _later(course.nearest(robot)), stands_s
+        def at_speeds(speeds_m_s: Floats, enough_m: Floats) -> NearestInTime:
+            robot, until = motion.stopping_at(speeds_m_s)
+            return course.least(robot, until, enough_m)
 
         ahead = at_speeds if motion.is_foreseen else None
         distance = float(standing.distance[0])
@@ -218,11 +218,13 @@ class RobotJudge:
         nobody = np.full(len(come), -1)
         standing = NearestInTime(distance - come, nobody, nobody, nobody)
 
-        def at_speeds(speeds_m_s: Floats) -> tuple[NearestInTime, Floats]:
-            robot, stands_s = motion.stopping_at(speeds_m_s)
-            outside = view.distance_outside(robot).min(-1)[:, 1:]
-            unknown = np.full(outside.shape, -1)
-            return NearestInTime(outside - come, unknown, unknown, unknown), stands_s
+        def at_speeds(speeds_m_s: Floats, enough_m: Floats) -> NearestInTime:
+            robot, until = motion.stopping_at(speeds_m_s)
+            outside = view.distance_outside(robot).min(-1)[:, 1:] - come
+            counts = np.arange(1, len(come) + 1) <= until[:, None]
+            least = np.minimum(np.where(counts, outside, np.inf).min(1), enough_m)
+            unknown = np.full(len(least), -1)
+            return NearestInTime(least, unknown, unknown, unknown)
 
         ahead = at_speeds if motion.is_foreseen else None
         return self._over_time(Course(distance, standing, ahead), motion)

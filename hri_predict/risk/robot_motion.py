@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hri_predict.risk.plan import OnPlan, Plan
 from hri_predict.risk.robot import RobotModel
@@ -10,6 +11,8 @@ from hri_predict.risk.robot_tracker import RobotNow
 from hri_predict.risk.separation import StoppingCurve
 from hri_predict.risk.types import Capsules
 from hri_predict.scene import Floats
+
+Ints = NDArray[np.intp]
 
 MOVING_M_S = 0.02
 """Below this speed the direction of motion says nothing about where the robot will go."""
@@ -83,12 +86,16 @@ class RobotMotion:
         """Whether it is known which way the robot goes on."""
         return self.on_plan is not None or self.speed_m_s > MOVING_M_S
 
-    def stopping_at(self, speeds_m_s: Floats) -> tuple[Capsules, Floats]:
-        """(L, K+1, C) the robot as it goes on at each speed and stops, and (L,) when it stands."""
+    def stopping_at(self, speeds_m_s: Floats) -> tuple[Capsules, Ints]:
+        """(L, K+1, C) the robot as it goes on at each speed and stops.
+
+        And (L,) the last step that begins before it stands.
+        """
         if self.plan is not None and self.on_plan is not None:
-            return self.plan.stopping_capsules(
+            capsules, stands_s = self.plan.stopping_capsules(
                 self.on_plan, speeds_m_s, self.times_s, self.until_braking_s
             )
+            return capsules, self._steps_until(stands_s)
         stopping_s = self._stopping_s(speeds_m_s)
         capsules = self.model.stopping_capsules(
             self.q,
@@ -99,7 +106,7 @@ class RobotMotion:
             speeds_m_s / self.speed_m_s,
             self.speed_m_s,
         )
-        return capsules, self.until_braking_s + stopping_s
+        return capsules, self._steps_until(self.until_braking_s + stopping_s)
 
     def ends_at(self, speeds_m_s: Floats) -> Floats:
         """(L,) places at which it stands, from each speed."""
@@ -125,6 +132,10 @@ class RobotMotion:
     def place(self) -> float:
         """Where it is now."""
         return 0.0 if self.on_plan is None else self.on_plan.phase_s
+
+    def _steps_until(self, stands_s: Floats) -> Ints:
+        until: Ints = np.searchsorted(self.times_s[:-1], stands_s, side="right")
+        return until
 
     def _stopping_s(self, speeds_m_s: Floats) -> Floats:
         tabled = np.interp(speeds_m_s, self.curve.speed_m_s, self.curve.time_s)

@@ -28,14 +28,15 @@ class Course:
     Attributes:
         separation_m: distance now, as captured.
         standing: to the robot where it is now.
-        at_speeds: (L,) speeds -> (L, K) to the robot as it moves on at each, along its plan or in
-            its present direction, and stops; and (L,) seconds from now until it stands. ``None``
-            where the direction means nothing, so that any may come.
+        at_speeds: (L,) speeds and (L,) distances -> (L,) to the robot as it moves on at each, along
+            its plan or in its present direction, until it has stopped: the smallest, or the given
+            distance if that is smaller. ``None`` where the direction means nothing, so that any may
+            come.
     """
 
     separation_m: float
     standing: NearestInTime
-    at_speeds: Callable[[Floats], tuple[NearestInTime, Floats]] | None = None
+    at_speeds: Callable[[Floats, Floats], NearestInTime] | None = None
 
 
 _NEVER_M = 1e9
@@ -85,33 +86,35 @@ def judge_in_time(
     limits = [float(curve.speed_m_s[f - 1]) if f > 0 else 0.0 for f in fits]
 
     if course.at_speeds is None or (min(limits[:2]) >= top and speed_m_s <= top):
-        row: tuple[int, ...] = ()
-        nearest, stands_s = course.standing, reaction_s + stopping[0]
+        nearest = course.standing
         then = nearest.distance - travel_m(ends, reaction_s, speed_m_s, *stopping)
+        then = np.where(begins <= reaction_s + stopping[0], then, np.inf)
+        which = int(then.argmin())
+        predicted_m = float(then[which])
     else:
         # Where it may not even stand there is nothing to try but the present speed.
         levels = speed_levels(top, min(limits[:2])) if any_way[0] >= 0 else np.empty(0)
-        nearest, stand_s = course.at_speeds(np.append(speed_m_s, levels))
-        row, stands_s = (0,), float(stand_s[0])
-        then = nearest.distance[0]
-        ahead = np.where(begins <= stand_s[1:, None], nearest.distance[1:], np.inf).min(1)
-        for i, margin in enumerate(margins_m[:2]):
+        needed = clearance_m + np.asarray(margins_m[:2])
+        enough = np.full(len(levels), needed.max())
+        nearest = course.at_speeds(np.append(speed_m_s, levels), np.append(np.inf, enough))
+        which = 0
+        predicted_m = float(nearest.distance[0])
+        for i in range(len(needed)):
             if fits[i] > 0:
-                limits[i] = directed_limit(levels, ahead, clearance_m + margin, limits[i])
-    then = np.where(begins <= stands_s, then, np.inf)
-    step = int(then.argmin())
-    slack = float(then[step]) - clearance_m
-    violated = np.nonzero(then < clearance_m)[0]
+                limits[i] = directed_limit(
+                    levels, nearest.distance[1:], float(needed[i]), limits[i]
+                )
+    slack = predicted_m - clearance_m
     return Finding(
         separation_m=course.separation_m,
-        predicted_m=float(then[step]),
+        predicted_m=predicted_m,
         slack_m=slack,
         near=bool(any_way[0] < 0),
-        breach_s=0.0 if len(violated) else closing_s(slack, speed_m_s),
+        breach_s=closing_s(slack, speed_m_s),
         limits=tuple(limits),
-        person=int(nearest.person[(*row, step)]),
-        segment=int(nearest.segment[(*row, step)]),
-        link=int(nearest.link[(*row, step)]),
+        person=int(nearest.person[which]),
+        segment=int(nearest.segment[which]),
+        link=int(nearest.link[which]),
     )
 
 

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hri_predict.risk.geometry import capsule_distance
-from hri_predict.risk.nearest_in_time import NearestInTime, nearest_in_time
+from hri_predict.risk.nearest_in_time import BodiesInTime, NearestInTime, nearest_in_time
 from hri_predict.risk.separation import (
     StoppingCurve,
     person_travel,
@@ -174,6 +174,39 @@ def test_nearest_is_that_of_all_pairs(seed, shape):
         assert every[found.person[k], found.segment[k], found.link[k]] == pytest.approx(every.min())
 
 
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(-0.5, 3))
+def test_least_is_that_of_the_steps_that_count(seed, enough):
+    rng = np.random.default_rng(seed)
+
+    def capsules(*batch: int) -> Capsules:
+        a = rng.normal(size=(*batch, 3)) * 2
+        return Capsules(a, a + rng.normal(size=(*batch, 3)) * 0.5, rng.random(batch) * 0.3)
+
+    body, robot, until = capsules(3, 6, 4), capsules(3, 6, 2), np.array([1, 4, 9])
+    found = BodiesInTime(body).least(robot, until, np.array([np.inf, np.inf, enough]))
+    a, b, radius = (v[:, :, None] for v in (robot.a, robot.b, robot.radius))
+    of_robot = Capsules(a[:, :, :, :, None], b[:, :, :, :, None], radius[..., None])
+    swapped = [v.swapaxes(0, 1)[:, :, None] for v in (body.a, body.b, body.radius)]
+    every = capsule_distance(Capsules(*swapped), of_robot)  # (L, K, P, C, S)
+    for course, last in enumerate(until):
+        least = every[course, 1 : last + 1].min()
+        assert found.distance[course] == min(least, enough if course == 2 else np.inf)
+        if least == found.distance[course]:
+            at = found.person[course], found.link[course], found.segment[course]
+            assert (every[course, 1 : last + 1][:, *at] == least).any()
+
+
+def test_least_is_minus_infinity_where_anything_is_not_finite():
+    body = Capsules(np.zeros((1, 3, 2, 3)) + 5, np.zeros((1, 3, 2, 3)) + 6, np.full((1, 3, 2), 0.1))
+    robot = Capsules(np.zeros((2, 3, 1, 3)), np.zeros((2, 3, 1, 3)), np.full((2, 3, 1), 0.1))
+    robot.a[1, 2, 0, 1] = np.nan
+    for until, expected in ((1, False), (2, True)):
+        found = BodiesInTime(body).least(robot, np.full(2, until), np.full(2, 1.0))
+        assert found.distance[0] == 1.0
+        assert (found.distance[1] == -np.inf) == expected
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_what_is_not_finite_is_never_far(value):
     body = Capsules(np.zeros((1, 2, 3, 3)) + 5, np.zeros((1, 2, 3, 3)) + 6, np.full((1, 2, 3), 0.1))
@@ -214,16 +247,13 @@ def course(
     standing = nearest(distance - approach * TIMES[1:])
     if direction == 0:
         return Course(distance, standing)
-    return Course(
-        distance,
-        standing,
-        lambda speeds: (
-            nearest(
-                np.array([along(distance, approach, direction * v, a, reaction_s) for v in speeds])
-            ),
-            reaction_s + speeds / a,
-        ),
-    )
+
+    def at_speeds(speeds: Floats, enough: Floats) -> NearestInTime:
+        rows = [along(distance, approach, direction * v, a, reaction_s) for v in speeds]
+        counts = TIMES[:-1] <= (reaction_s + speeds / a)[:, None]
+        return nearest(np.minimum(np.where(counts, rows, np.inf).min(1), enough))
+
+    return Course(distance, standing, at_speeds)
 
 
 @given(

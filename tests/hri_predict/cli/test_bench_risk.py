@@ -1,0 +1,26 @@
+"""What the cost of judging is measured on: the size it says, and the branch that is dearest."""
+
+import numpy as np
+
+from hri_predict.cli import bench_risk
+from hri_predict.risk.nearest_in_time import BodiesInTime
+
+
+def test_the_measured_tick_is_as_large_as_it_says(monkeypatch):
+    seen = []
+    least = BodiesInTime.least
+
+    def spied(self, robot, until, enough_m):
+        seen.append((robot.radius.shape, np.asarray(until).max()))
+        return least(self, robot, until, enough_m)
+
+    monkeypatch.setattr(BodiesInTime, "least", spied)
+    zones, judge = bench_risk.risk_calls()
+    bodies, assessment = zones(), judge()
+    people, steps, segments = bodies.zones.capsules.radius.shape
+    assert (people, steps - 1, segments) == (4, 25, 20)
+    assert len(assessment.advices) == 2
+    # both robots: the present speed and all four levels, now and 25 horizons, 8 capsules
+    assert [shape for shape, _ in seen] == [(5, 26, 8)] * 2
+    assert max(last for _, last in seen) == 25  # the highest level stands only then
+    assert "25 horizons x 2 robots x 8 capsules" in bench_risk.TITLE
