@@ -5,9 +5,10 @@ windows, ``LEAST_RADIUS_M`` at least; the body's radii are those times one facto
 step, the same quantile of the largest ratio over the joints. But windows of one recording resemble
 each other, and a new recording is unlike all of them. So each recording is left out in turn, and
 all radii of a level are multiplied by the factor (1 at least) with which the others' radii would
-have held the stated share of the windows left out: cross-conformal prediction (V. Vovk, Annals of
-Mathematics and AI 74 (2015) 9; R. Barber et al., "Predictive inference with the jackknife+", Annals
-of Statistics 49 (2021) 486) with recordings for folds. A class that fewer than ``LEAST_RECORDINGS``
+have held the stated share of what was left out, every recording weighing the same. This is
+cross-conformal prediction (V. Vovk, Annals of Mathematics and AI 74 (2015) 9; R. Barber et al.,
+"Predictive inference with the jackknife+", Annals of Statistics 49 (2021) 486) with recordings for
+folds. A class that fewer than ``LEAST_RECORDINGS``
 recordings show is not calibrated, and physical limits serve there.
 
 *Guaranteed*: see ``risk.calibration``. Here the body's shape must not come from the recordings that
@@ -142,12 +143,24 @@ def _inflated(windows: _Windows, tables: dict[str, Floats]) -> dict[str, Floats]
                 radius = others[of][i, own.kind][:, own.group].swapaxes(1, 2)  # (W, H, J)
                 ratio = np.where(np.isfinite(radius), own.error / radius, np.nan)
                 ratios[of][i].append(ratio.ravel() if of == "joint" else _nanmax(ratio, 2).ravel())
-    result = {}
-    for of, table in tables.items():
-        factor = [quantiles(np.concatenate(ratios[of][i]))[i] for i in range(len(LEVELS))]
-        usable = np.where(np.isfinite(factor), np.maximum(factor, 1.0), 1.0)
-        result[of] = table * usable[:, None, None, None]
+    result: dict[str, Floats] = {}
+    for of in OFS:
+        factor = [_of_equals(found, level) for found, level in zip(ratios[of], LEVELS, strict=True)]
+        result[of] = tables[of] * np.maximum(factor, 1.0)[:, None, None, None]
     return result
+
+
+def _of_equals(samples: Sequence[Floats], level: float) -> float:
+    """The quantile of several samples that weigh the same, whatever their sizes; 1 of none."""
+    known = [values[np.isfinite(values)] for values in samples]
+    known = [values for values in known if values.size]
+    if not known:
+        return 1.0
+    values = np.concatenate(known)
+    weight = np.concatenate([np.full(v.size, 1.0 / v.size) for v in known])
+    order = np.argsort(values)
+    reached = np.cumsum(weight[order]) / len(known)
+    return float(values[order][min(int(reached.searchsorted(level - 1e-12)), values.size - 1)])
 
 
 def _guaranteed(
@@ -194,7 +207,7 @@ def _ranked(values: Floats, level: float) -> Floats:
 
 
 def quantiles(values: Floats) -> Floats:
-    """(L,) the values of rank ceil((n + 1) l) of n finite ones, at most the largest; inf of none."""
+    """(L,) the values of rank ceil((n + 1) l) of n finite ones, or the largest; inf of none."""
     known = np.sort(values[np.isfinite(values)])
     if not known.size:
         return np.full(len(LEVELS), np.inf)
