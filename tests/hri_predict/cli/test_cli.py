@@ -319,8 +319,15 @@ def test_predictors(cli):
     assert "kalman" in out
 
 
-@pytest.mark.parametrize("name", ["demo.yaml", "assembly.yaml"])
-def test_check_of_what_is_shipped(cli, name):
+@pytest.mark.parametrize(
+    ("name", "links"),
+    [
+        ("demo.yaml", ["drive", "monitor"]),
+        ("assembly.yaml", ["drive", "monitor"]),
+        ("simulate.yaml", ["drive"]),
+    ],
+)
+def test_check_of_what_is_shipped(cli, name, links):
     if name == "assembly.yaml" and not SHARED.is_dir():
         pytest.skip("needs ../shared/data")
     status, out, err = cli("check", data_path(name), "--json")
@@ -328,7 +335,7 @@ def test_check_of_what_is_shipped(cli, name):
     data = json.loads(out)
     assert data["reaction_s"] == pytest.approx(sum(data["delay_budget_s"].values()))
     assert data["until_stopped_s"]["arm"] <= data["horizon_s"]
-    assert [link["name"] for link in data["links"]] == ["drive", "monitor"]
+    assert [link["name"] for link in data["links"]] == links
     for link in data["links"]:
         assert link["load"] == pytest.approx(sum(link["details"].values()))
         assert 0 < link["load"] < 1

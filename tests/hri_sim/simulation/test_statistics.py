@@ -36,7 +36,7 @@ def test_one_recording_has_no_spread():
 def test_the_interval_narrows_with_recordings_and_holds_the_value():
     rng = np.random.default_rng(0)
     hits = (rng.random(400) < 0.3).astype(float)
-    few, many = (ratio([str(i) for i in range(n)], hits[:n], [1.0] * n) for n in (20, 400))
+    few, many = (ratio([str(i) for i in range(n)], hits[:n].tolist(), [1.0] * n) for n in (20, 400))
     for estimate in (few, many):
         assert None not in (estimate.low, estimate.high)
         assert (estimate.low or 0.0) <= (estimate.value or 0.0) <= (estimate.high or 0.0)
