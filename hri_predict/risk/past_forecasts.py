@@ -49,8 +49,8 @@ def mean_error(errors: Floats, judged: Bools) -> Floats:
 
 def _lower_step(steps: Floats, horizon_steps: int) -> tuple[Ints, Floats]:
     """The knot before each time, and the share of the way from it to the next."""
-    lower = np.clip(steps.astype(np.intp), 0, horizon_steps - 1)
-    return lower, np.clip(steps - lower, 0.0, 1.0)
+    lower = np.minimum(np.maximum(steps.astype(np.intp), 0), horizon_steps - 1)
+    return lower, np.minimum(np.maximum(steps - lower, 0.0), 1.0)
 
 
 def _distance(below: Floats, above: Floats, part: Floats, truth: Floats) -> Floats:
@@ -172,7 +172,8 @@ class PastForecasts:
         slot, lead = slots[person], age[person, at]
         steps = lead * self._rate_hz
         lower, part = _lower_step(steps, self._horizon_steps)
-        step = np.clip(np.ceil(steps - 1e-6).astype(np.intp) - 1, 0, self._horizon_steps - 1)
+        step = np.ceil(steps - 1e-6).astype(np.intp) - 1
+        step = np.minimum(np.maximum(step, 0), self._horizon_steps - 1)
         # taking rows from flat tables is several times faster than indexing by three arrays
         row = slot * self._size + at
         knot = row * (self._horizon_steps + 1) + lower

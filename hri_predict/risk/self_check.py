@@ -251,12 +251,13 @@ class SelfCheck:
             slots, capture, snapshot.last_positions[new], snapshot.joint_age_s[new] < _FRESH_S
         )
         self._note_surprise(judged, slots, capture)
-        sign = self._adapt(judged, slots, np.clip(elapsed, 0.0, MAX_DT_S))
+        sign = self._adapt(judged, slots, np.minimum(np.maximum(elapsed, 0.0), MAX_DT_S))
         if self._ranges is not None:
             sign |= self._is_wrong_at_once(judged, len(new), self._ranges)
+            everybody = len(new) == len(snapshot.ids)  # as mostly: then nothing needs to be copied
             sign |= is_out_of_range(
-                snapshot.history[new],
-                snapshot.observed[new],
+                snapshot.history if everybody else snapshot.history[new],
+                snapshot.observed if everybody else snapshot.observed[new],
                 self._rate_hz,
                 PARENTS,
                 self._ranges,
@@ -269,9 +270,11 @@ class SelfCheck:
         """Of each person the error of the forecast made (nearly) ``SURPRISE_S`` ago."""
         off = np.abs(judged.lead_s - SURPRISE_S)
         near = np.flatnonzero(off <= 0.5 / self._rate_hz + 1e-9)
-        order = near[np.lexsort((off[near], judged.person[near]))]
-        person, first = np.unique(judged.person[order], return_index=True)
-        row = order[first]
+        near = near[np.argsort(-off[near], kind="stable")]  # the nearest last
+        row_of = np.full(len(slots), -1, np.intp)
+        row_of[judged.person[near]] = near  # of several the last stays
+        person = np.flatnonzero(row_of >= 0)
+        row = row_of[person]
         value = mean_error(judged.errors[row], judged.seen[row])
         known = ~np.isnan(value)
         person, value = person[known], value[known]
