@@ -47,6 +47,8 @@ class SerialLinkSettings(LinkSettings):
     @property
     def blocking_s(self) -> float:
         """What is written ahead of the wire, and the longest frame of a Zone or Pose after it."""
+        if not self.zones:
+            return 0.0
         frames = (wire_bits(message, "serial").seconds(self.baudrate) for message in BULK)
         return BULK_AHEAD_NS * 1e-9 + max(frames)
 

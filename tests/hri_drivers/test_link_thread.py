@@ -277,6 +277,21 @@ def test_zones_take_only_the_room_that_is_left(kind):
     assert counters.messages_sent + counters.decimated + len(link._slots) == posted
 
 
+def test_a_link_without_zones_carries_none_and_is_never_blocked_by_one():
+    clock = VirtualClock()
+    settings = SerialLinkSettings(name="cell", port="pipe", zones=False)
+    near, far = pipe()  # type: ignore[var-annotated]
+    pair = Pair(SerialLink(settings, clock, near), Peer(far, SerialSender(), SerialReceiver()))
+    pair.peer.transport.open()
+    pair.link.post(zone())
+    pair.link.post(advice())
+    pair.link.service(clock.now_ns())
+    pair.peer.listen()
+    assert [type(message) for message in pair.peer.heard] == [Advice]
+    assert pair.link.counters.decimated == 1
+    assert settings.blocking_s == 0.0 < settings.model_copy(update={"zones": True}).blocking_s
+
+
 def test_in_real_time_an_advice_waits_for_one_frame_of_a_zone_at_most():
     """At 115200 baud a whole Zone takes 37 ms of wire; nothing urgent may wait that long."""
     clock, (near, far) = VirtualClock(), pipe()  # type: ignore[var-annotated]

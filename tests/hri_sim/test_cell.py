@@ -38,8 +38,8 @@ def can(simulate, name="monitor", **more):
 class Played:
     """A cell with a drive on serial and a monitor on CAN, and a played node that hears both."""
 
-    def __init__(self):
-        links = [serial(DRIVE), can(MONITOR)]
+    def __init__(self, **drive):
+        links = [serial(DRIVE | drive), can(MONITOR)]
         self.clock = VirtualClock(START)
         self.cell = MockCell(links, [ARM], None, self.clock)
         self.ends = self.cell.transports()
@@ -103,6 +103,35 @@ def test_the_arm_moves_when_both_controllers_allow_it_and_both_report_it():
     assert (drive.name, drive.role, monitor.role) == ("drive", "drive", "monitor")
     assert drive.crc_errors == monitor.crc_errors == 0
     assert drive.stops == 0
+
+
+def test_the_arm_starts_where_in_its_cycle_it_is_told_to():
+    played = Played(start_s=3.4).run(80, {"drive": STOP})
+    assert played.cell.path_s() == {"arm": 3.4}
+
+
+def test_what_the_drive_hears_and_says_is_late_at_its_end_of_the_wire():
+    late = [{"kind": "delay", "delay_s": 0.1}]
+    played = Played(faults=late).run(1000)
+    prompt = Played().run(1000)
+    ways = played.cell.stop()[0].round_trip_p50_s - prompt.cell.stop()[0].round_trip_p50_s
+    # 0.1 s each way, and up to a cycle of the drive and of the node until it is noticed
+    assert 0.2 <= ways <= 0.25
+    assert len(prompt.states["drive"]) - len(played.states["drive"]) == pytest.approx(5, abs=2)
+
+
+def test_the_same_seed_loses_the_same_at_the_drives_end():
+    def heard(seed):
+        loss = [{"kind": "drop", "probability": 0.2}]
+        return [s.counter for s in Played(faults=loss, fault_seed=seed).run(2000).states["drive"]]
+
+    assert heard(1) == heard(1) != heard(2)
+    assert len(heard(1)) == pytest.approx(80, abs=12)  # of 100
+
+
+def test_an_unknown_fault_of_the_drive_is_refused():
+    with pytest.raises(ConfigError, match=r"links\.drive\.simulate\.faults.*unknown fault 'drip'"):
+        Played(faults=[{"kind": "drip"}])
 
 
 @pytest.mark.parametrize("who", ["drive", "monitor"])

@@ -28,8 +28,8 @@ class Ball:
         return np.abs(qd[..., 0])
 
 
-def referee_of_ball():
-    return Referee([Ball()])  # type: ignore[list-item]  # all that it asks of a robot model
+def referee_of_ball(clearance_m=0.0):
+    return Referee([Ball()], clearance_m)  # type: ignore[list-item]  # all that it asks of a robot model
 
 
 def joints(**at):
@@ -198,3 +198,18 @@ def test_true_people_are_interpolated_between_scenes():
         assert list(np.flatnonzero(observed)) == [wrist]
     assert truth.at(2035 * MS)[7][0][wrist, 0] == 50  # about to leave: held until the next scene
     assert truth.at(2040 * MS) == {}
+
+
+def test_a_violation_is_time_and_depth_of_moving_too_near():
+    referee = referee_of_ball(clearance_m=0.3)
+    here = {1: forearm(1.0)}
+    gap = 1.0 - TOUCH
+    referee.observe(0, here, ball(gap - 0.4, 0.5))
+    referee.observe(200 * MS, here, ball(gap - 0.2, 0.5))  # from half way on nearer than 0.3 m
+    assert referee.violation_s == pytest.approx(0.1, abs=0.011)
+    assert referee.violation_m == pytest.approx(0.1)
+    assert referee.contacts == 0
+    referee.observe(240 * MS, here, ball(gap - 0.2, 0.0))  # interpolated: it comes to rest
+    before = referee.violation_s
+    referee.observe(640 * MS, here, ball(gap - 0.2, 0.0))  # standing is no violation
+    assert referee.violation_s == before

@@ -1,5 +1,6 @@
 """The closed loop by the thousand: ``hri-predict simulate``."""
 
+import hashlib
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -10,7 +11,10 @@ from typing import Any
 
 import numpy as np
 
+import hri_predict
+import hri_sim
 from hri_predict.errors import ConfigError
+from hri_predict.settings import data_path
 from hri_sim.simulation.cell import Cell, variants
 from hri_sim.simulation.publish import Result, report
 from hri_sim.simulation.report import Judged, Row, judged
@@ -19,6 +23,7 @@ from hri_sim.simulation.work import ALONE, Block, Plan, blocks, episodes, run_bl
 
 __all__ = ["Request", "Result", "report", "simulate"]
 
+_DECIDING = (".py", ".yaml", ".json", ".safetensors")
 CHECKED_SHARE = 0.02
 CHECKED_LEAST = 3
 
@@ -98,7 +103,19 @@ def _decided_by(plan: Plan) -> dict[str, Any]:
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
+        "code": _code(),
     }
+
+
+def _code() -> str:
+    """What the numbers follow from besides: programs, weights, calibrations, robots."""
+    digest = hashlib.sha256()
+    folders = [Path(str(package.__file__)).parent for package in (hri_predict, hri_sim)]
+    for folder in (*folders, data_path()):
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in _DECIDING):
+            digest.update(str(path.relative_to(folder)).encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Block, dict[str, Any]]]:

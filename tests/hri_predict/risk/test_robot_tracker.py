@@ -69,6 +69,15 @@ def test_a_good_state_is_carried_on_by_its_velocity() -> None:
     assert now.uncertainty_m == pytest.approx(5.0 * 0.04**2 / 2)
 
 
+def test_a_state_is_carried_on_over_its_links_delay_too() -> None:
+    followed = tracker({"kind": "state", "stale_s": 0.1, "delay_s": 0.1})
+    followed.update(state(), 1000 * MS)
+    now = followed.at(1040 * MS)
+    assert now.reasons == ()  # it is as fresh as it can be
+    np.testing.assert_allclose(known(now)[0], np.array(Q) + 0.14 * np.array(QD))
+    assert now.uncertainty_m == pytest.approx(5.0 * 0.14**2 / 2)
+
+
 def test_it_goes_stale_and_recovers() -> None:
     followed = tracker()
     followed.update(state(1), 0)
