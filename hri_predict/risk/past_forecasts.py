@@ -78,7 +78,8 @@ class Judged:
         claimed: (N, J) seen, and the radius was finite.
         ratio: (N, J) error over calibrated radius, infinite where that was not a positive number;
             -infinity where not claimed.
-        widened: (N,) the factor that was in force when the forecast was made.
+        widened: (N,) the factor that was in force when the forecast was made; NaN: the radii were
+            not in use.
     """
 
     person: Ints
@@ -143,7 +144,7 @@ class PastForecasts:
             seen: (J,) observed at that capture.
             forecast: (H, J, 3) metres.
             radius: (H, J) calibrated radii, metres; infinite: nothing is claimed.
-            widened: (H,) factors on them.
+            widened: (H,) factors on them; NaN: they are not in use.
         """
         newest = int(self._newest[slot])
         if newest != NEVER and 0 <= capture_ns - newest < self._spacing_ns:

@@ -181,7 +181,9 @@ class SelfCheck:
         """
         slot_of = {number: slot for slot, number in enumerate(self._ids) if number is not None}
         fresh = snapshot.joint_age_s < _FRESH_S
-        factor = self._widening.factor(np.arange(len(self._ids)))[:, self._band]
+        every = np.arange(len(self._ids))
+        factor = self._widening.factor(every)[:, self._band]
+        factor[self._is_unlike(every, self._capture_ns)] = np.nan  # their radii are not used
         for person, number in enumerate(snapshot.ids):
             slot = slot_of.get(number)
             if slot is not None:
@@ -292,19 +294,21 @@ class SelfCheck:
         # of the whole body, its worst joint decides
         ratio = judged.ratio.max(1, keepdims=True) if self._of == "body" else judged.ratio
         joints = np.maximum(claimed.sum(1), 1) if self._of == "joint" else 1
+        used = ~np.isnan(judged.widened)
         sums = self._by_band(
             judged,
             len(slots),
             [
                 np.where(some, 1.0, 0.0),
+                np.where(some & used, 1.0, 0.0),
                 (ratio > 1.0).sum(1) / joints,
                 (ratio > factor[:, None]).sum(1) / joints,
                 (ratio > judged.widened[:, None]).sum(1) / joints,
                 np.where(some, np.minimum(mean_error(judged.errors, claimed), _MAX_ERROR_M), 0.0),
             ],
         )
-        count, bare, now, then, error = sums
-        self._tally.add(slots, count, bare, then, error)
+        count, in_use, bare, now, then, error = sums
+        self._tally.add(slots, np.stack([count, in_use, bare, then, error], axis=1))
 
         share_of = np.maximum(count, 1.0)
         return self._widening.update(slots, dt, count > 0, bare / share_of, now / share_of)
@@ -331,9 +335,7 @@ class SelfCheck:
         stamps = self._surprise_ns[slots]
         recent = (stamps >= since) & (stamps <= capture[:, None]) & kept[:, None]
         worst = np.where(recent, self._surprise[slots], -np.inf).max(1)
-        sign = self._sign_ns[slots]
-        held = (sign != NEVER) & (capture - np.maximum(sign, 0) <= self._hold_ns)
-        unlike = held | ~kept
+        unlike = self._is_unlike(slots, capture) | ~kept
         widen = np.where(kept[:, None], self._widening.factor(slots)[:, self._band], 1.0)
         return Trust(
             surprise_m=np.where(worst >= 0, worst, np.nan),
@@ -341,6 +343,11 @@ class SelfCheck:
             unlike=unlike,
             reasons=_reasons(widen, unlike),
         )
+
+    def _is_unlike(self, slots: Ints, capture: Stamps) -> Bools:
+        """(Q,) who showed a sign of it within the hold time before ``capture`` (Q,)."""
+        sign = self._sign_ns[slots]
+        return (sign != NEVER) & (capture - np.maximum(sign, 0) <= self._hold_ns)
 
 
 def _reasons(widen: Floats, unlike: Bools) -> tuple[Reason, ...]:

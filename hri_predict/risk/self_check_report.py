@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from hri_predict.scene import Bools, Floats
 
+_SUMS = 5
+"""Judged, judged whose radii were in use, missed as calibrated, missed as used, mean errors."""
 _MAX_IDS = 64
 """Ids kept in the report; ids that flicker must not fill the memory."""
 
@@ -22,9 +24,8 @@ class Tally:
 
     def __init__(self, people: int, bands_s: Sequence[float]) -> None:
         self._bands_s = tuple(bands_s)
-        # judged, missed as calibrated, missed as widened, sum of mean errors
-        self._sums: Floats = np.zeros((people, 4, len(bands_s)))
-        self._past: Floats = np.zeros((4, len(bands_s)))
+        self._sums: Floats = np.zeros((people, _SUMS, len(bands_s)))
+        self._past: Floats = np.zeros((_SUMS, len(bands_s)))
         self._left: dict[int, Floats] = {}
         self._ticks = self._widened_ticks = self._unlike_ticks = 0
         self._largest = 1.0
@@ -36,11 +37,9 @@ class Tally:
         self._unlike_ticks += bool(unlike.any())
         self._largest = max(self._largest, float(widen.max(initial=1.0)))
 
-    def add(
-        self, slots: NDArray[np.intp], count: Floats, bare: Floats, then: Floats, error: Floats
-    ) -> None:
-        """Add sums (Q, B) to those of Q people: judged, missed (two ways), mean errors."""
-        self._sums[slots] += np.stack([count, bare, then, error], axis=1)
+    def add(self, slots: NDArray[np.intp], sums: Floats) -> None:
+        """Add (Q, ``_SUMS``, B) to those of Q people."""
+        self._sums[slots] += sums
 
     def close(self, slot: int, number: int) -> None:
         """The person in a slot, of this id, has gone."""
@@ -54,9 +53,10 @@ class Tally:
     def report(self, ids: Sequence[int | None]) -> dict[str, Any]:
         """Everything since the start; ``ids`` are those in the slots now.
 
-        ``covered`` is the share of judged forecasts (or joints) that held with the widening in
-        force when they were made, ``covered_as_calibrated`` without. Shares are ``None`` where
-        nothing was judged. The newest ids are listed by themselves.
+        ``covered`` is the share of the ``judged_in_use`` (or of their joints) that held with the
+        widening in force when they were made; forecasts of people who were unlike then are not
+        among them. ``covered_as_calibrated`` is the share of all ``judged`` without widening.
+        Shares are ``None`` where nothing was judged. The newest ids are listed by themselves.
         """
         people = dict(self._left)
         for slot, number in enumerate(ids):
@@ -83,10 +83,11 @@ class Tally:
 
 
 def _shares(sums: Floats) -> dict[str, Any]:
-    judged, bare, then, error = (float(value) for value in sums)
+    judged, used, bare, then, error = (float(value) for value in sums)
     return {
         "judged": round(judged),
-        "covered": 1.0 - then / judged if judged else None,
+        "judged_in_use": round(used),
+        "covered": 1.0 - then / used if used else None,
         "covered_as_calibrated": 1.0 - bare / judged if judged else None,
         "mean_error_m": error / judged if judged else None,
     }

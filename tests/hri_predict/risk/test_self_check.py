@@ -141,6 +141,26 @@ def test_at_its_bound_a_factor_that_still_misses_is_unlike():
     assert trusts[-1].reasons == (Reason.MOTION_UNLIKE,)
 
 
+def test_the_report_tells_radii_in_use_from_those_that_were_not():
+    check = checker()
+    drive(check, 30, 0.5)
+    report = check.report()
+    # forecasts of ticks 0 to 28 are judged 3 times but the last two, 2 and 1 times, and tick 29's
+    # not at all; those of ticks 0 to 8 were made before the bound was reached
+    assert report["judged"] == 27 * 3 + 2 + 1
+    assert report["judged_in_use"] == 9 * 3
+    assert report["covered"] == 0.0
+    assert report["covered_as_calibrated"] == 0.0
+    assert report["ticks"] == 30
+    assert report["ticks_unlike"] == 30 - 9
+    assert report["ticks_widened"] == 29  # from the tick after the first forecast
+    assert report["largest_factor"] == pytest.approx(4.0)
+    assert report["mean_error_m"] == pytest.approx(0.5)
+    first = report["horizons"][0]
+    assert first["up_to_s"] == pytest.approx(0.12)
+    assert first["judged"] == report["judged"]
+
+
 def test_unlike_is_held_and_then_over():
     check = checker(unlike_hold_s=0.5, recover_s=1.0)
     assert drive(check, 30, 0.5)[-1].unlike[0]
