@@ -11,10 +11,13 @@ from rich.table import Table
 
 from hri_predict import assemble, registry
 from hri_predict import config as configuration
+from hri_predict.assemble import Assembly
 from hri_predict.cli.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.config import Config
 from hri_predict.errors import HriPredictError
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.robot_judge import worst_distance
 
 
 def check(
@@ -44,6 +47,8 @@ def check(
         return
     console = Console()
     console.print(_delay_table(found))
+    if found["risk"]["robots"]:
+        console.print(_risk_table(found["risk"]))
     if found["links"]:
         console.print(_load_table(found["links"]))
     for note in found["notes"]:
@@ -76,6 +81,7 @@ def examine(config: Config) -> dict[str, Any]:
         for model, settings in zip(assembly.robots, config.node.robots, strict=True)
     }
     reaction = sum(budget.terms().values())
+    risk = _risk_needs(config, assembly, budget)
     return {
         "path": str(config.path),
         "delay_budget_s": budget.terms(),
@@ -85,9 +91,24 @@ def examine(config: Config) -> dict[str, Any]:
         "until_stopped_s": {name: reaction + t for name, (t, _) in stops.items()},
         "horizon_s": assembly.prediction.predictor.horizon_steps
         / assembly.prediction.predictor.rate_hz,
+        "risk": risk,
         "links": [asdict(load) for load in loads],
-        "notes": _notes(config),
+        "notes": [*_notes(config), *_radius_note(risk)],
     }
+
+
+def _risk_needs(config: Config, assembly: Assembly, budget: DelayBudget) -> dict[str, Any]:
+    """The mode, and per robot the distance that it needs at full speed and the longest delay."""
+    risk, robots = config.node.risk, {}
+    for settings, model in zip(config.node.robots, assembly.robots, strict=True):
+        worst = worst_distance(risk, settings, model, budget)
+        robots[settings.name] = {
+            **asdict(worst),
+            "protective_distance_m": worst.total,
+            "reach_m": model.reach_m,
+            "fixed_radius_m": risk.fixed_radius_m or model.reach_m + worst.total,
+        }
+    return {"mode": risk.mode, "robots": robots}
 
 
 def _notes(config: Config) -> list[str]:
@@ -101,6 +122,48 @@ def _notes(config: Config) -> list[str]:
     if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):
         notes.append("a robot with motion 'standing' is taken to stand still for ever")
     return notes
+
+
+def _radius_note(risk: dict[str, Any]) -> list[str]:
+    """Circles that were set, and set too small even for a robot that stays within its reach."""
+    if risk["mode"] != "fixed":
+        return []
+    notes = []
+    for name, needs in risk["robots"].items():
+        least = needs["reach_m"] + sum(needs[term] for term in ("s_h", "c", "z_d", "z_r"))
+        if needs["fixed_radius_m"] < least:
+            notes.append(
+                f"risk.fixed_radius_m {needs['fixed_radius_m']:g} is below the reach of robot"
+                f" {name} + S_h + C + Z_d + Z_r, {least:.2f} m: who walks in may be touched before"
+                " it stands"
+            )
+    return notes
+
+
+_TERMS = {
+    "s_h": "S_h: the person, until the robot stands",
+    "s_r": "S_r: the robot, until it brakes",
+    "s_s": "S_s: the robot's braking",
+    "c": "C: risk.intrusion_m",
+    "z_d": "Z_d: risk.person_uncertainty_m",
+    "z_r": "Z_r: risk.robot_uncertainty_m",
+}
+
+
+def _risk_table(risk: dict[str, Any]) -> Table:
+    """What the risk mode needs of the room."""
+    table = Table(
+        title=f"Risk mode {risk['mode']}: at full speed and the longest delay", title_justify="left"
+    )
+    table.add_column("distance, m")
+    for name in risk["robots"]:
+        table.add_column(name, justify="right")
+    rows = _TERMS | {"protective_distance_m": "S_p: protective separation distance"}
+    if risk["mode"] == "fixed":
+        rows |= {"reach_m": "the robot's reach", "fixed_radius_m": "radius of the circle"}
+    for key, text in rows.items():
+        table.add_row(text, *(f"{needs[key]:.2f}" for needs in risk["robots"].values()))
+    return table
 
 
 def _delay_table(found: dict[str, Any]) -> Table:

@@ -11,9 +11,16 @@ from hri_predict.risk.geometry import horizontal_distance
 from hri_predict.risk.levels import Demand, demand_of, margins
 from hri_predict.risk.nearest_in_time import BodiesInTime, NearestInTime, nearest_in_time
 from hri_predict.risk.retreat import retreat_steps
+from hri_predict.risk.robot import RobotModel, RobotSettings
 from hri_predict.risk.robot_motion import RobotMotion
 from hri_predict.risk.robot_tracker import RobotNow, RobotTracker
-from hri_predict.risk.separation import Finding, StoppingCurve, worst_of
+from hri_predict.risk.separation import (
+    Finding,
+    ProtectiveDistance,
+    StoppingCurve,
+    protective_distance,
+    worst_of,
+)
 from hri_predict.risk.separation_in_time import Course, farthest, judge_in_time
 from hri_predict.risk.separation_now import judge_fixed, judge_iso, judge_retreat
 from hri_predict.risk.settings import RiskSettings
@@ -274,9 +281,10 @@ class RobotJudge:
 
     def _needed_m(self, human_m_s: float = 0.0) -> float:
         """S_p at the highest speed and the longest delay."""
-        reaction_s = self._budget.reaction_s(self._budget.stale_s, self.name)
-        clearance_m = self._settings.clearance_m
-        return float(self._curve.required_m(reaction_s, clearance_m, human_m_s)[-1])
+        tracker, budget = self.tracker, self._budget
+        return worst_distance(
+            self._settings, tracker.settings, tracker.model, budget, human_m_s
+        ).total
 
     def _over_time(self, course: Course, motion: RobotMotion) -> Finding:
         return judge_in_time(
@@ -298,6 +306,25 @@ class RobotJudge:
             self._farthest_of = key
             self._farthest_m = farthest(self._curve, motion.times_s, motion.until_braking_s)
         return self._farthest_m
+
+
+def worst_distance(
+    settings: RiskSettings,
+    robot: RobotSettings,
+    model: RobotModel,
+    budget: DelayBudget,
+    human_m_s: float = 0.0,
+) -> ProtectiveDistance:
+    """S_p at a robot's highest speed and the longest delay, term by term."""
+    return protective_distance(
+        robot.max_speed_m_s,
+        budget.reaction_s(budget.stale_s, robot.name),
+        *model.stopping(robot.max_speed_m_s),
+        intrusion_m=settings.intrusion_m,
+        person_uncertainty_m=settings.person_uncertainty_m,
+        robot_uncertainty_m=settings.robot_uncertainty_m,
+        human_m_s=human_m_s,
+    )
 
 
 def _reason(finding: Finding, bodies: BodyZones) -> Reason:
