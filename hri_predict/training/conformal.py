@@ -4,7 +4,7 @@
 windows, ``LEAST_RADIUS_M`` at least; the body's radii are those times one factor per class and
 step, the same quantile of the largest ratio over the joints. But windows of one recording resemble
 each other, and a new recording is unlike all of them. So each recording is left out in turn, and
-all radii of a level are multiplied by the factor (1 at least) with which the others' radii would
+the radii of a level and class are multiplied by the factor (1 at least) with which the others' radii would
 have held the stated share of what was left out, every recording weighing the same. This is
 cross-conformal prediction (V. Vovk, Annals of Mathematics and AI 74 (2015) 9; R. Barber et al.,
 "Predictive inference with the jackknife+", Annals of Statistics 49 (2021) 486) with recordings for
@@ -134,20 +134,24 @@ def _estimated(windows: _Windows) -> dict[str, Floats]:
 
 def _inflated(windows: _Windows, tables: dict[str, Floats]) -> dict[str, Floats]:
     """The radii times what makes those of the others hold each recording; see the module."""
-    ratios: dict[str, list[list[Floats]]] = {of: [[] for _ in LEVELS] for of in OFS}
-    for left_out in np.unique(windows.unit):
-        mine = windows.unit == left_out
-        others, own = _estimated(windows.of(~mine)), windows.of(mine)
-        for of in OFS:
-            for i in range(len(LEVELS)):
-                radius = others[of][i, own.kind][:, own.group].swapaxes(1, 2)  # (W, H, J)
-                ratio = np.where(np.isfinite(radius), own.error / radius, np.nan)
-                ratios[of][i].append(ratio.ravel() if of == "joint" else _nanmax(ratio, 2).ravel())
-    result: dict[str, Floats] = {}
+    result = {of: table.copy() for of, table in tables.items()}
+    left_out = [windows.unit == unit for unit in np.unique(windows.unit)]
+    others = [_estimated(windows.of(~mine)) for mine in left_out]
+    own = [windows.of(mine) for mine in left_out]
     for of in OFS:
-        factor = [_of_equals(found, level) for found, level in zip(ratios[of], LEVELS, strict=True)]
-        result[of] = tables[of] * np.maximum(factor, 1.0)[:, None, None, None]
+        for i, level in enumerate(LEVELS):
+            ratios = [_ratios(w, radii[of][i], of) for w, radii in zip(own, others, strict=True)]
+            for c in range(len(CLASSES)):
+                chosen = [r[w.kind == c].ravel() for w, r in zip(own, ratios, strict=True)]
+                result[of][i, c] *= max(1.0, _of_equals(chosen, level))
     return result
+
+
+def _ratios(windows: _Windows, table: Floats, of: str) -> Floats:
+    """Errors over the radii (C, G, H) of a table: (W, H, J) of joints, (W, H) of the body."""
+    radius = table[windows.kind][:, windows.group].swapaxes(1, 2)
+    ratio = np.where(np.isfinite(radius), windows.error / radius, np.nan)
+    return ratio if of == "joint" else _nanmax(ratio, 2)
 
 
 def _of_equals(samples: Sequence[Floats], level: float) -> float:
