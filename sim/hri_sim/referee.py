@@ -50,6 +50,7 @@ class Referee:
         min_separation_m: smallest distance of any body from any robot, at most 0 when they touched;
             ``None`` while nobody was seen.
         contacts, contacts_standing: see above.
+        moving_separation_m: the same while the robot moved (faster than 10 mm/s).
         violation_s, violation_m: how long a robot moved (faster than 10 mm/s) while somebody was
             nearer than ``clearance_m``, and by how much at most.
         observations: how many instants were judged.
@@ -63,6 +64,7 @@ class Referee:
         self._standing_touches = 0
         self._clearance_m = clearance_m
         self.min_separation_m: float | None = None
+        self.moving_separation_m: float | None = None
         self.violation_s = self.violation_m = 0.0
         self.contacts = 0
         self.observations = 0
@@ -82,9 +84,7 @@ class Referee:
             for name, (q, qd) in robots.items():
                 robot, speed = self._motion(name, q, qd, times)
                 gaps = self._judge(ids, bodies, name, robot, speed)
-                depths = np.where(speed > MOVING_M_S, self._clearance_m - gaps.min(axis=0), 0.0)
-                self.violation_m = max(self.violation_m, float(depths.max()))
-                self.violation_s += elapsed_s * np.count_nonzero(depths > 0) / len(times)
+                self._measure(gaps.min(axis=0)[speed > MOVING_M_S], elapsed_s / len(times))
         gone = [key for key in self._touches if key[0] not in people]
         for key in gone:
             del self._touches[key]
@@ -152,6 +152,15 @@ class Referee:
             for gap, fastest in zip(row, speed, strict=True):
                 self._follow(touch, float(gap), float(fastest))
         return distance
+
+    def _measure(self, gaps: Floats, step_s: float) -> None:
+        """Distances (M,) at the instants at which a robot moved, ``step_s`` apart."""
+        least = float(gaps.min(initial=np.inf))
+        if math.isfinite(least):
+            known = self.moving_separation_m
+            self.moving_separation_m = least if known is None else min(known, least)
+            self.violation_m = max(self.violation_m, self._clearance_m - least)
+        self.violation_s += step_s * np.count_nonzero(gaps < self._clearance_m)
 
     def _follow(self, touch: _Touch, gap: float, fastest: float) -> None:
         if gap > RELEASE_M:

@@ -208,8 +208,12 @@ def test_a_violation_is_time_and_depth_of_moving_too_near():
     referee.observe(200 * MS, here, ball(gap - 0.2, 0.5))  # from half way on nearer than 0.3 m
     assert referee.violation_s == pytest.approx(0.1, abs=0.011)
     assert referee.violation_m == pytest.approx(0.1)
+    assert referee.moving_separation_m == pytest.approx(0.2)
     assert referee.contacts == 0
     referee.observe(240 * MS, here, ball(gap - 0.2, 0.0))  # interpolated: it comes to rest
     before = referee.violation_s
     referee.observe(640 * MS, here, ball(gap - 0.2, 0.0))  # standing is no violation
+    referee.observe(680 * MS, {1: forearm(0.9)}, ball(gap - 0.2, 0.0))
     assert referee.violation_s == before
+    assert referee.moving_separation_m == pytest.approx(0.2)
+    assert referee.min_separation_m == pytest.approx(0.1)

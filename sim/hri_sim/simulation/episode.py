@@ -45,7 +45,8 @@ class Log:
         q, path_s: robot name -> (K) joints (N,), and seconds of full speed along its path, not
             wrapped at the cycle's end.
         levels: (K) of each robot's advice.
-        contacts, contacts_standing, min_separation_m, violation_s, violation_m: the referee's.
+        contacts, contacts_standing, min_separation_m, moving_separation_m, violation_s,
+            violation_m: the referee's.
         controllers: their reports.
     """
 
@@ -57,6 +58,7 @@ class Log:
     contacts: int = 0
     contacts_standing: int = 0
     min_separation_m: float | None = None
+    moving_separation_m: float | None = None
     violation_s: float = 0.0
     violation_m: float = 0.0
     controllers: Sequence[ControllerReport] = ()
@@ -251,6 +253,7 @@ class _Recorder:
         log.levels = [watch.levels[stamp] for stamp in self._stamps]
         log.contacts, log.contacts_standing = referee.contacts, referee.contacts_standing
         log.min_separation_m = referee.min_separation_m
+        log.moving_separation_m = referee.moving_separation_m
         log.violation_s, log.violation_m = referee.violation_s, referee.violation_m
         log.controllers = reports
         return log

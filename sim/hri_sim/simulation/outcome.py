@@ -39,6 +39,7 @@ class Outcome:
         seconds: somebody is there.
         contacts, contacts_standing: the referee's.
         min_separation_m: the smallest distance; ``None`` if nobody was seen.
+        moving_separation_m: the same while the robot moved; ``None`` if it did not.
         violation_s, violation_m: moving although nearer than C + Z_d + Z_r: time, greatest depth.
         stops: protective stops, that is on advice.
         wire_stops: stops because the wire lost too much.
@@ -57,6 +58,7 @@ class Outcome:
     contacts: int = 0
     contacts_standing: int = 0
     min_separation_m: float | None = None
+    moving_separation_m: float | None = None
     violation_s: float = 0.0
     violation_m: float = 0.0
     stops: int = 0
@@ -140,6 +142,7 @@ def outcome(cell: Cell, scenario: Scenario, log: Log, alone: Log, truth: Truth) 
         log.contacts,
         log.contacts_standing,
         log.min_separation_m,
+        log.moving_separation_m,
         log.violation_s,
         log.violation_m,
         judged_s=max(0.0, float(times[-1] - times[start]) - HORIZON_S),

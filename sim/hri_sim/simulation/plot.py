@@ -30,62 +30,73 @@ def write_plots(results: Sequence[Judged], out: Path) -> list[Path]:
 def bars(results: Sequence[Judged]) -> Figure:
     """One panel for each measure, one bar for each predictor and mode, with 95 % intervals."""
     names = [_name(r, results) for r in results]
-    figure = Figure(figsize=(13, 1.6 + 2 * (1.0 + 0.3 * len(results))), layout="constrained")
-    panels = figure.subplots(2, 4, sharey=True)
+    figure = Figure(figsize=(13, 1.8 + 3 * (0.8 + 0.3 * len(results))), layout="constrained")
+    panels = figure.subplots(3, 3, sharey=True)
     for panel, metric in zip(panels.flat, METRICS, strict=True):
-        for k, result in enumerate(results):
-            _bar(panel, k, result, metric)
-        panel.set_title(metric.title.replace(", ", ",\n", 1), fontsize=9)
-        panel.set_xlim(left=0)
+        shown = [_bar(panel, k, result, metric) for k, result in enumerate(results)]
+        better = f" ({metric.better} is better)" if metric.better else ""
+        panel.set_title(metric.title + better, fontsize=9)
+        panel.set_xlim(0, 1.25 * max(shown) or 1.0)  # nothing at all needs a scale as well
         panel.grid(axis="x", alpha=0.3)
+        panel.set_axisbelow(True)
         panel.set_yticks(range(len(names)), names)
     panels[0, 0].invert_yaxis()
     first = results[0].totals
     figure.suptitle(
         f"Closed loop, {first['approaches']} approaches of {first['recordings']} recordings; "
-        "lines: 95 % interval, resampled by recording",
+        "black lines: 95 % interval, resampled by recording",
         fontsize=11,
     )
     return figure
 
 
-def _bar(panel: Any, k: int, result: Judged, metric: Metric) -> None:
+def _bar(panel: Any, k: int, result: Judged, metric: Metric) -> float:
+    """Draw one bar; returns how far it reaches, its interval included."""
     estimate = result.estimates[metric.key]
     if estimate.value is None or estimate.low is None or estimate.high is None:
         panel.text(0, k, " –", va="center")
-        return
+        return 0.0
     value, low, high = (metric.factor * v for v in (estimate.value, estimate.low, estimate.high))
     panel.barh(k, value, color=_COLOURS[k % len(_COLOURS)], height=0.6)
     panel.plot([low, high], [k, k], color="black", lw=1.5)
     panel.text(max(high, value), k, f" {value:.{metric.digits}f}", va="center", fontsize=8)
-    panel.margins(x=0.2)
+    return max(high, value)
 
 
 def risk(results: Sequence[Judged]) -> Figure:
-    """Productivity against risk: up and to the left is better."""
+    """Productivity against how near a moving robot came: up and to the right is better."""
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     panel = figure.subplots()
     for k, result in enumerate(results):
-        work, harm = result.estimates["productivity"], result.estimates["violation_share"]
-        if work.value is None or harm.value is None:
+        work, near = result.estimates["productivity"], result.estimates["moving_separation"]
+        if work.value is None or near.value is None:
             continue
         colour = _COLOURS[k % len(_COLOURS)]
-        x, y = 100 * harm.value, 100 * work.value
-        panel.plot([100 * (harm.low or 0), 100 * (harm.high or 0)], [y, y], color=colour, lw=1)
+        x, y = near.value, 100 * work.value
+        panel.plot([near.low or 0, near.high or 0], [y, y], color=colour, lw=1)
         panel.plot([x, x], [100 * (work.low or 0), 100 * (work.high or 0)], color=colour, lw=1)
-        contacts = result.totals["contacts"]
-        label = f"{_name(result, results)}: {contacts} contact{'' if contacts == 1 else 's'}"
-        panel.plot(x, y, "o", color=colour, label=label)
+        panel.plot(result.totals["moving_separation_m"], y, "x", color=colour)
+        panel.plot(x, y, "o", color=colour, label=_said(result, results))
+    panel.plot([], [], "x", color="grey", label="×  the nearest of all approaches")
+    panel.axvline(0, color="black", lw=0.8)
     panel.set_xlabel(
-        "risk: time in which a moving robot was too near, % of time with somebody there"
+        "less risk →  nearest that a moving robot came to anybody, m (mean of approaches)"
     )
     panel.set_ylabel("productivity, % of an empty cell")
-    panel.set_xlim(left=0)
     panel.set_ylim(bottom=0)
     panel.grid(alpha=0.3)
     panel.legend(fontsize=8)
-    panel.set_title("Productivity against risk; lines: 95 % intervals, resampled by recording")
+    panel.set_title(
+        "Productivity against risk; lines: 95 % intervals, resampled by recording", fontsize=10
+    )
     return figure
+
+
+def _said(result: Judged, results: Sequence[Judged]) -> str:
+    contacts = result.totals["contacts"]
+    near = result.estimates["violation_share"].value or 0.0
+    touched = f"{contacts} contact{'' if contacts == 1 else 's'}"
+    return f"{_name(result, results)}: {touched}, too near {100 * near:.2g} % of time"
 
 
 def _name(result: Judged, results: Sequence[Judged]) -> str:

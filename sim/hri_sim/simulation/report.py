@@ -13,29 +13,34 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Metric:
-    """A column: its key, title, unit, and factor from the ratio to what is shown."""
+    """A column: its key, title with unit, digits, factor from the ratio to what is shown.
+
+    ``better``: "less", "more", or "" where that says nothing of a mode.
+    """
 
     key: str
     title: str
     digits: int
     factor: float = 1.0
+    better: str = "less"
 
 
 METRICS = (
     Metric("contacts", "contacts, moving, /100", 2, 100.0),
-    Metric("contacts_standing", "contacts, standing, /100", 1, 100.0),
+    Metric("contacts_standing", "contacts, standing, /100", 1, 100.0, ""),
     Metric("violation_share", "too near, % of time", 2, 100.0),
-    Metric("productivity", "productivity, %", 1, 100.0),
+    Metric("moving_separation", "nearest while moving, m", 2, 1.0, "more"),
+    Metric("productivity", "productivity, %", 1, 100.0, "more"),
     Metric("stops_per_h", "stops /h", 0, 3600.0),
     Metric("false_stops_per_h", "false stops /h", 0, 3600.0),
     Metric("missed", "missed touches, %", 1, 100.0),
-    Metric("lead_s", "lead time, s", 2),
+    Metric("lead_s", "lead time, s", 2, 1.0, ""),
 )
-HARM, WORK = METRICS[:3], METRICS[3:]
+HARM, WORK = METRICS[:4], METRICS[4:]
 PREDICTION = (
-    Metric("precision", "precision, %", 1, 100.0),
-    Metric("recall", "recall, %", 1, 100.0),
-    Metric("f1", "F1, %", 1, 100.0),
+    Metric("precision", "precision, %", 1, 100.0, "more"),
+    Metric("recall", "recall, %", 1, 100.0, "more"),
+    Metric("f1", "F1, %", 1, 100.0, "more"),
 )
 
 
@@ -66,10 +71,14 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
 
     column = {key: [row[key] for row in rows] for key in rows[0] if key not in ("motion", "lead_s")}
     ones = [1.0] * len(rows)
+    moving = [row["moving_separation_m"] for row in rows]
     estimates = {
         "contacts": of(column["contacts"], ones),
         "contacts_standing": of(column["contacts_standing"], ones),
         "violation_share": of(column["violation_s"], column["seconds"]),
+        "moving_separation": of(
+            [0.0 if m is None else m for m in moving], [float(m is not None) for m in moving]
+        ),
         "stops_per_h": of(column["judged_stops"], column["judged_s"]),
         "false_stops_per_h": of(column["false_stops"], column["judged_s"]),
         "missed": of(column["missed"], column["touches"]),
@@ -87,6 +96,7 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
         "violation_s": sum(column["violation_s"]),
         "violation_depth_m": max(column["violation_m"]),
         "min_separation_m": min(separations, default=None),
+        "moving_separation_m": min((m for m in moving if m is not None), default=None),
         "stops": sum(column["stops"]),
         "wire_stops": sum(column["wire_stops"]),
         "judged_stops": sum(column["judged_stops"]),
@@ -202,6 +212,8 @@ def notes(results: Sequence[Judged]) -> list[str]:
         "of a robot that stood, for recorded people do not react to it and walk through it.",
         "Too near: the robot moved while a body was nearer than C + Z_d + Z_r; deepest: by how "
         "much at most.",
+        "Nearest while moving: the smallest distance between a body and the moving robot, mean "
+        "over the approaches.",
         f"A false stop: had the robot gone on at full speed along its plan, nobody would have come "
         f"within {NEAR_M:g} m in {HORIZON_S:g} s. The last {HORIZON_S:g} s of each approach count "
         f"for neither column of stops: what would have come is not recorded.",

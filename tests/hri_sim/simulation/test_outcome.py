@@ -138,7 +138,12 @@ def test_no_touch_is_neither_missed_nor_foreseen():
 
 
 def test_the_referees_figures_are_passed_on():
-    judged = {"contacts": 2, "contacts_standing": 1, "min_separation_m": -0.1}
+    judged = {
+        "contacts": 2,
+        "contacts_standing": 1,
+        "min_separation_m": -0.1,
+        "moving_separation_m": 0.3,
+    }
     judged |= {"violation_s": 0.4, "violation_m": 0.2}
     levels = [CLEAR] * 41
     found = outcome(CELL, SCENARIO, log(FREE, levels, **judged), log(FREE, levels), FAR)

@@ -27,6 +27,7 @@ def test_rates_by_hand():
         contacts=(1, 0),
         contacts_standing=(1, 2),
         violation_s=(18.0, 0.0),
+        moving_separation_m=(0.4, None),  # in the second it never moved
         judged_stops=(3, 1),
         false_stops=(1, 0),
         touches=(4, 4),
@@ -40,6 +41,7 @@ def test_rates_by_hand():
             "contacts": 0.5,  # 1 of 2 approaches
             "contacts_standing": 1.5,
             "violation_share": 18.0 / 3600,
+            "moving_separation": 0.4,
             "stops_per_h": 4 / 1800,  # per second that can be judged
             "false_stops_per_h": 1 / 1800,
             "missed": 1 / 8,
@@ -51,7 +53,9 @@ def test_rates_by_hand():
 
 def test_nothing_to_divide_by_is_a_dash():
     found = judged("p", "iso", rows()).estimates
-    assert [found[key].value for key in ("missed", "lead_s", "productivity")] == [None] * 3
+    assert [
+        found[key].value for key in ("missed", "lead_s", "productivity", "moving_separation")
+    ] == [None] * 4
     assert shown(found["missed"], METRICS[0]) == "–"
 
 
