@@ -4,8 +4,8 @@
 windows, ``LEAST_RADIUS_M`` at least; the body's radii are those times one factor per class and
 step, the same quantile of the largest ratio over the joints. But windows of one recording resemble
 each other, and a new recording is unlike all of them. So each recording is left out in turn, and
-the radii of a level and class are multiplied by the factor (1 at least) with which the others' radii would
-have held the stated share of what was left out, every recording weighing the same. This is
+the radii of a level and class are multiplied by the factor (1 at least) with which those of the
+others would have held the stated share of what was left out, each recording weighing the same:
 cross-conformal prediction (V. Vovk, Annals of Mathematics and AI 74 (2015) 9; R. Barber et al.,
 "Predictive inference with the jackknife+", Annals of Statistics 49 (2021) 486) with recordings for
 folds. A class that fewer than ``LEAST_RECORDINGS``

@@ -31,15 +31,33 @@ class Coverage:
     Attributes:
         names, actions: of the recordings.
         held, known: per question, (U, H) how often inside, and how often that is known.
-        widened, unlike: shares of windows in which zones were widened, or physical limits served.
+        windows: (U,) how many each has.
+        widened_in, unlike_in: (U,) in how many of them zones were widened, or physical limits
+            served.
     """
 
     names: tuple[str, ...]
     actions: tuple[str, ...]
     held: dict[str, Floats]
     known: dict[str, Floats]
-    widened: float = 0.0
-    unlike: float = 0.0
+    windows: Floats
+    widened_in: Floats
+    unlike_in: Floats
+
+    @property
+    def widened(self) -> float:
+        """Share of all windows in which zones were widened."""
+        return float(self.widened_in.sum() / max(self.windows.sum(), 1))
+
+    @property
+    def unlike(self) -> float:
+        """Share of all windows in which physical limits served."""
+        return float(self.unlike_in.sum() / max(self.windows.sum(), 1))
+
+    def trust_of(self, action: str) -> tuple[float, float]:
+        """``widened`` and ``unlike`` of one action."""
+        own = self.of_action(action)
+        return own.widened, own.unlike
 
     def of_action(self, action: str) -> "Coverage":
         """The recordings of one action alone."""
@@ -50,6 +68,9 @@ class Coverage:
             actions=tuple(self.actions[i] for i in own),
             held={of: table[own] for of, table in self.held.items()},
             known={of: table[own] for of, table in self.known.items()},
+            windows=self.windows[own],
+            widened_in=self.widened_in[own],
+            unlike_in=self.unlike_in[own],
         )
 
     def share(self, of: str) -> Floats:
@@ -101,20 +122,20 @@ def as_run(
     limits: HumanLimits | None = None,
 ) -> Coverage:
     """Zones as the node builds them, window after window of each presence."""
-    inside, widened, unlike, count = [], 0, 0, 0
+    inside, trusted = [], []
     for entry in scores:
         held = np.zeros(entry.error_m.shape, dtype=bool)
+        widened = unlike = 0
         for window, (balls, trust) in enumerate(
             run_zones(entry, calibration, settings, predictor, limits)
         ):
             held[window] = _holds(entry, window, balls, predictor.rate_hz)
             widened += bool((trust.widen > 1).any())
             unlike += bool(trust.unlike.any())
-            count += 1
         known = np.isfinite(entry.error_m)
         inside.append((held & known, known))
-    result = _collected(scores, inside)
-    return replace(result, widened=widened / max(count, 1), unlike=unlike / max(count, 1))
+        trusted.append((widened, unlike))
+    return _collected(scores, inside, trusted)
 
 
 def run_zones(
@@ -193,18 +214,28 @@ def _holds(entry: Scores, window: int, balls: JointBalls, rate_hz: float) -> Boo
     return held[1:]
 
 
-def _collected(scores: Sequence[Scores], inside: Sequence[tuple[Bools, Bools]]) -> Coverage:
+def _collected(
+    scores: Sequence[Scores],
+    inside: Sequence[tuple[Bools, Bools]],
+    trusted: Sequence[tuple[int, int]] = (),
+) -> Coverage:
     """Counts by recording from (W, H, J) held and known of each presence."""
     names = list(dict.fromkeys(s.name for s in scores))
     actions = {s.name: s.action for s in scores}
     steps = scores[0].error_m.shape[1]
     held = {of: np.zeros((len(names), steps)) for of in ("joint", "body")}
     known = {of: np.zeros((len(names), steps)) for of in ("joint", "body")}
-    for entry, (is_held, is_known) in zip(scores, inside, strict=True):
+    windows, widened, unlike = (np.zeros(len(names)) for _ in range(3))
+    for index, (entry, (is_held, is_known)) in enumerate(zip(scores, inside, strict=True)):
         unit = names.index(entry.name)
         held["joint"][unit] += is_held.sum((0, 2))
         known["joint"][unit] += is_known.sum((0, 2))
         anybody = is_known.any(2)
         held["body"][unit] += (anybody & (is_held | ~is_known).all(2)).sum(0)
         known["body"][unit] += anybody.sum(0)
-    return Coverage(tuple(names), tuple(actions[n] for n in names), held, known)
+        windows[unit] += len(is_held)
+        if trusted:
+            widened[unit] += trusted[index][0]
+            unlike[unit] += trusted[index][1]
+    of_action = tuple(actions[n] for n in names)
+    return Coverage(tuple(names), of_action, held, known, windows, widened, unlike)
