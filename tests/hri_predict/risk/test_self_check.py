@@ -221,6 +221,26 @@ def test_surprise_is_interpolated_and_tolerates_captures_at_30_hz_in_ticks_at_25
     np.testing.assert_allclose(known, 0.4, atol=1e-6)
 
 
+def test_of_two_forecasts_about_400_ms_old_the_nearer_counts():
+    # captures 24.5 ms apart: ages 16 x 24.5 = 392 ms and 17 x 24.5 = 416.5 ms are both within half
+    # a step; the forecast errs by its age in metres
+    steps, check, hz = 25, checker(25), 1 / 0.0245
+    ahead = np.zeros((1, steps, JOINTS, 3))
+    ahead[..., 0] = ((np.arange(steps) + 1) * STEP_S)[:, None]
+    for tick in range(60):
+        snap = snapshot(tick, still(), hz=hz)
+        surprise = check.check(snap).surprise_m[0]
+        check.note(snap, Forecast(ahead, None), radius(10.0, steps))
+    assert surprise == pytest.approx(0.392)
+
+
+def test_a_gap_between_captures_counts_as_a_tenth_of_a_second():
+    steps, check = 25, checker(25)
+    drive(check, 1, 0.2, steps=steps)
+    trust = check.check(snapshot(20, still()))  # 0.8 s later, in the fifth band, horizons to 0.8 s
+    assert trust.widen[0, 19] == pytest.approx(math.exp(4 * 0.1 * 0.99))
+
+
 def test_nothing_is_judged_where_a_joint_was_not_seen_then_or_now():
     half = np.ones((1, JOINTS), bool)
     half[:, :10] = False
@@ -310,6 +330,26 @@ def test_more_people_than_can_be_remembered_are_unlike():
     assert np.isnan(trust.surprise_m).all()
     assert trust.reasons == (Reason.MOTION_UNLIKE,)
     assert not check.check(snapshot(1, still(), ids=(3,))).unlike[0]  # takes the place of one gone
+
+
+def test_who_takes_a_place_is_not_judged_by_the_forecasts_of_who_had_it():
+    check = checker(max_people=1)
+    drive(check, 1, 0.0)
+    trust = check.check(snapshot(1, still() + 5.0, ids=(2,)))
+    assert (trust.widen == 1).all()
+    assert check.report()["judged"] == 0
+
+
+def test_an_id_that_leaves_twice_is_counted_twice():
+    check = checker()
+    drive(check, 4, 0.0)  # 3 captures judge 1 + 2 + 3
+    nobody = np.zeros((0, JOINTS, 3))
+    for start in (20, 40):
+        check.check(snapshot(start - 10, nobody, ids=()))
+        drive(check, 4, 0.0, start=start)
+    check.check(snapshot(60, nobody, ids=()))
+    assert check.report()["people"]["1"]["judged"] == 3 * 6
+    assert check.report()["judged"] == 3 * 6
 
 
 def test_ids_that_flicker_do_not_fill_the_memory():
