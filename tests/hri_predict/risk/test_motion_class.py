@@ -1,0 +1,130 @@
+"""Motion classes: what is seen of people tells them apart, and what is not seen counts as worse."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hri_predict.risk.motion_class import (
+    CLASSES,
+    GRADES,
+    MOVING_M_S,
+    SPEED_CLASSES,
+    is_moving,
+    motion_class,
+    trunk_speed,
+)
+from hri_predict.skeleton import CANONICAL, JOINTS
+
+RATE_HZ = 25.0
+THRESHOLDS = np.array([[0.1, 0.2], [0.3, 0.6]])
+ARMS = [JOINTS.index(f"{side}_{n}") for side in "lr" for n in ("elbow", "wrist", "hand")]
+
+
+def class_of(speed, surprise):
+    return CLASSES[motion_class(np.array([speed]), np.array([surprise]), THRESHOLDS)[0]]
+
+
+def walk(velocity=(0.0, 0.0, 0.0), steps=15, seed=1):
+    """One body that moves in one piece, (1, T, J, 3) and (1, T, J)."""
+    body = np.random.default_rng(seed).normal(size=(len(JOINTS), 3))
+    along = np.arange(steps)[:, None, None] / RATE_HZ * np.array(velocity)
+    return (body + along)[None], np.ones((1, steps, len(JOINTS)), bool)
+
+
+def speed_of(history, observed):
+    return trunk_speed(history, observed, RATE_HZ, CANONICAL)[0]
+
+
+@pytest.mark.parametrize(
+    ("speed", "surprise", "wanted"),
+    [
+        (0.0, 0.0, "still, calm"),
+        (0.39, 0.099, "still, calm"),
+        (0.39, 0.1, "still, usual"),
+        (0.39, 0.199, "still, usual"),
+        (0.39, 0.2, "still, surprising"),
+        (0.4, 0.1, "moving, calm"),  # the thresholds are those of the speed class
+        (0.4, 0.3, "moving, usual"),
+        (5.0, 0.6, "moving, surprising"),
+        (5.0, np.inf, "moving, surprising"),
+    ],
+)
+def test_thresholds_belong_to_the_upper_class(speed, surprise, wanted):
+    assert MOVING_M_S == 0.4
+    assert class_of(speed, surprise) == wanted
+
+
+def test_what_is_not_known_is_the_worse_class():
+    assert class_of(np.nan, 0.0) == "moving, calm"
+    assert class_of(0.0, np.nan) == "still, surprising"
+    assert class_of(np.nan, np.nan) == "moving, surprising"
+    assert is_moving(np.array([np.nan, 0.0, 1.0])).tolist() == [True, False, True]
+
+
+def test_classes_are_ordered_by_speed_and_then_by_grade():
+    assert len(CLASSES) == len(SPEED_CLASSES) * len(GRADES)
+    speeds = np.repeat([0.0, 1.0], 3)
+    surprise = np.array([0.0, 0.15, 9.0, 0.0, 0.4, 9.0])
+    assert motion_class(speeds, surprise, THRESHOLDS).tolist() == [0, 1, 2, 3, 4, 5]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(0, 5), st.floats(0, 2), st.floats(0, 2))
+def test_more_surprise_is_never_a_calmer_class(speed, surprise, more):
+    speeds = np.array([speed, speed])
+    calm, upset = motion_class(speeds, np.array([surprise, surprise + more]), THRESHOLDS)
+    assert upset >= calm
+
+
+def test_speed_of_a_body_in_one_piece():
+    assert speed_of(*walk((0.3, 0.0, 0.4))) == pytest.approx(0.5)
+    assert speed_of(*walk()) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_limbs_do_not_count():
+    history, observed = walk()
+    history[:, :, ARMS] += np.arange(15)[None, :, None, None] * 0.1
+    assert speed_of(history, observed) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_velocities_are_averaged_as_vectors_over_the_joints_that_are_measured():
+    # who turns on the spot has shoulders that move apart: the trunk's velocity is zero
+    history, observed = walk()
+    left, right = JOINTS.index("l_shoulder"), JOINTS.index("r_shoulder")
+    turn = np.arange(15)[None, :, None] * np.array([0.04, 0.0, 0.0])  # 1 m/s
+    history[:, :, left] += turn
+    history[:, :, right] -= turn
+    assert speed_of(history, observed) == pytest.approx(0.0, abs=1e-12)
+    observed[:, :, right] = False  # six joints are left, one of them at 1 m/s
+    assert speed_of(history, observed) == pytest.approx(1 / 6)
+
+
+def test_a_source_of_arms_alone_has_its_shoulders_for_a_trunk():
+    history, observed = walk((0.6, 0.0, 0.0))
+    seen = [JOINTS.index(f"{side}_{n}") for side in "lr" for n in ("shoulder", "elbow", "wrist")]
+    only = np.zeros_like(observed)
+    only[:, :, seen] = True
+    assert speed_of(history, only) == pytest.approx(0.6)
+    only[:, :, [JOINTS.index("l_shoulder"), JOINTS.index("r_shoulder")]] = False
+    assert np.isnan(speed_of(history, only))  # arms alone say nothing of the trunk: moving
+
+
+def test_nobody_observed_has_no_speed():
+    history, observed = walk((1.0, 0.0, 0.0))
+    assert np.isnan(speed_of(history, np.zeros_like(observed)))
+    observed[:, :-1] = False  # a single step
+    assert np.isnan(speed_of(history, observed))
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0, 6))
+def test_rigid_motion_of_the_room_changes_nothing(seed, speed):
+    rng = np.random.default_rng(seed)
+    away = rng.normal(size=3)
+    history, observed = walk(speed * away / np.linalg.norm(away))
+    history = history + rng.normal(0, 0.01, history.shape)
+    observed &= rng.random(observed.shape) < 0.8
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    moved = history @ turn.T + rng.normal(0, 3, 3)
+    assert speed_of(moved, observed) == pytest.approx(speed_of(history, observed), nan_ok=True)
