@@ -16,6 +16,7 @@ from hri_predict.risk.calibration import Calibration, Radii
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.human_speed import HumanSpeeds, measure_people
 from hri_predict.risk.levels import Demand, LevelMachine, combined
+from hri_predict.risk.nearest_in_time import BodiesInTime
 from hri_predict.risk.robot_judge import Judgement, RobotJudge
 from hri_predict.risk.robot_tracker import RobotTracker
 from hri_predict.risk.self_check import SelfCheck, SelfCheckSettings, Trust
@@ -159,8 +160,11 @@ class RiskEngine:
             self._skeleton,
             self._settings.limits,
         )
+        in_time = None
+        if len(bodies.zones.ids) and any(judge.in_time for judge in self._judges):
+            in_time = BodiesInTime(bodies.zones.capsules)
         advices = tuple(
-            self._advise(robot, snapshot, bodies, named, blind, speeds)
+            self._advise(robot, snapshot, bodies, named, blind, speeds, in_time)
             for robot in range(len(self._judges))
         )
         return Assessment(advices, bodies.zones, named, bodies.reasons)
@@ -203,13 +207,14 @@ class RiskEngine:
         named: tuple[NamedZoneState, ...],
         blind: tuple[Reason, ...],
         speeds: HumanSpeeds,
+        in_time: BodiesInTime | None,
     ) -> Advice:
         judge, machine = self._judges[robot], self._machines[robot]
         now = judge.tracker.at(snapshot.now_ns)
         judgement = Judgement(Demand.nothing(judge.max_speed_m_s), None, False)
         demands = [Demand.unknown(reason) for reason in (*blind, *now.reasons)]
         if not demands:
-            judgement = judge.judge(now, bodies, speeds.beyond_standard_m_s)
+            judgement = judge.judge(now, bodies, speeds.beyond_standard_m_s, in_time)
             demands = [judgement.demand] + [
                 zone.demand(state, judge.name, judge.max_speed_m_s)
                 for zone, state in zip(self._named, named, strict=True)

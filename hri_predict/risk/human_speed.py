@@ -107,16 +107,16 @@ def measure_people(
 
     A skeleton without joints of these names has its roots for a trunk, and no hands.
     """
-    velocity, measured = joint_velocities(history, observed, rate_hz)
-    speed = np.linalg.norm(velocity, axis=-1)
     roots = [j for j, parent in enumerate(skeleton.parents) if parent < 0]
     trunk = _indices(skeleton, _TRUNK) or roots
-    hands = _indices(skeleton, _HANDS)
-    count = np.maximum(measured[:, trunk].sum(1), 1)[:, None]
-    trunk_velocity = velocity[:, trunk].sum(1) / count  # what was not measured is 0 in the sum
-    relative = np.linalg.norm(velocity[:, hands] - trunk_velocity[:, None], axis=-1)
-    hand_speed = np.where(measured[:, hands], relative, 0.0).max(1, initial=0.0)
-    trunk_speed = speed[:, trunk].max(1)
+    joints = trunk + _indices(skeleton, _HANDS)
+    velocity, measured = joint_velocities(history[:, :, joints], observed[:, :, joints], rate_hz)
+    of_trunk, of_hands = velocity[:, : len(trunk)], velocity[:, len(trunk) :]
+    count = np.maximum(measured[:, : len(trunk)].sum(1), 1)[:, None]
+    mean = of_trunk.sum(1) / count  # what was not measured is 0 in the sum
+    relative = np.linalg.norm(of_hands - mean[:, None], axis=-1)
+    hand_speed = np.where(measured[:, len(trunk) :], relative, 0.0).max(1, initial=0.0)
+    trunk_speed = np.linalg.norm(of_trunk, axis=-1).max(1)
     fast = (trunk_speed > limits.body_speed_m_s) | (hand_speed > limits.arm_speed_m_s)
     return HumanSpeeds(trunk_speed, hand_speed, fast)
 

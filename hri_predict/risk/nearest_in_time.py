@@ -48,16 +48,17 @@ class BodiesInTime:
         self._segments = balls.reshape(5, steps * count, segments)
         self._flat = _flat(Capsules(*by_step))  # (K P S,)
 
-    def nearest(self, robot: Capsules) -> NearestInTime:
+    def nearest(self, robot: Capsules, steps: int | None = None) -> NearestInTime:
         """Smallest distance between any of the people and the robot, step by step.
 
         Args:
             robot: (K, C) capsules, or (1, C): it stays where it is.
+            steps: how many of the K steps are wanted; default all.
 
         Returns:
             (K,) each; a step in which anything is not finite has the distance minus infinity.
         """
-        step = np.arange(self._persons.shape[1])
+        step = np.arange(self._persons.shape[1])[:steps]
         place = step if len(robot.radius) > 1 else np.zeros_like(step)
         return self._search(robot, step, place, step, np.full(len(step), np.inf))
 
@@ -105,21 +106,28 @@ class BodiesInTime:
         first = _at_most(part[:, rows, likely][..., None], likely_body).min(1)
         starts = np.searchsorted(group, np.arange(len(enough_m)))
         limit = np.minimum(enough_m, np.minimum.reduceat(first, starts)) + ROUNDING_M
-        row, c, p = np.nonzero(~(least > limit[group][:, None, None]))  # NaN stays in
+        links, segments = part.shape[2], self._segments.shape[2]
+        pairs = np.flatnonzero(~(least > limit[group][:, None, None]))  # NaN stays in
+        row_link, p = np.divmod(pairs, people)
+        row, c = np.divmod(row_link, links)
+        of = group[row]
 
         # their segments: (n, S)
-        part, body = part[:, row, c][..., None], self._segments.take(step[row] * people + p, axis=1)
+        part = part.reshape(5, -1).take(row_link, axis=1)[..., None]
+        body_at = step[row] * people + p
+        body = self._segments.take(body_at, axis=1)
         most = _at_most(part, body)
-        closest, some = _least_of_groups(most.min(1, initial=np.inf), group[row])
-        limit[some] = np.minimum(limit[some], closest + ROUNDING_M)
+        if len(of):
+            starts, some = _groups(of)
+            closest = np.minimum.reduceat(most.reshape(-1), starts * segments)
+            limit[some] = np.minimum(limit[some], closest + ROUNDING_M)
         least = most - (part[_SIZE] - part[_THICK] + (body[_SIZE] - body[_THICK]))
-        n, s = np.nonzero(~(least > limit[group[row]][:, None]))
-        row, c, p = row[n], c[n], p[n]
+        n, s = np.divmod(np.flatnonzero(~(least > limit[of][:, None])), segments)
         exact = capsule_distance(
-            _taken(self._flat, (step[row] * people + p) * body.shape[2] + s),
-            _taken(_flat(robot), place[row] * robot.radius.shape[1] + c),
+            _taken(self._flat, body_at[n] * segments + s),
+            _taken(_flat(robot), (place[row] * links + c)[n]),
         )
-        return _nearest(exact, group[row], enough_m, (p, s, c))
+        return _nearest(exact, of[n], enough_m, (p[n], s, c[n]))
 
 
 def nearest_in_time(people: Capsules, robot: Capsules) -> NearestInTime:
@@ -127,24 +135,23 @@ def nearest_in_time(people: Capsules, robot: Capsules) -> NearestInTime:
     return BodiesInTime(people).nearest(robot)
 
 
-def _least_of_groups(values: Floats, group: Ints) -> tuple[Floats, Ints]:
-    """The least value of each group (ascending) that has any, and which these are."""
-    if not len(group):
-        return np.zeros(0), group
+def _groups(group: Ints) -> tuple[Ints, Ints]:
+    """Where each group (ascending, not empty) starts, and which these are."""
     starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
-    return np.minimum.reduceat(values, starts), group[starts]
+    return starts, group[starts]
 
 
 def _nearest(
     exact: Floats, group: Ints, enough_m: Floats, who: tuple[Ints, Ints, Ints]
 ) -> NearestInTime:
     """The least distance of each group (ascending), and whose it is."""
-    exact = np.where(np.isfinite(exact), exact, -np.inf)
-    least, some = _least_of_groups(exact, group)
     distance, found = enough_m.astype(np.float64), np.zeros((3, len(enough_m)), np.intp)
-    distance[some] = np.minimum(least, distance[some])
-    is_least = np.flatnonzero(exact <= distance[group])[::-1]  # backwards: the first one stays
-    found[:, group[is_least]] = [index[is_least] for index in who]
+    if len(group):
+        exact = np.where(np.isfinite(exact), exact, -np.inf)
+        starts, some = _groups(group)
+        distance[some] = np.minimum(np.minimum.reduceat(exact, starts), distance[some])
+        is_least = np.flatnonzero(exact <= distance[group])[::-1]  # backwards: the first one stays
+        found[:, group[is_least]] = [index[is_least] for index in who]
     return NearestInTime(distance, *found)
 
 

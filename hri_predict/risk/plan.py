@@ -141,9 +141,9 @@ class Plan:
         rates = self._rates(speeds_m_s[:, None], at[:-1] + self._step_s / 2)
         passed = np.zeros((len(speeds_m_s), cells + 1))
         np.cumsum(self._step_s / np.maximum(rates, 1e-9), axis=1, out=passed[:, 1:])
-        follows = np.minimum(times_s, reaction_s)
-        phases = np.array([np.interp(follows, when, at) for when in passed])
-        brakes = np.array([np.interp(reaction_s, when, at) for when in passed])
+        follows = np.append(np.minimum(times_s, reaction_s), reaction_s)
+        followed = np.array([np.interp(follows, when, at) for when in passed])
+        phases, brakes = followed[:, :-1], followed[:, -1]
         rate = self._rates(speeds_m_s, brakes)
         speed = rate * self._speed_at(brakes)
         stopping_s = np.array([self._model.stopping(float(v))[0] for v in speed])

@@ -57,6 +57,7 @@ class RobotJudge:
     Attributes:
         name: the robot's.
         max_speed_m_s: its highest speed in production.
+        in_time: whether it judges by zones over time: modes ``predictive`` and ``reactive``.
         longest_s: T_r + T_s at worst: input almost stale, highest speed.
         fixed_radius_m: of mode ``fixed``: as set, or the reach plus S_p at worst.
 
@@ -76,7 +77,7 @@ class RobotJudge:
         self.name = tracker.settings.name
         self.max_speed_m_s = tracker.settings.max_speed_m_s
         self._settings = settings
-        self._in_time = settings.mode in ("predictive", "reactive")
+        self.in_time = settings.mode in ("predictive", "reactive")
         self._margins = margins(settings)
         self._budget = budget
         self._view = view
@@ -90,7 +91,13 @@ class RobotJudge:
         reach_m = tracker.model.reach_m
         self.fixed_radius_m = settings.fixed_radius_m or reach_m + self._needed_m()
 
-    def judge(self, now: RobotNow, bodies: BodyZones, human_m_s: Floats | None = None) -> Judgement:
+    def judge(
+        self,
+        now: RobotNow,
+        bodies: BodyZones,
+        human_m_s: Floats | None = None,
+        in_time: BodiesInTime | None = None,
+    ) -> Judgement:
         """Judge the robot as it is ``now`` against ``bodies``.
 
         Args:
@@ -98,6 +105,7 @@ class RobotJudge:
             bodies: the people.
             human_m_s: (P,) of who is faster than the standard assumes, 0 of the others, in the
                 order of ``bodies`` as far as it goes; ``None``: nobody is.
+            in_time: the zones of ``bodies``, where another robot needed them in this tick already.
         """
         if now.q is None or now.qd is None or not _is_finite(now):
             reason = next(iter(now.reasons), Reason.ROBOT_STATE_INVALID)
@@ -109,7 +117,9 @@ class RobotJudge:
         if len(bodies.zones.ids):
             fast = np.zeros(0) if human_m_s is None else human_m_s
             people = (
-                self._by_time(motion, bodies) if self._in_time else self._now(motion, bodies, fast)
+                self._by_time(motion, in_time or BodiesInTime(bodies.zones.capsules))
+                if self.in_time
+                else self._now(motion, bodies, fast)
             )
         unseen = None if self._view is None else self._unseen(motion, bodies.age_s, self._view)
         demand = Demand.nothing(self.max_speed_m_s)
@@ -139,7 +149,7 @@ class RobotJudge:
         stopping_s = max(model.stopping(now.speed_m_s)[0], float(self._curve.time_s[-1]))
         end_s = until_braking_s + stopping_s
         times_s = bodies.zones.times_s
-        if self._in_time:
+        if self.in_time:
             extend = self._settings.beyond_horizon
             reach_s = times_s[-1] if extend else min(times_s[-1], self._horizon_s - bodies.age_s)
             if end_s > reach_s + 1e-9:
@@ -155,14 +165,9 @@ class RobotJudge:
             until_braking_s,
         )
 
-    def _by_time(self, motion: RobotMotion, bodies: BodyZones) -> Finding:
+    def _by_time(self, motion: RobotMotion, course: BodiesInTime) -> Finding:
         """Modes ``predictive`` and ``reactive``."""
-        zones = bodies.zones.capsules
-        steps = len(motion.times_s)
-        course = BodiesInTime(
-            Capsules(zones.a[:, :steps], zones.b[:, :steps], zones.radius[:, :steps])
-        )
-        standing = course.nearest(_once(motion.capsules))
+        standing = course.nearest(_once(motion.capsules), len(motion.times_s))
 
         def at_speeds(speeds_m_s: Floats, enough_m: Floats) -> NearestInTime:
             robot, until = motion.stopping_at(speeds_m_s)
@@ -219,7 +224,7 @@ class RobotJudge:
     def _unseen(self, motion: RobotMotion, age_s: float, view: FieldOfView) -> Finding:
         """A person who stands just outside the field of view since the capture."""
         distance = float(view.distance_outside(motion.capsules).min())
-        if not self._in_time:
+        if not self.in_time:
             return self._iso(distance, motion, age_s)
         come = approach_m(motion.times_s[1:] + age_s)
         nobody = np.full(len(come), -1)
