@@ -2,7 +2,7 @@
 
 import typer
 
-from hri_predict.cli import bench, check, evaluate, listen, run, simulate, train
+from hri_predict.cli import bench, calibrate, check, evaluate, listen, run, simulate, train
 
 app = typer.Typer(
     help="Predicts where people near a robot will be, and advises the robot's controller in time.",
@@ -19,5 +19,6 @@ app.command()(listen.listen)
 app.command()(check.predictors)
 app.command()(train.train)
 app.command()(evaluate.evaluate)
+app.command()(calibrate.calibrate)
 app.command()(simulate.simulate)
 app.add_typer(bench.app, name="bench")

@@ -1,20 +1,22 @@
 """``evaluate``: how good a predictor is, by the papers' benchmark or on real recordings."""
 
 import json
-import shlex
-import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table as ScreenTable
 
 from hri_predict import registry
+from hri_predict.cli.common import (
+    check_writable,
+    command,
+    files,
+    progress,
+    show,
+    tell,
+    without_effect,
+)
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.settings import validated
 
@@ -22,10 +24,8 @@ if TYPE_CHECKING:  # torch takes seconds to import, which the other commands nee
     from hri_predict.predictors.base import Predictor
     from hri_predict.predictors.weights import LoadedWeights
     from hri_predict.training.benchmark import Forecaster, Protocol
-    from hri_predict.training.report import Table
 
 _SPLITS = ("fit", "validation", "calibration", "test")
-_RECORDINGS = (".npz", ".bvh", ".mcap")
 
 
 def evaluate(
@@ -75,16 +75,16 @@ def evaluate(
     """
     asked = _paired(predictor, weights or [])
     if out is not None:
-        _check_writable(out)
+        check_writable(out)
     if benchmark is None:
-        _without_effect(
+        without_effect(
             {"--windows": windows, "--n-out": n_out, "--error": error}, "without --benchmark"
         )
         if split is not None:
             _one_of("--split", split, _SPLITS)
         _real(data, asked, split, disturb, out, as_json)
     else:
-        _without_effect(
+        without_effect(
             {"--split": split, "--disturb": True if disturb else None}, "with --benchmark"
         )
         _benchmark(
@@ -101,13 +101,6 @@ def evaluate(
         )
 
 
-def _without_effect(flags: Mapping[str, Any], where: str) -> None:
-    """Refuse flags that would be passed over: the numbers would not be what was asked for."""
-    for flag, value in flags.items():
-        if value is not None:
-            raise ConfigError(f"{flag}: has no effect {where}; leave it out")
-
-
 def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> dict[str, Path | None]:
     """Each predictor with its weights; ``None`` where it finds its own or needs none."""
     for name in predictors:
@@ -121,17 +114,6 @@ def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> dict[str, Pat
             f"in the same order, or none (baselines have none, and are judged in any case)"
         )
     return dict(zip(predictors, weights, strict=True))
-
-
-def _check_writable(out: Path) -> None:
-    """Complain now, not after minutes of judging."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=out).close()
-    except OSError as error:
-        raise ConfigError(
-            f"--out {out}: cannot be written: {error.strerror}; name another folder"
-        ) from error
 
 
 def _one_of(flag: str, value: str, known: Sequence[str]) -> Any:
@@ -163,19 +145,17 @@ def _benchmark(
         error=_one_of("--error", error or _own_error(loaded), ("mpjpe", "euler")),
     )
     forecasters = _forecasters(protocol, loaded)
-    with _progress() as progress:
-        task = progress.add_task("judging", total=None)
-        scores = judge(
-            protocol, data[0], forecasters, lambda a: progress.update(task, description=a)
-        )
+    with progress() as bar:
+        task = bar.add_task("judging", total=None)
+        scores = judge(protocol, data[0], forecasters, lambda a: bar.update(task, description=a))
     cards = {name: found.card for name, found in loaded.items() if found is not None}
     result = benchmark_report.BenchmarkResult(protocol, scores, tuple(asked), cards)
     if out is not None:
-        _tell(benchmark_report.write_report(result, out, _command()))
+        tell(benchmark_report.write_report(result, out, command()))
     if as_json:
         print(json.dumps(benchmark_report.as_json(result)))
         return
-    _show(benchmark_report.tables(result), benchmark_report.notes(result))
+    show(benchmark_report.tables(result), benchmark_report.notes(result))
 
 
 def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
@@ -259,33 +239,31 @@ def _real(
 
     own = {name: _built(name, weights) for name, weights in asked.items()}
     predictors = {**own, **baselines()}
-    motions = read_motions(_files(data, split))
+    motions = read_motions(files(data, split))
     windows = sum(len(origins(motion)[0]) for motion in motions)
     if windows == 0:
         raise ConfigError("--data: no recording is long enough to judge; give longer ones")
     conditions = (None, *(standard() if disturb else ()))
-    with _progress() as progress:
-        task = progress.add_task("judging", total=windows * len(conditions))
+    with progress() as bar:
+        task = bar.add_task("judging", total=windows * len(conditions))
         results = []
         for condition in conditions:
             text = "judging" if condition is None else condition.name
-            progress.update(task, description=text)
-            results += judge_all(
-                predictors, motions, condition, lambda n: progress.advance(task, n)
-            )
+            bar.update(task, description=text)
+            results += judge_all(predictors, motions, condition, lambda n: bar.advance(task, n))
     if out is not None:
-        files = report.write_report(results, out)
+        written = report.write_report(results, out)
         # imported here, after the tables are safe: wants matplotlib
         from hri_predict.training.filmstrip import write_filmstrips
 
-        _tell([*files, *write_filmstrips(own, motions, out, results[0].averaged)])
+        tell([*written, *write_filmstrips(own, motions, out, results[0].averaged)])
     if as_json:
         print(json.dumps(report.as_json(results)))
         return
     tables = [report.judge_table(results), *report.action_tables(results)]
     if disturb:
         tables.append(report.corruption_table(results))
-    _show(tables, [])
+    show(tables, [])
 
 
 def _built(predictor: str, weights: Path | None) -> "Predictor":
@@ -304,89 +282,3 @@ def _built(predictor: str, weights: Path | None) -> "Predictor":
         validated(made.settings_model, asked, f"--predictor {predictor}"), BODY
     )
     return result
-
-
-def recordings(entry: Path, split: str) -> list[Path]:
-    """The recordings that ``--data`` names: a file, those of the pack's split, or a folder's.
-
-    Raises:
-        ConfigError: there is no such file, or no recording in the folder.
-    """
-    from hri_predict.training.motion import RecordingsSettings
-
-    if not entry.exists():
-        raise ConfigError(f"--data {entry}: no such file or folder; check the path")
-    if entry.is_file():
-        return [entry]
-    if _is_pack(entry):
-        return RecordingsSettings(root=entry).files(split)
-    found = sorted(p for p in entry.rglob("*") if p.suffix.lower() in _RECORDINGS)
-    if not found:
-        raise ConfigError(
-            f"--data {entry}: no recording there ({', '.join(_RECORDINGS)}); give another folder"
-        )
-    return found
-
-
-def _is_pack(entry: Path) -> bool:
-    return any((entry / pack / "test").is_dir() for pack in ("", "cmu_mocap"))
-
-
-def _files(data: Sequence[Path], split: str | None) -> list[Path]:
-    """All recordings that are to be judged, each once.
-
-    Raises:
-        ConfigError: see ``recordings``; or one is named twice, or no ``--data`` has splits.
-    """
-    files = [path for entry in data for path in recordings(entry, split or "test")]
-    known: set[Path] = set()
-    for path in files:
-        if path.resolve() in known:
-            raise ConfigError(
-                f"--data: {path} is named twice, and would weigh double; name it once"
-            )
-        known.add(path.resolve())
-    if split is not None and not any(map(_is_pack, data)):
-        raise ConfigError(
-            f"--split {split}: has no effect on {data[0]}, for the data pack alone has splits; "
-            f"leave it out"
-        )
-    return files
-
-
-def _progress() -> Progress:
-    console = Console(stderr=True)
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-
-
-def _show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:
-    console = Console()
-    for table in tables:
-        shown = ScreenTable(
-            title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
-        )
-        shown.add_column(table.columns[0], no_wrap=True)
-        for column in table.columns[1:]:
-            shown.add_column(column, justify="right")
-        for row in table.rows:
-            shown.add_row(*row)
-        console.print(shown)
-    for note in notes:
-        console.print(f"- {note}", markup=False, highlight=False)
-
-
-def _tell(files: Sequence[Path]) -> None:
-    print("written: " + ", ".join(map(str, files)), file=sys.stderr)
-
-
-def _command() -> str:
-    """The command as it was given, for the report."""
-    return shlex.join(["hri-predict", *sys.argv[1:]])

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from hri_predict import config as configuration
 from hri_predict import registry
-from hri_predict.cli.evaluate import recordings
+from hri_predict.cli.common import recordings
 from hri_predict.errors import ConfigError
 
 _PROCEDURAL = "procedural"

@@ -231,11 +231,11 @@ def as_json(judged: ZoneJudgement) -> dict[str, Any]:
     }
 
 
-def markdown(judged: ZoneJudgement, command: str) -> str:
-    """The report."""
+def markdown(judged: ZoneJudgement, shown: Sequence[Table], command: str) -> str:
+    """The report of these tables."""
     head = f"# Zones of {judged.predictor}\n\n`{command}`\n\n"
     said = "".join(f"- {note}\n" for note in notes(judged))
-    return head + said + "\n" + "\n".join(t.markdown() for t in tables(judged))
+    return head + said + "\n" + "\n".join(t.markdown() for t in shown)
 
 
 def _percent(share: float, low: float, high: float) -> str:

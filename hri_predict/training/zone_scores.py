@@ -19,6 +19,7 @@ from hri_predict.recording.opening import open_recording
 from hri_predict.recording.recording import Recording
 from hri_predict.ring_buffer import resample
 from hri_predict.risk.motion_class import SURPRISE_S, trunk_speed
+from hri_predict.risk.past_forecasts import forecast_errors, mean_error
 from hri_predict.scene import Bools, Floats
 from hri_predict.training.tracks import action_of
 
@@ -90,7 +91,10 @@ def score_recordings(
     for entry in recordings:
         recording = entry if isinstance(entry, Recording) else open_recording(entry)
         presences = presences_of(recording)
-        own = [s for p in presences if (s := score(predictor, recording, p)) is not None]
+        stem = recording.path.stem
+        action = "arms" if recording.kind == "assembly" else action_of(stem)
+        scored = [score_presence(predictor, stem, action, p) for p in presences]
+        own = [s for s in scored if s is not None]
         if not own:
             raise RecordingError(
                 f"recording {recording.path}: nobody is seen for"
@@ -139,8 +143,10 @@ def presences_of(recording: Recording) -> list[Presence]:
     return found
 
 
-def score(predictor: Predictor, recording: Recording, presence: Presence) -> Scores | None:
-    """Score one presence; ``None`` if it is too short."""
+def score_presence(
+    predictor: Predictor, name: str, action: str, presence: Presence
+) -> Scores | None:
+    """Score one presence of the recording ``name``; ``None`` if it is too short."""
     at = _origins(presence, predictor.rate_hz)
     if len(at) < _LEAST_WINDOWS:
         return None
@@ -158,10 +164,9 @@ def score(predictor: Predictor, recording: Recording, presence: Presence) -> Sco
     error = np.stack(
         [_errors(presence, int(i), f, predictor.rate_hz) for i, f in zip(at, forecast, strict=True)]
     )
-    kind = "arms" if recording.kind == "assembly" else action_of(recording.path.stem)
     return Scores(
-        recording.path.stem,
-        kind,
+        name,
+        action,
         presence.stamps_ns[at],
         history,
         observed,
@@ -197,12 +202,16 @@ def _origins(presence: Presence, rate_hz: float) -> NDArray[np.intp]:
     step_ns = 1e9 / rate_hz
     count = int((stamps[-1] - stamps[0]) / step_ns) + 1
     grid = stamps[0] + np.round(step_ns * np.arange(HISTORY_STEPS - 1, count)).astype(np.int64)
-    after = np.minimum(stamps.searchsorted(grid), len(stamps) - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(stamps[after] - grid < grid - stamps[before], after, before)
-    nearest = np.unique(nearest)
+    nearest = np.unique(_nearest(stamps, grid))
     result: NDArray[np.intp] = nearest[stamps[nearest] + step_ns <= stamps[-1]]
     return result
+
+
+def _nearest(stamps: NDArray[np.int64], times: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Indices of the stamps nearest to some times, the earlier of two."""
+    after = np.minimum(stamps.searchsorted(times), len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(stamps[after] - times < times - stamps[before], after, before)
 
 
 def _errors(presence: Presence, index: int, forecast: Floats, rate_hz: float) -> Floats:
@@ -232,21 +241,25 @@ def along(knots: Floats, steps: Floats) -> Floats:
 
 
 def _surprise(presence: Presence, at: NDArray[np.intp], forecast: Floats, rate_hz: float) -> Floats:
-    """(W,) mean error of a forecast ``SURPRISE_S`` old, the largest in the last ``SURPRISE_S``."""
-    span = round(SURPRISE_S * rate_hz)
-    now, seen = presence.positions[at], presence.observed[at]
-    value = np.full(len(at), np.nan)
-    if span <= forecast.shape[1] and len(at) > span:
-        both = seen[span:] & seen[:-span]
-        error = np.linalg.norm(forecast[:-span, span - 1] - now[span:], axis=-1)
-        count = both.sum(1)
-        mean = np.where(both, error, 0.0).sum(1) / np.maximum(count, 1)
-        value[span:] = np.where(count > 0, mean, np.nan)
-    padded = np.concatenate([np.full(span, np.nan), value])
-    recent = np.lib.stride_tricks.sliding_window_view(padded, span + 1)
-    known = np.isfinite(recent)
-    largest = np.where(known, recent, -np.inf).max(1)
-    return np.where(known.any(1), largest, np.nan)
+    """(W,) mean error of a forecast ``SURPRISE_S`` old, the largest in the last ``SURPRISE_S``.
+
+    By time, as the live self-check has it: origins are farther apart than steps where captures are.
+    """
+    stamps, back_ns = presence.stamps_ns[at], round(SURPRISE_S * 1e9)
+    made = _nearest(stamps, stamps - back_ns)
+    steps = (stamps - stamps[made]) * 1e-9 * rate_hz
+    near = np.abs(steps - SURPRISE_S * rate_hz) <= 0.5 + 1e-6
+    judged = np.flatnonzero(near & (steps <= forecast.shape[1] + 1e-6))
+    now, then = at[judged], at[made[judged]]
+    error = forecast_errors(
+        presence.positions[then], forecast[made[judged]], steps[judged], presence.positions[now]
+    )
+    value = np.full(len(at), -np.inf)
+    mean = mean_error(error, presence.observed[now] & presence.observed[then])
+    value[judged] = np.where(np.isnan(mean), -np.inf, mean)
+    since = stamps.searchsorted(stamps - back_ns)
+    largest = np.array([value[first : i + 1].max() for i, first in enumerate(since)])
+    return np.where(largest >= 0, largest, np.nan)
 
 
 def _batches(history: Floats, observed: Bools) -> list[tuple[Floats, Bools]]:

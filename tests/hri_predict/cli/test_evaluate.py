@@ -11,7 +11,7 @@ import torch
 
 from hri_predict import registry
 from hri_predict.cli import main
-from hri_predict.cli.evaluate import recordings
+from hri_predict.cli.common import recordings
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.network import Shape

@@ -1,0 +1,250 @@
+"""``calibrate``: how large zones must be to hold people as often as stated, and if they do."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from hri_predict import registry
+from hri_predict.cli.common import (
+    check_writable,
+    command,
+    files,
+    progress,
+    show,
+    tell,
+    without_effect,
+)
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.base import PredictorSettings
+from hri_predict.settings import validated
+
+if TYPE_CHECKING:
+    from hri_predict.predictors.base import Predictor
+    from hri_predict.risk.calibration import Calibration
+    from hri_predict.training.zone_scores import Scores
+
+RATE_HZ = 25.0
+HORIZON_S = 1.2
+_BESIDE = "constant_velocity"
+
+
+def calibrate(
+    predictor: Annotated[str, typer.Option(help="Its name; hri-predict predictors lists them.")],
+    data: Annotated[list[Path], typer.Option(help="A recording, or a folder of them. Repeatable.")],
+    weights: Annotated[Path | None, typer.Option(help="Of a trained predictor.")] = None,
+    horizon: Annotated[
+        float, typer.Option(help="Seconds ahead, as far as the predictor reaches.")
+    ] = HORIZON_S,
+    check: Annotated[
+        bool, typer.Option("--check", help="Measure a calibration instead of making one.")
+    ] = False,
+    calibration: Annotated[
+        Path | None, typer.Option(help="With --check: which; default the shipped one.")
+    ] = None,
+    split: Annotated[
+        str | None,
+        typer.Option(
+            help="Recordings of the data pack.", show_default="calibration; with --check: test"
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="File for the calibration; with --check: folder for tables and pictures.",
+            show_default="PREDICTOR.calibration.json",
+        ),
+    ] = None,
+    card: Annotated[
+        Path | None, typer.Option(help="Markdown card that gets the section about zones.")
+    ] = None,
+    disturb: Annotated[
+        bool,
+        typer.Option("--disturb", help="With --check: also with noise, wrong scale, moved camera."),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
+) -> None:
+    """Calibrate a predictor's zones on recordings; --check measures how often zones hold.
+
+    Recordings count, not seconds: 9 support a guarantee of 90 %, 19 of 95 %, 99 of 99 %.
+
+    Example: hri-predict calibrate --predictor sinn --data ../shared/data
+    """
+    settings = _settings(predictor, weights, horizon)
+    if check:
+        _check(settings, data, calibration, split, out, card, disturb, as_json)
+        return
+    without_effect(
+        {"--calibration": calibration, "--disturb": True if disturb else None, "--card": card},
+        "without --check",
+    )
+    _make(settings, data, split, out or Path(f"{predictor}.calibration.json"), as_json)
+
+
+def _settings(predictor: str, weights: Path | None, horizon: float) -> PredictorSettings:
+    model = registry.load("predictors", predictor).settings_model
+    asked: dict[str, Any] = {"name": predictor, "rate_hz": RATE_HZ, "horizon_s": horizon}
+    if weights is not None:
+        if "weights" not in model.model_fields:
+            raise ConfigError(f"--weights: {predictor} has none; leave it out")
+        asked["weights"] = str(weights)
+    settings: PredictorSettings = validated(model, asked, f"--predictor {predictor}")
+    return settings
+
+
+def _make(
+    settings: PredictorSettings, data: Sequence[Path], split: str | None, out: Path, as_json: bool
+) -> None:
+    from hri_predict.risk.calibration import identity, levels_text, save_text
+    from hri_predict.risk.motion_class import CLASSES
+    from hri_predict.training.conformal import calibrate as conformal
+    from hri_predict.whole_file import write_whole
+
+    check_writable(out.parent)
+    built = registry.load("predictors", settings.name)(settings)
+    scores = _scores(built, settings.name, data, split, "calibration")
+    values, digest = identity(settings)
+    made = conformal(scores, settings.name, values, digest, built.rate_hz, built.skeleton)
+    try:
+        write_whole(out, save_text(made).encode())
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out}: cannot be written: {error.strerror}; name another file"
+        ) from error
+    if as_json:
+        print(json.dumps({"file": str(out), **_made(made)}))
+        return
+    counts = [sum(w[c] for _, w in made.recordings) for c in range(len(CLASSES))]
+    units = [sum(w[c] > 0 for _, w in made.recordings) for c in range(len(CLASSES))]
+    console = Console()
+    console.print(f"{len(made.recordings)} recordings, {sum(counts)} windows")
+    for name, windows, recordings in zip(CLASSES, counts, units, strict=True):
+        console.print(f"  {name}: {windows} windows of {recordings} recordings")
+    for line in levels_text(made):
+        console.print(line, highlight=False)
+    tell([out])
+
+
+def _made(made: "Calibration") -> dict[str, Any]:
+    from hri_predict.risk.calibration import levels_text
+
+    return {
+        "predictor": made.predictor,
+        "recordings": [{"name": n, "windows": list(w)} for n, w in made.recordings],
+        "levels": levels_text(made),
+    }
+
+
+def _scores(
+    built: "Predictor", name: str, data: Sequence[Path], split: str | None, default: str
+) -> "list[Scores]":
+    from hri_predict.training.zone_scores import score_recordings
+
+    found = files(data, split, default)
+    with progress() as bar:
+        task = bar.add_task(f"forecasting, {name}", total=len(found))
+        return score_recordings(built, found, lambda _: bar.advance(task))
+
+
+def _check(
+    settings: PredictorSettings,
+    data: Sequence[Path],
+    path: Path | None,
+    split: str | None,
+    out: Path | None,
+    card: Path | None,
+    disturb: bool,
+    as_json: bool,
+) -> None:
+    from hri_predict.training import zone_judgement as judgement
+
+    if out is not None:
+        check_writable(out)
+    built = registry.load("predictors", settings.name)(settings)
+    calibration = _calibration(settings, path)
+    scores = _scores(built, settings.name, data, split, "test")
+    beside = _beside(settings.name, data, split)
+    with progress() as bar:
+        task = bar.add_task("judging", total=None)
+        judged = judgement.judge_zones(
+            built, scores, calibration, beside, lambda p: bar.update(task, description=p)
+        )
+    tables = judgement.tables(judged)
+    report = {**judgement.as_json(judged), "disturbed": None}
+    if disturb:
+        from hri_predict.training import zone_disturbed
+
+        with progress() as bar:
+            task = bar.add_task("disturbing", total=None)
+            found = zone_disturbed.judge_disturbed(
+                built, scores, calibration, lambda p: bar.update(task, description=p)
+            )
+        tables += zone_disturbed.tables(found)
+        report["disturbed"] = zone_disturbed.as_json(found)
+    if out is not None:
+        text = judgement.markdown(judged, tables, command())
+        tell(_written(out, text, report, built, scores, judged, beside))
+    if card is not None:
+        from hri_predict.training.zone_card import write_section
+
+        write_section(card, judged)
+        tell([card])
+    if as_json:
+        print(json.dumps(report))
+        return
+    show(tables, judgement.notes(judged))
+
+
+def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration":
+    from hri_predict.risk.calibration import calibration_for
+    from hri_predict.risk.settings import CoverageSettings
+
+    asked = CoverageSettings(calibration=None if path is None else str(path))
+    found = calibration_for(settings, asked, Path())
+    if found is None:
+        raise ConfigError(
+            f"--predictor {settings.name}: no calibration is shipped for it as it is set; make one:"
+            f" hri-predict calibrate --predictor {settings.name} --data DIR, and give it by"
+            f" --calibration"
+        )
+    return found
+
+
+def _beside(
+    name: str, data: Sequence[Path], split: str | None
+) -> "Mapping[str, tuple[list[Scores], Calibration, Predictor]]":
+    """Constant velocity, calibrated the same way, to compare sizes with."""
+    from hri_predict.risk.calibration import load_calibration, shipped_calibration
+
+    path = shipped_calibration(_BESIDE)
+    if name == _BESIDE or not path.is_file():
+        return {}
+    settings = _settings(_BESIDE, None, HORIZON_S)
+    built = registry.load("predictors", _BESIDE)(settings)
+    return {_BESIDE: (_scores(built, _BESIDE, data, split, "test"), load_calibration(path), built)}
+
+
+def _written(
+    out: Path,
+    text: str,
+    report: dict[str, Any],
+    built: "Predictor",
+    scores: "Sequence[Scores]",
+    judged: Any,
+    beside: Any,
+) -> list[Path]:
+    from hri_predict.training.zone_plots import write_pictures
+    from hri_predict.whole_file import write_whole
+
+    try:
+        write_whole(out / "zones.md", text.encode())
+        write_whole(out / "zones.json", (json.dumps(report, indent=1) + "\n").encode())
+        pictures = write_pictures(out, built, scores, judged, beside)
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out}: cannot be written: {error.strerror}; name another folder"
+        ) from error
+    return [out / "zones.md", out / "zones.json", *pictures]

@@ -1,0 +1,127 @@
+"""What several commands share: recordings by option, files of a report, tables on the screen."""
+
+import shlex
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table as ScreenTable
+
+from hri_predict.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hri_predict.training.report import Table
+
+_RECORDINGS = (".npz", ".bvh", ".mcap")
+
+
+def without_effect(flags: Mapping[str, Any], where: str) -> None:
+    """Refuse flags that would be passed over: the numbers would not be what was asked for."""
+    for flag, value in flags.items():
+        if value is not None:
+            raise ConfigError(f"{flag}: has no effect {where}; leave it out")
+
+
+def check_writable(out: Path) -> None:
+    """Complain now, not after minutes of judging."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=out).close()
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out}: cannot be written: {error.strerror}; name another folder"
+        ) from error
+
+
+def recordings(entry: Path, split: str) -> list[Path]:
+    """The recordings that ``--data`` names: a file, those of the pack's split, or a folder's.
+
+    Raises:
+        ConfigError: there is no such file, or no recording in the folder.
+    """
+    from hri_predict.training.motion import RecordingsSettings
+
+    if not entry.exists():
+        raise ConfigError(f"--data {entry}: no such file or folder; check the path")
+    if entry.is_file():
+        return [entry]
+    if _is_pack(entry):
+        return RecordingsSettings(root=entry).files(split)
+    found = sorted(p for p in entry.rglob("*") if p.suffix.lower() in _RECORDINGS)
+    if not found:
+        raise ConfigError(
+            f"--data {entry}: no recording there ({', '.join(_RECORDINGS)}); give another folder"
+        )
+    return found
+
+
+def _is_pack(entry: Path) -> bool:
+    return any((entry / pack / "test").is_dir() for pack in ("", "cmu_mocap"))
+
+
+def files(data: Sequence[Path], split: str | None, default: str = "test") -> list[Path]:
+    """All recordings that are asked for, each once; of the data pack those of a split.
+
+    Raises:
+        ConfigError: see ``recordings``; or one is named twice, or no ``--data`` has splits.
+    """
+    found = [path for entry in data for path in recordings(entry, split or default)]
+    known: set[Path] = set()
+    for path in found:
+        if path.resolve() in known:
+            raise ConfigError(
+                f"--data: {path} is named twice, and would weigh double; name it once"
+            )
+        known.add(path.resolve())
+    if split is not None and not any(map(_is_pack, data)):
+        raise ConfigError(
+            f"--split {split}: has no effect on {data[0]}, for the data pack alone has splits; "
+            f"leave it out"
+        )
+    return found
+
+
+def progress() -> Progress:
+    """A progress bar on standard error; nothing where that is no terminal."""
+    console = Console(stderr=True)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+
+
+def show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:
+    """Print tables, then notes."""
+    console = Console()
+    for table in tables:
+        shown = ScreenTable(
+            title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+        )
+        shown.add_column(table.columns[0], no_wrap=True)
+        for column in table.columns[1:]:
+            shown.add_column(column, justify="right")
+        for row in table.rows:
+            shown.add_row(*row)
+        console.print(shown)
+    for note in notes:
+        console.print(f"- {note}", markup=False, highlight=False)
+
+
+def tell(files: Sequence[Path]) -> None:
+    """Say which files were written."""
+    print("written: " + ", ".join(map(str, files)), file=sys.stderr)
+
+
+def command() -> str:
+    """The command as it was given, for the report."""
+    return shlex.join(["hri-predict", *sys.argv[1:]])
