@@ -185,11 +185,11 @@ def test_an_unbounded_joint_hangs_on_its_parent():
     last = np.zeros((COUNT, 3))
     elbow, wrist, hand = (JOINTS.index(f"l_{n}") for n in ("elbow", "wrist", "hand"))
     last[wrist], last[hand] = (0.3, 0, 0), (0.5, 0, 0)
-    mid, around = np.zeros((COUNT, 3)) + (1, 0, 0), np.full(COUNT, 0.1)
+    mid, around = np.ones((COUNT, 3)), np.full(COUNT, 0.1)
     mid[[wrist, hand]], around[[wrist, hand]] = 7, np.inf
     cut_mid, cut_around = cut_by_bones(mid, around, last)
     # 0.1 about the elbow, then 1.1 x 0.3 + 0.02 = 0.35, then 1.1 x 0.2 + 0.02 = 0.24 more
-    assert cut_mid[[wrist, hand]] == pytest.approx(np.array([[1, 0, 0], [1, 0, 0]]))
+    assert cut_mid[[wrist, hand]] == pytest.approx(np.ones((2, 3)))
     assert cut_around[[elbow, wrist, hand]] == pytest.approx([0.1, 0.45, 0.69])
 
 
