@@ -83,17 +83,14 @@ class Chain:
         self._base = base
         self._joints = joints
         # pre Rot(q) post is linear in 1, sin q and cos q (Rodrigues): three constant 3 x 4 blocks
-        # per joint, so that all joints' local transforms are one expression.
-        self._one, self._sin, self._cos = (np.empty((self.dof, 3, 4)) for _ in range(3))
+        # per joint, so that all joints' local transforms are one product: (N, 3, 12).
+        blocks = np.empty((self.dof, 3, 3, 4))
         for i, joint in enumerate(joints):
             along = np.outer(joint.axis, joint.axis)
-            for block, rotation in (
-                (self._one, along),
-                (self._sin, _skew(joint.axis)),
-                (self._cos, np.eye(3) - along),
-            ):
-                block[i] = joint.pre[:3, :3] @ rotation @ joint.post[:3]
-            self._one[i, :, 3] += joint.pre[:3, 3]
+            for k, rotation in enumerate((along, _skew(joint.axis), np.eye(3) - along)):
+                blocks[i, k] = joint.pre[:3, :3] @ rotation @ joint.post[:3]
+            blocks[i, 0, :, 3] += joint.pre[:3, 3]
+        self._blocks = blocks.reshape(self.dof, 3, 12)
         # (N, 3, 2) each joint's axis and its origin, in the parent's frame
         self._axis_and_origin = np.array(
             [np.column_stack([j.pre[:3, :3] @ j.axis, j.pre[:3, 3]]) for j in joints]
@@ -102,18 +99,19 @@ class Chain:
     def links(self, q: Floats) -> Floats:
         """(..., N+1, 3, 4) rotation and position of every link at configurations q (..., N)."""
         q = np.asarray(q, dtype=np.float64)
-        angle = q[..., None, None]
-        local = np.sin(angle) * self._sin  # in place: twice as fast as a sum of three
-        local += np.cos(angle) * self._cos
-        local += self._one
-        links = np.empty((*q.shape[:-1], self.dof + 1, 3, 4))
-        links[..., 0, :, :] = self._base[:3]
+        flat = q.reshape(-1, self.dof).T
+        terms = np.ones((*flat.shape, 3))
+        np.sin(flat, out=terms[..., 1])
+        np.cos(flat, out=terms[..., 2])
+        local = np.matmul(terms, self._blocks).reshape(*flat.shape, 3, 4)  # (N, R, 3, 4)
+        links = np.empty((flat.shape[1], self.dof + 1, 3, 4))
+        links[:, 0] = self._base[:3]
         for i in range(self.dof):
-            parent = links[..., i, :, :]
-            child = links[..., i + 1, :, :]
-            np.matmul(parent[..., :3], local[..., i, :, :], out=child)
+            parent, child = links[:, i], links[:, i + 1]
+            np.matmul(parent[..., :3], local[i], out=child)
             child[..., 3] += parent[..., 3]
-        return links
+        result: Floats = links.reshape(*q.shape[:-1], self.dof + 1, 3, 4)
+        return result
 
     def twists(self, links: Floats, qd: Floats) -> tuple[Floats, Floats]:
         """Angular and linear velocity of every link as one moving frame through the origin.

@@ -146,7 +146,7 @@ class Plan:
         phases, brakes = followed[:, :-1], followed[:, -1]
         rate = self._rates(speeds_m_s, brakes)
         speed = rate * self._speed_at(brakes)
-        stopping_s = np.array([self._model.stopping(float(v))[0] for v in speed])
+        stopping_s = self._model.stopping_times(speed)
         after = np.maximum(times_s - reaction_s, 0.0)
         travel = self._model.travel_s(speed[:, None], after, 0.0, stopping_s[:, None])
         return phases + rate[:, None] * travel, reaction_s + stopping_s

@@ -113,6 +113,9 @@ class RobotModel:
         self._link = np.array([link for link, _ in capsules])
         self._radius = np.array([c.radius for _, c in capsules])
         self._ends = np.array([[c.a, c.b] for _, c in capsules])  # (C, 2, 3)
+        # (C, 4, 2) for products with (3, 4) poses
+        self._ends_h = np.pad(self._ends, ((0, 0), (0, 0), (0, 1)), constant_values=1.0)
+        self._ends_h = np.ascontiguousarray(self._ends_h.swapaxes(1, 2))
         # (C, N): rigid pieces of the chain from each joint to the capsule's farther end.
         self._arms = np.array(
             [
@@ -143,8 +146,11 @@ class RobotModel:
         """``capsules`` and ``tip_speed`` at once."""
         links = self._chain.links(q)
         placed = self._place(links)
-        ends, turn = self._end_speeds(links, placed, qd)
-        speed: Floats = (ends + turn * self._radius).max(axis=-1)
+        omega, v0 = self._chain.twists(links, qd)
+        turn, shift = omega.take(self._link, axis=-2), v0.take(self._link, axis=-2)
+        ends = np.stack([placed.a, placed.b])  # at once: for one q calls cost more than numbers
+        fastest = norm(shift + cross(turn, ends)).max(axis=0)
+        speed: Floats = (fastest + norm(turn) * self._radius).max(axis=-1)
         return placed, speed
 
     def stopping(self, speed_m_s: float) -> tuple[float, float]:
@@ -154,16 +160,16 @@ class RobotModel:
         proportion. Above its last: constant deceleration, time in proportion to the speed and
         distance to its square. The row is that of the next heavier payload.
         """
-        if not speed_m_s >= STANDING_M_S:  # NaN is no speed at all
-            if np.isnan(speed_m_s):
-                raise ValueError("speed is NaN")
-            return 0.0, 0.0
-        last = float(self._speeds[-1])
-        if speed_m_s > last:
-            ratio = speed_m_s / last
-            return float(self._times[-1]) * ratio, float(self._distances[-1]) * ratio**2
-        time_s = np.interp(speed_m_s, self._speeds, self._times)
-        return float(time_s), float(self._stopping_m(np.array(speed_m_s)))
+        if np.isnan(speed_m_s):
+            raise ValueError("speed is NaN")
+        speed = np.array(speed_m_s)
+        return float(self.stopping_times(speed)), float(self._stopping_m(speed))
+
+    def stopping_times(self, speeds: Floats) -> Floats:
+        """The times of ``stopping``, for any number of speeds at once."""
+        beyond = np.maximum(speeds / self._speeds[-1], 1.0)
+        times: Floats = np.interp(speeds, self._speeds, self._times) * beyond
+        return np.where(speeds >= STANDING_M_S, times, 0.0)
 
     def _stopping_m(self, speeds: Floats) -> Floats:
         """The distances of ``stopping``, for any number of speeds at once."""
@@ -273,17 +279,15 @@ class RobotModel:
         return travel
 
     def _place(self, links: Floats) -> Capsules:
-        at = links.take(self._link, axis=-3)  # (..., C, 3, 4)
-        ends = np.matmul(self._ends, np.swapaxes(at[..., :3], -1, -2)) + at[..., None, :, 3]
-        radius = np.broadcast_to(self._radius, ends.shape[:-2])
-        return Capsules(ends[..., 0, :], ends[..., 1, :], radius)
-
-    def _end_speeds(self, links: Floats, placed: Capsules, qd: Floats) -> tuple[Floats, Floats]:
-        """(..., C) speed of each capsule's faster end, and turning speed of its link."""
-        omega, v0 = self._chain.twists(links, qd)
-        turn, shift = omega.take(self._link, axis=-2), v0.take(self._link, axis=-2)
-        fastest = [norm(shift + cross(turn, end)) for end in (placed.a, placed.b)]
-        return np.maximum(*fastest), norm(turn)
+        """Capsules on links (..., N+1, 3, 4): one product of matrices for each capsule's ends."""
+        lead, count = links.shape[:-3], len(self._link)
+        at = links.reshape(-1, *links.shape[-3:]).transpose(1, 0, 2, 3).take(self._link, axis=0)
+        ends = np.matmul(at.reshape(count, -1, 4), self._ends_h).reshape(count, -1, 3, 2)
+        a, b = (
+            np.ascontiguousarray(ends[..., i].transpose(1, 0, 2)).reshape(*lead, count, 3)
+            for i in (0, 1)
+        )
+        return Capsules(a, b, np.broadcast_to(self._radius, (*lead, count)))
 
 
 def _middles(points: Floats) -> tuple[Floats, Floats]:

@@ -8,7 +8,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hri_predict.risk.geometry import capsule_distance, pairwise_min, segment_distance
+from hri_predict.risk.geometry import (
+    capsule_distance,
+    horizontal_distance,
+    pairwise_min,
+    segment_distance,
+)
 from hri_predict.risk.types import Capsules
 from hri_predict.scene import Floats
 
@@ -225,3 +230,15 @@ def test_nan_is_never_a_safe_distance(where: str) -> None:
     assert found.distance[1, 2] == -np.inf
     assert found.segment[1, 2] == 3
     assert np.isfinite(np.delete(found.distance.ravel(), 5)).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(any_point, any_point, radius, any_point)
+def test_horizontal_distance_is_that_of_a_tall_post(a, b, r, base):
+    # oracle: coal's distance to a post of 1 mm that reaches far above and below everything
+    low, high = (np.array([base[0], base[1], z]) for z in (-50.0, 50.0))
+    found = float(horizontal_distance(capsule(a, b, r), base))
+    assert found - 0.001 == pytest.approx(by_coal(a, b, r, low, high, 0.001), abs=1e-6)
+    up = np.array([0, 0, 7.0])  # the height of the capsule changes nothing
+    lifted = float(horizontal_distance(capsule(a + up, b + up, r), base))
+    assert lifted == pytest.approx(found, abs=1e-9)
