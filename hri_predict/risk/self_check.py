@@ -42,7 +42,8 @@ from hri_predict.snapshot import PeopleSnapshot
 __all__ = ["MotionRanges", "SelfCheck", "SelfCheckSettings", "Trust"]
 
 BANDS_S = (0.12, 0.24, 0.4, 0.6, 0.8)
-"""Horizons up to each of these, and beyond the last, share a factor."""
+"""Horizons up to each of these, and beyond the last, share a factor. Of captures slower than 8 a
+second none falls into the first band, which is then never widened."""
 MAX_DT_S = 0.1
 """A longer gap between captures counts as this: it is one judgement all the same."""
 _FRESH_S = 1e-6
@@ -83,7 +84,9 @@ class SelfCheckSettings(Settings):
     unlike_hold_s: float = Field(
         1.0, ge=0, le=600, description="physical limits stay so long after the last sign"
     )
-    max_people: int = Field(16, ge=1, le=64, description="people whose forecasts are remembered")
+    max_people: int = Field(
+        64, ge=1, le=64, description="people whose forecasts are remembered; more are unlike"
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
