@@ -20,7 +20,8 @@ from hri_predict.scene import Floats
 _POINT_M2 = 1e-24
 """A segment shorter than 1e-12 m is treated as the point at its first end."""
 
-_Xyz = tuple[Floats, Floats, Floats]
+Xyz = tuple[Floats, Floats, Floats]
+"""Vectors by coordinate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +56,12 @@ def capsule_distance(a: Capsules, b: Capsules) -> Floats:
 
 def segment_distance(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> Floats:
     """Distance between segments ``a1 b1`` and ``a2 b2``, each (..., 3), broadcast together."""
-    d1, d2 = _split(b1 - a1), _split(b2 - a2)
-    r = _minus(_split(a1), _split(a2))
+    return axis_distance(_split(a1), _split(b1 - a1), _split(a2), _split(b2 - a2))
+
+
+def axis_distance(start_1: Xyz, d1: Xyz, start_2: Xyz, d2: Xyz) -> Floats:
+    """The same for segments given by their starts and what leads to their ends, by coordinate."""
+    r = _minus(start_1, start_2)
     # Inverse squared lengths, 0 for points: a point's parameter then stays 0 all the way through.
     inverse_1, inverse_2 = _inverse(_dot(d1, d1)), _inverse(_dot(d2, d2))
     b, c, f = _dot(d1, d2), _dot(d1, r), _dot(d2, r)
@@ -116,22 +121,22 @@ def pairwise_min(people: Capsules, robot: Capsules) -> Nearest:
 # contiguous memory, which makes the whole about five times as fast as with einsum.
 
 
-def _split(points: Floats) -> _Xyz:
+def _split(points: Floats) -> Xyz:
     # not numpy.moveaxis, which takes longer than the copy
     x, y, z = points.transpose(points.ndim - 1, *range(points.ndim - 1)).copy()
     return x, y, z
 
 
-def _minus(u: _Xyz, v: _Xyz) -> _Xyz:
+def _minus(u: Xyz, v: Xyz) -> Xyz:
     return u[0] - v[0], u[1] - v[1], u[2] - v[2]
 
 
-def _dot(u: _Xyz, v: _Xyz) -> Floats:
+def _dot(u: Xyz, v: Xyz) -> Floats:
     result: Floats = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
     return result
 
 
-def _cross(u: _Xyz, v: _Xyz) -> _Xyz:
+def _cross(u: Xyz, v: Xyz) -> Xyz:
     return (
         u[1] * v[2] - u[2] * v[1],
         u[2] * v[0] - u[0] * v[2],

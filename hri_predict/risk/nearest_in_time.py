@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.risk.geometry import capsule_distance
+from hri_predict.risk.geometry import Xyz, axis_distance
 from hri_predict.risk.types import Capsules
 from hri_predict.scene import Floats
 
@@ -46,7 +46,7 @@ class BodiesInTime:
         with np.errstate(invalid="ignore"):
             self._persons = _around(balls)  # (5, K, P)
         self._segments = balls.reshape(5, steps * count, segments)
-        self._flat = _flat(Capsules(*by_step))  # (K P S,)
+        self._rows = _rows(Capsules(*by_step))  # (7, K P S)
 
     def nearest(self, robot: Capsules, steps: int | None = None) -> NearestInTime:
         """Smallest distance between any of the people and the robot, step by step.
@@ -123,10 +123,9 @@ class BodiesInTime:
             limit[some] = np.minimum(limit[some], closest + ROUNDING_M)
         least = most - (part[_SIZE] - part[_THICK] + (body[_SIZE] - body[_THICK]))
         n, s = np.divmod(np.flatnonzero(~(least > limit[of][:, None])), segments)
-        exact = capsule_distance(
-            _taken(self._flat, body_at[n] * segments + s),
-            _taken(_flat(robot), (place[row] * links + c)[n]),
-        )
+        bodies = self._rows.take(body_at[n] * segments + s, axis=1)
+        parts = _rows(robot).take((place[row] * links + c)[n], axis=1)
+        exact = axis_distance(*_axes(bodies), *_axes(parts)) - bodies[6] - parts[6]
         return _nearest(exact, of[n], enough_m, (p[n], s, c[n]))
 
 
@@ -155,19 +154,19 @@ def _nearest(
     return NearestInTime(distance, *found)
 
 
-def _flat(capsules: Capsules) -> Capsules:
-    """One batch axis instead of several."""
-    return Capsules(
-        capsules.a.reshape(-1, 3), capsules.b.reshape(-1, 3), capsules.radius.reshape(-1)
-    )
+def _rows(capsules: Capsules) -> Floats:
+    """(7, M) of M capsules: the start of each axis, what leads to its end, the radius."""
+    start = capsules.a.reshape(-1, 3)
+    rows = np.empty((7, len(start)))
+    rows[:3] = start.T
+    np.subtract(capsules.b.reshape(-1, 3).T, rows[:3], out=rows[3:6])
+    rows[6] = capsules.radius.reshape(-1)
+    return rows
 
 
-def _taken(capsules: Capsules, index: Ints) -> Capsules:
-    return Capsules(
-        capsules.a.take(index, axis=0),
-        capsules.b.take(index, axis=0),
-        capsules.radius.take(index),
-    )
+def _axes(rows: Floats) -> tuple[Xyz, Xyz]:
+    """Start and direction of the axes in rows."""
+    return (rows[0], rows[1], rows[2]), (rows[3], rows[4], rows[5])
 
 
 def _balls(capsules: Capsules) -> Floats:
