@@ -3,8 +3,11 @@
 import hashlib
 import multiprocessing
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +18,12 @@ import hri_predict
 import hri_sim
 from hri_predict.errors import ConfigError
 from hri_predict.settings import data_path
+from hri_sim.simulation.approach import together
 from hri_sim.simulation.cell import Cell, variants
+from hri_sim.simulation.motion import load_motion
 from hri_sim.simulation.publish import Result, report
 from hri_sim.simulation.report import Judged, Row, judged
+from hri_sim.simulation.scenario import draw
 from hri_sim.simulation.store import Store
 from hri_sim.simulation.work import ALONE, Block, Plan, blocks, episodes, run_block
 
@@ -58,8 +64,9 @@ def simulate(request: Request, progress: Callable[[int, int], None]) -> Result:
     plan = _plan(request)
     for name in plan.predictors:  # complain before anything starts
         config = plan.loaded(name)
-        Cell(config)
+        cell = Cell(config)
         variants(config, plan.modes, plan.coverages)
+    _check_motions(plan, cell)
     store = Store(request.out, _decided_by(plan), request.resume)
     todo = [block for block in blocks(plan) if block.key not in store.done]
     total = plan.episodes * len(plan.predictors)
@@ -118,6 +125,16 @@ def _code() -> str:
     return digest.hexdigest()
 
 
+def _check_motions(plan: Plan, cell: Cell) -> None:
+    """Complain of a recording that is no use now, not after minutes."""
+    base_dir, rate_hz = cell.config.base_dir, cell.source.rate_hz
+    motions = [load_motion(name, rate_hz, base_dir) for name in plan.motions]
+    for index, motion in enumerate(motions):
+        draw(plan.seed, index, [motion], cell.workspace, cell.source.lead_in_s)
+    if plan.people > 1:
+        together(motions)
+
+
 def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Block, dict[str, Any]]]:
     """Finished blocks as they come."""
     if jobs == 1 or len(todo) < 2:
@@ -127,22 +144,37 @@ def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Bloc
     context = multiprocessing.get_context("spawn")
     for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):  # one thread for each process
         os.environ.setdefault(variable, "1")
-    with ProcessPoolExecutor(jobs, context, initializer=_one_thread) as pool:
+    with ProcessPoolExecutor(jobs, context, initializer=_begin) as pool:
         waiting = {pool.submit(run_block, plan, block): block for block in todo}
         try:
             while waiting:
                 finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in finished:
                     yield waiting.pop(future), future.result()
+        except BrokenProcessPool as error:
+            raise ConfigError(
+                "--jobs: a process ended before its time, perhaps for lack of memory; run again "
+                "with fewer, and with --resume if --out is given"
+            ) from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _one_thread() -> None:
+def _begin() -> None:
+    """A process begins: one thread, a quiet end, and none without the one that started it."""
     import torch
 
     torch.set_num_threads(1)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _result(plan: Plan, store: Store) -> Result:

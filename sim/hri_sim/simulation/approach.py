@@ -5,6 +5,7 @@ approach through the node (``hri-predict run``), so that a contact in a table ca
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from hri_predict.errors import ConfigError
-from hri_predict.joint_map import load_joint_map
+from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.scene import Floats, Person, Scene
 from hri_predict.settings import MIN_RATE_HZ, Pose, Vector3, transform
 from hri_predict.source import SourceSettings
@@ -61,7 +62,7 @@ class ApproachSource:
             transform(room @ over_floor(place), motion.positions)
             for motion, place in zip(self._motions, settings.places, strict=True)
         ]
-        self.joint_map = load_joint_map("canonical")
+        self.joint_map = _canonical()
         self.rate_hz = self._motions[0].rate_hz
         self.declares_noise = False
         self._empty = round(settings.lead_in_s * self.rate_hz)
@@ -105,6 +106,11 @@ class ApproachSource:
             return self._start_ns + round(k * 1e9 / self.rate_hz)
         lead_ns = round(self._empty * 1e9 / self.rate_hz)
         return self._start_ns + lead_ns + int(self._captures[k - self._empty])
+
+
+@lru_cache(maxsize=1)
+def _canonical() -> JointMap:
+    return load_joint_map("canonical")
 
 
 def together(motions: list[Motion]) -> NDArray[np.int64]:

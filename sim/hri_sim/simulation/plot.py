@@ -16,6 +16,7 @@ except ImportError as error:  # an extra of its own
 
 # Okabe and Ito's colours, which the colour-blind can tell apart
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B", "#000000")
+_MARKERS = "osD^vP*h"  # hollow: what coincides is still seen
 _DPI = 130
 
 
@@ -76,8 +77,11 @@ def risk(results: Sequence[Judged]) -> Figure:
         panel.plot([near.low or 0, near.high or 0], [y, y], color=colour, lw=1)
         panel.plot([x, x], [100 * (work.low or 0), 100 * (work.high or 0)], color=colour, lw=1)
         panel.plot(result.totals["moving_separation_m"], y, "x", color=colour)
-        panel.plot(x, y, "o", color=colour, label=_said(result, results))
-    panel.plot([], [], "x", color="grey", label="×  the nearest of all approaches")
+        panel.plot(
+            x, y, _MARKERS[k % len(_MARKERS)], color=colour, ms=9, mfc="none", mew=1.8,
+            label=_said(result, results),
+        )  # fmt: skip
+    panel.plot([], [], "x", color="grey", label="the nearest of all approaches")
     panel.axvline(0, color="black", lw=0.8)
     panel.set_xlabel(
         "less risk →  nearest that a moving robot came to anybody, m (mean of approaches)"
