@@ -43,14 +43,15 @@ FOLDER = Path(__file__).parents[1] / "weights"
 
 Millimetres = Annotated[int, Field(ge=0, le=100_000)]
 Row = list[Millimetres | None]  # by step; None: not known, so unbounded
+Metres = Annotated[float, Field(ge=0)]
 _HASHED = 16  # hexadecimal digits
 
 
 class RangesFile(Settings):
     """What the calibration recordings' bodies and motions were like; see ``MotionRanges``."""
 
-    speed_m_s: dict[str, float]
-    bone_m: dict[str, list[float]]
+    speed_m_s: dict[str, Annotated[float, Field(ge=0)]]
+    bone_m: dict[str, Annotated[list[Metres], Field(min_length=2, max_length=2)]]
     ratio_short: float = Field(gt=0)
 
 
@@ -58,7 +59,10 @@ class RecordingEntry(Settings):
     """A recording that was used, and how many windows of each motion class it gave."""
 
     name: str
-    windows: list[int]
+    windows: Annotated[
+        list[Annotated[int, Field(ge=0)]],
+        Field(min_length=len(CLASSES), max_length=len(CLASSES)),
+    ]
 
 
 class CalibrationFile(Settings):
@@ -293,7 +297,7 @@ def _table(rows: Any, shape: tuple[int, ...]) -> Floats:
     if table.shape != shape:
         raise ValueError(f"a table has the shape {table.shape}, not {shape}")
     table = np.where(np.isnan(table), np.inf, table)
-    if not (np.diff(table[np.isfinite(table).all(-1)], axis=-1) >= 0).all():
+    if not (table[..., 1:] >= table[..., :-1]).all():
         raise ValueError("a radius shrinks with the horizon")
     return table
 

@@ -247,7 +247,7 @@ def _surprise(presence: Presence, at: NDArray[np.intp], forecast: Floats, rate_h
     """
     stamps, back_ns = presence.stamps_ns[at], round(SURPRISE_S * 1e9)
     made = _nearest(stamps, stamps - back_ns)
-    steps = (stamps - stamps[made]) * 1e-9 * rate_hz
+    steps = (stamps - stamps[made]).astype(np.float64) * (1e-9 * rate_hz)
     near = np.abs(steps - SURPRISE_S * rate_hz) <= 0.5 + 1e-6
     judged = np.flatnonzero(near & (steps <= forecast.shape[1] + 1e-6))
     now, then = at[judged], at[made[judged]]

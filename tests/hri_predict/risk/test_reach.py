@@ -92,8 +92,9 @@ def test_a_joint_that_keeps_the_limits_stays_inside(seed, since, span, speed):
     velocity = rng.normal(size=3)
     velocity *= speed / np.linalg.norm(velocity)
     mid, radius = bounds(velocity, since, since + span)
-    for joint, part in ((WAIST, "trunk"), (HAND, "arm"), (FOOT, "leg")):
-        own = LIMITS.reach[part]
+    of_part = {"trunk": WAIST, "arm": HAND, "leg": FOOT}
+    for part, own in LIMITS.reach.items():
+        joint = of_part[part]
         for t in (since, since + rng.random() * span, since + span):
             change = rng.normal(size=3)
             most = own.burst_m_s + 0.5 * own.sustained_m_s2 * t

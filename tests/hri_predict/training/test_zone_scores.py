@@ -225,7 +225,7 @@ def test_a_predictor_that_breaks_its_contract_is_named(make_recording):
 
 
 def test_names_and_actions_are_those_of_the_file(make_recording):
-    seen = []
+    seen: list[str] = []
     recordings = [
         make_recording(wandering(80), name="soccer_3"),
         replace(make_recording(wandering(80)), kind="assembly", path=Path("task1_human1.npz")),
