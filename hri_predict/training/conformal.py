@@ -87,14 +87,17 @@ def calibrate(
 
 
 def _terciles(speed: Floats, surprise: Floats) -> Floats:
-    """(2, 2) thresholds of surprise in each speed class; those of all where a class is empty."""
+    """(2, 2) thresholds of surprise in each speed class; those of all where a class is empty.
+
+    Where no surprise is known (a horizon of less than ``SURPRISE_S``), any one is surprising.
+    """
     moving = is_moving(speed)
     found = []
     for wanted in (False, True):
         own = surprise[(moving == wanted) & np.isfinite(surprise)]
         known = own if own.size else surprise[np.isfinite(surprise)]
         shares = np.arange(1, len(GRADES)) / len(GRADES)
-        found.append(np.quantile(known, shares) if known.size else np.full(len(shares), np.inf))
+        found.append(np.quantile(known, shares) if known.size else np.zeros(len(shares)))
     return np.round(np.array(found), 4)
 
 
@@ -110,14 +113,14 @@ class _Windows:
         return _Windows(self.error[chosen], self.kind[chosen], self.unit[chosen], self.group)
 
 
-def _estimated(windows: _Windows) -> dict[str, Floats]:
-    """Per question (L, C, G, H): pooled quantiles."""
+def _estimated(windows: _Windows, least: int = LEAST_RECORDINGS) -> dict[str, Floats]:
+    """Per question (L, C, G, H): pooled quantiles of the classes that ``least`` recordings show."""
     steps, group = windows.error.shape[1], windows.group
     shape = (len(LEVELS), len(CLASSES), windows.joints, steps)
     tables = {of: np.full(shape, np.inf) for of in OFS}
     for c in range(len(CLASSES)):
         own = windows.of(windows.kind == c)
-        if len(np.unique(own.unit)) < LEAST_RECORDINGS:
+        if len(np.unique(own.unit)) < least:
             continue
         for step in range(steps):
             at = own.error[:, step]
@@ -136,7 +139,7 @@ def _inflated(windows: _Windows, tables: dict[str, Floats]) -> dict[str, Floats]
     """The radii times what makes those of the others hold each recording; see the module."""
     result = {of: table.copy() for of, table in tables.items()}
     left_out = [windows.unit == unit for unit in np.unique(windows.unit)]
-    others = [_estimated(windows.of(~mine)) for mine in left_out]
+    others = [_estimated(windows.of(~mine), LEAST_RECORDINGS - 1) for mine in left_out]
     own = [windows.of(mine) for mine in left_out]
     for of in OFS:
         for i, level in enumerate(LEVELS):
