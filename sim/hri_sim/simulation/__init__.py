@@ -199,7 +199,14 @@ def _result(plan: Plan, store: Store) -> Result:
                     f"{name}, {check['variant']}, episode {check['index']}: {check['disagreement']}"
                 )
     assert alone is not None
-    return Result(results, alone, predictions, checks, disagreements)
+    asked = {
+        "configuration": Path(plan.config).name,
+        "episodes": plan.episodes,
+        "seed": plan.seed,
+        "people": plan.people,
+        "recordings": ", ".join(Path(name).stem for name in plan.motions),
+    }
+    return Result(results, alone, predictions, checks, disagreements, asked)
 
 
 def _sorted(rows: Sequence[Row]) -> list[Row]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from hri_predict.whole_file import write_whole
 from hri_sim.simulation.report import Judged, Row, Table, as_json, notes, predicted, tables
+from hri_sim.simulation.whole_node import TOLERANCE_M, TOLERANCE_S
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class Result:
         predictions: predictor -> its predictions of a touch.
         checks: how many episodes ran again through the whole node.
         disagreements: one line for each that came out otherwise.
+        asked: what decides the numbers, by name.
     """
 
     results: Sequence[Judged]
@@ -27,6 +29,7 @@ class Result:
     predictions: Mapping[str, Sequence[Row]]
     checks: int
     disagreements: Sequence[str]
+    asked: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,11 @@ def report(result: Result, out: Path | None) -> Report:
     shown = tables(result.results, result.alone, result.predictions)
     said = notes(result.results)
     agree = result.checks - len(result.disagreements)
-    said.append(f"Run again through the whole node: {result.checks} episodes, {agree} agree.")
+    said.append(
+        f"Run again through the whole node: {result.checks} episodes, {agree} agree (the same "
+        f"contacts, stops to {TOLERANCE_S:g} s, smallest separation to {TOLERANCE_M:g} m)."
+    )
+    said.append("Asked for: " + "; ".join(f"{k} {v}" for k, v in result.asked.items()) + ".")
     said += [f"Disagrees: {line}" for line in result.disagreements]
     text = json.dumps(_data(result, said), indent=1)
     files = []
@@ -63,6 +70,7 @@ def report(result: Result, out: Path | None) -> Report:
 
 def _data(result: Result, said: Sequence[str]) -> dict[str, Any]:
     return {
+        "asked": dict(result.asked),
         "results": [_judged(r) for r in (*result.results, result.alone)],
         "touch_within_1s": {
             name: as_json(predicted(rows)) for name, rows in result.predictions.items()

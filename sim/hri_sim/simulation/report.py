@@ -206,7 +206,7 @@ def notes(results: Sequence[Judged]) -> list[str]:
         f"{approaches} approaches reuse them.",
         "A – means that there was nothing to divide by.",
         f"None in {approaches} approaches does not mean never: the upper end of a 95 % interval is "
-        f"then about {3 / approaches:.2g} per approach if approaches were independent, and "
+        f"then about {min(1.0, 3 / approaches):.2g} per approach if approaches were independent, and "
         f"{min(1.0, 3 / recordings):.2g} of recordings if only recordings are (rule of three).",
         "Contacts, moving: touches while any point of the robot was faster than 10 mm/s; standing: "
         "of a robot that stood, for recorded people do not react to it and walk through it.",

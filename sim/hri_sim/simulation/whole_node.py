@@ -4,30 +4,56 @@ Nothing is played here: the placed recording goes through people, predictor, zon
 and controller, as ``hri-predict run --speed max`` does.
 """
 
+from collections.abc import Iterable
+
 from hri_predict.session import Options, run
 from hri_sim.simulation.cell import Cell, Variant, with_risk, with_scenario
 from hri_sim.simulation.episode import Log
 from hri_sim.simulation.scenario import Scenario
 
 TOLERANCE_M = 0.01
-"""Smallest separations may differ by this: a network is equivariant to rounding alone."""
+"""Smallest separations may differ by this: networks are equivariant but for rounding."""
+TOLERANCE_S = 0.1
+"""So may the times of the same stop: rounding may tip a threshold one tick or two later."""
 
 
 def disagreement(cell: Cell, scenario: Scenario, variant: Variant, log: Log) -> str:
-    """What the whole node finds otherwise than ``log``, or ""."""
+    """What the whole node finds otherwise than ``log``, or "".
+
+    Contacts and stops must be the same, stops to ``TOLERANCE_S``, the smallest separation to
+    ``TOLERANCE_M``.
+    """
     config = with_scenario(with_risk(cell.config, variant), scenario)
     summary = run(config, Options(factor=None))
     said = []
     for what, mine, whole in (
         ("contacts", log.contacts, summary.contacts),
         ("contacts while standing", log.contacts_standing, summary.contacts_standing),
-        ("stops", [r.stops for r in log.controllers], [r["stops"] for r in summary.controllers]),
     ):
         if mine != whole:
             said.append(f"{what} {mine}, whole node {whole}")
+    stops = [_stops(report.events) for report in log.controllers]
+    whole_stops = [_stops(report["events"]) for report in summary.controllers]
+    if not all(_same(a, b) for a, b in zip(stops, whole_stops, strict=True)):
+        said.append(f"stops {stops}, whole node {whole_stops}")
     mine_m, whole_m = log.min_separation_m, summary.min_separation_m
     if (mine_m is None) != (whole_m is None) or (
         mine_m is not None and whole_m is not None and abs(mine_m - whole_m) > TOLERANCE_M
     ):
         said.append(f"smallest separation {mine_m} m, whole node {whole_m} m")
     return "; ".join(said)
+
+
+Stops = list[tuple[float, str]]
+"""When (s), and why."""
+
+
+def _stops(events: Iterable[tuple[float, str, float]]) -> Stops:
+    return [(at_s, cause) for at_s, cause, limit in events if limit == 0.0]
+
+
+def _same(mine: Stops, whole: Stops) -> bool:
+    return len(mine) == len(whole) and all(
+        cause == other and abs(at_s - whole_s) <= TOLERANCE_S
+        for (at_s, cause), (whole_s, other) in zip(mine, whole, strict=True)
+    )

@@ -42,12 +42,18 @@ def test_a_disagreement_is_told(cell):
     modes, scenario, bodies = episode(cell, ["procedural:1"], 0)
     log = run_episode(cell, scenario, modes[0], bodies)
     assert log.min_separation_m is not None
+    report = log.controllers[0]
+    stops = [(t, cause, limit) for t, cause, limit in report.events if limit == 0]
+    assert stops
+    late = [(t + 0.2, cause, limit) for t, cause, limit in stops]
     wrong = dataclasses.replace(
-        log, contacts=log.contacts + 1, min_separation_m=log.min_separation_m + 0.02
+        log,
+        contacts=log.contacts + 1,
+        min_separation_m=log.min_separation_m + 0.02,
+        controllers=[dataclasses.replace(report, events=late)],
     )
-    said = disagreement(cell, scenario, modes[0], wrong)
-    assert "contacts" in said
-    assert "smallest separation" in said
+    said = disagreement(cell, scenario, modes[0], wrong).split("; ")
+    assert [line.split()[0] for line in said] == ["contacts", "stops", "smallest"]
 
 
 def test_alone_the_robot_works_as_in_an_empty_cell_and_protection_costs_work(cell):
