@@ -86,4 +86,5 @@ def _judged(result: Judged) -> dict[str, Any]:
         "mode": result.variant,
         "estimates": as_json(result.estimates),
         "totals": dict(result.totals),
+        "by_recording": dict(result.by_recording),
     }

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from hri_sim.simulation.outcome import HORIZON_S, NEAR_M
@@ -36,6 +37,8 @@ METRICS = (
     Metric("missed", "missed touches, %", 1, 100.0),
     Metric("lead_s", "lead time, s", 2, 1.0, ""),
 )
+_SUMMED = ("seconds", "contacts", "contacts_standing", "violation_s", "stops", "false_stops")
+_SUMMED += ("touches", "missed", "cycles", "cycles_empty")
 HARM, WORK = METRICS[:4], METRICS[4:]
 PREDICTION = (
     Metric("precision", "precision, %", 1, 100.0, "more"),
@@ -53,6 +56,7 @@ class Judged:
         outcomes: of all approaches.
         estimates: metric's key -> ratio with interval.
         totals: sums and extremes for the record.
+        by_recording: recording -> sums of its approaches.
     """
 
     predictor: str
@@ -60,6 +64,7 @@ class Judged:
     outcomes: Sequence[Row]
     estimates: Mapping[str, Estimate]
     totals: Mapping[str, Any]
+    by_recording: Mapping[str, Mapping[str, float]]
 
 
 def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
@@ -106,7 +111,18 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
         "cycles": sum(column["cycles"]),
         "cycles_empty": sum(column["cycles_empty"]),
     }
-    return Judged(predictor, variant, rows, estimates, totals)
+    return Judged(predictor, variant, rows, estimates, totals, _by_recording(rows))
+
+
+def _by_recording(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
+    """A long recording weighs more in every rate: what each brings in."""
+    found: dict[str, dict[str, float]] = {}
+    for row in rows:
+        sums = found.setdefault(Path(row["motion"]).stem, {"approaches": 0})
+        sums["approaches"] += 1
+        for key in _SUMMED:
+            sums[key] = sums.get(key, 0) + row[key]
+    return found
 
 
 def predicted(rows: Sequence[Row]) -> dict[str, Estimate]:
@@ -206,8 +222,8 @@ def notes(results: Sequence[Judged]) -> list[str]:
         f"{approaches} approaches reuse them.",
         "A – means that there was nothing to divide by.",
         f"None in {approaches} approaches does not mean never: the upper end of a 95 % interval is "
-        f"then about {min(1.0, 3 / approaches):.2g} per approach if approaches were independent, and "
-        f"{min(1.0, 3 / recordings):.2g} of recordings if only recordings are (rule of three).",
+        f"then about {min(1.0, 3 / approaches):.2g} per approach if approaches were independent, "
+        f"and {min(1.0, 3 / recordings):.2g} of recordings if only recordings are (rule of three).",
         "Contacts, moving: touches while any point of the robot was faster than 10 mm/s; standing: "
         "of a robot that stood, for recorded people do not react to it and walk through it.",
         "Too near: the robot moved while a body was nearer than C + Z_d + Z_r; deepest: by how "
@@ -219,6 +235,8 @@ def notes(results: Sequence[Judged]) -> list[str]:
         f"for neither column of stops: what would have come is not recorded.",
         "Missed: the unprotected robot would have been touched, and the advice was clear or warn "
         "until then. Lead time: since when it asked for less, in the others.",
+        "Rates are sums over sums, so that long recordings weigh more; simulate.json has the sums "
+        "of each recording.",
         "Productivity: work cycles while somebody is there, against an empty cell in the same time "
         "behind the same wire.",
     ]

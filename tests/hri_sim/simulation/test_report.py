@@ -51,6 +51,15 @@ def test_rates_by_hand():
     )
 
 
+def test_what_each_recording_brings_in():
+    many = rows(cycles=(1.0, 2.0)) + rows(cycles=(0.5, 0.0))
+    found = judged("p", "iso", many).by_recording
+    assert {name: (s["approaches"], s["seconds"], s["cycles"]) for name, s in found.items()} == {
+        "a": (2, 3600.0, 1.5),
+        "b": (2, 3600.0, 2.0),
+    }
+
+
 def test_nothing_to_divide_by_is_a_dash():
     found = judged("p", "iso", rows()).estimates
     assert [
