@@ -37,8 +37,10 @@ METRICS = (
     Metric("missed", "missed touches, %", 1, 100.0),
     Metric("lead_s", "lead time, s", 2, 1.0, ""),
 )
-_SUMMED = ("seconds", "contacts", "contacts_standing", "violation_s", "stops", "false_stops")
-_SUMMED += ("touches", "missed", "cycles", "cycles_empty")
+_SUMMED = (
+    "seconds", "contacts", "contacts_standing", "violation_s", "stops", "false_stops", "touches",
+    "missed", "cycles", "cycles_empty",
+)  # fmt: skip
 HARM, WORK = METRICS[:4], METRICS[4:]
 PREDICTION = (
     Metric("precision", "precision, %", 1, 100.0, "more"),
