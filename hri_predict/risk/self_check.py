@@ -66,7 +66,7 @@ class SelfCheckSettings(Settings):
         4.0, gt=1, le=100, description="widening ends here; physical limits are used beyond"
     )
     short_margin: float = Field(
-        1.5,
+        1.1,
         ge=1,
         le=100,
         description="first steps wrong by more than this times the worst calibrated are unlike",

@@ -116,8 +116,14 @@ def ranged(ratio_short=1.0, speed=np.inf, scale=None):
 
 @pytest.mark.parametrize(
     ("shift", "ratio_short", "unlike"),
-    # radii of 0.1, a margin of 1.5: from 0.15 on, or 0.3 if the calibration had seen twice a radius
-    [(0.2, 1.0, True), (0.14, 1.0, False), (0.2, 2.0, False), (0.31, 2.0, True), (0.2, 0.1, True)],
+    # radii of 0.1, a margin of 1.1: from 0.11 on, or 0.22 if twice a radius was calibrated
+    [
+        (0.12, 1.0, True),
+        (0.105, 1.0, False),
+        (0.2, 2.0, False),
+        (0.23, 2.0, True),
+        (0.2, 0.1, True),
+    ],
 )
 def test_a_body_that_jumps_as_a_whole_is_unlike_at_once(shift, ratio_short, unlike):
     check = ranged(ratio_short)
