@@ -63,6 +63,18 @@ class Demand:
         """Nothing can be said, for ``reason``."""
         return cls(Level.UNKNOWN, Level.UNKNOWN, 0.0, 0.0, reason)
 
+    def milder(self, other: "Demand") -> "Demand":
+        """What either permits, where one is enough: the lower levels, the higher limits."""
+        rank, other_rank = severity(self.level), severity(other.level)
+        mild = other if (other_rank, self.limit_m_s) < (rank, other.limit_m_s) else self
+        return Demand(
+            mild.level,
+            min(self.release, other.release, key=severity),
+            max(self.limit_m_s, other.limit_m_s),
+            max(self.release_limit_m_s, other.release_limit_m_s),
+            mild.reason,
+        )
+
     def __or__(self, other: "Demand") -> "Demand":
         """Both at once: the severer level with its reason, the lower limits."""
         rank, other_rank = severity(self.level), severity(other.level)

@@ -113,24 +113,44 @@ class RobotJudge:
         motion = self._motion(now, bodies)
         if motion is None:
             return Judgement(Demand.unknown(Reason.HORIZON_TOO_SHORT), None, False)
-        people = None
+        people, demand = None, Demand.nothing(self.max_speed_m_s)
         if len(bodies.zones.ids):
             fast = np.zeros(0) if human_m_s is None else human_m_s
-            people = (
-                self._by_time(motion, in_time or BodiesInTime(bodies.zones.capsules))
-                if self.in_time
-                else self._now(motion, bodies, fast)
-            )
+            people, demand = self._of_people(motion, bodies, fast, in_time)
         unseen = None if self._view is None else self._unseen(motion, bodies.age_s, self._view)
-        demand = Demand.nothing(self.max_speed_m_s)
-        if people is not None:
-            demand = demand | self._demand(people, _reason(people, bodies))
         if unseen is None:
             return Judgement(demand, people, False)
         out_of_view = self._demand(unseen, Reason.OUT_OF_VIEW)
         both = demand | out_of_view
         decides = both.reason is Reason.OUT_OF_VIEW
         return Judgement(both, people, decides)
+
+    def _of_people(
+        self,
+        motion: RobotMotion,
+        bodies: BodyZones,
+        human_m_s: Floats,
+        in_time: BodiesInTime | None,
+    ) -> tuple[Finding, Demand]:
+        """What the people ask for, and the finding that it rests on.
+
+        ``predictive`` asks for what the milder of two asks: the zones over time, and the standard's
+        separation. Either keeps the robot away by itself, as long as what it assumes holds; zones
+        are the larger ones where little is known of a person, the standard's 1.6 m/s where he is
+        seen to walk elsewhere.
+        """
+        if not self.in_time:
+            found = self._now(motion, bodies, human_m_s)
+            return found, self._demand(found, _reason(found, bodies))
+        found = self._by_time(motion, in_time or BodiesInTime(bodies.zones.capsules))
+        demand = self._demand(found, _reason(found, bodies))
+        if self._settings.mode != "predictive" or demand == Demand.nothing(self.max_speed_m_s):
+            return found, demand
+        now = self._now(motion, bodies, human_m_s)
+        by_standard = self._demand(now, _reason(now, bodies))
+        both = demand.milder(by_standard)
+        rests_on_zones = (both.level, both.limit_m_s) == (demand.level, demand.limit_m_s)
+        return (found if rests_on_zones else now), both
 
     def where(self, people: Finding) -> str:
         """How far from what the person is that decides, for people."""
@@ -178,8 +198,8 @@ class RobotJudge:
         return self._over_time(Course(distance, _later(standing), ahead), motion)
 
     def _now(self, motion: RobotMotion, bodies: BodyZones, human_m_s: Floats) -> Finding:
-        """Modes ``iso`` and ``fixed``: everybody together, and who is fast by themselves."""
-        zones, iso = bodies.zones.capsules, self._settings.mode == "iso"
+        """By the distance now: everybody together, and who is fast by themselves."""
+        zones, iso = bodies.zones.capsules, self._settings.mode != "fixed"
         found = []
         for fast in (None, *np.flatnonzero(human_m_s > 0)) if iso else (None,):
             who = slice(None) if fast is None else slice(fast, fast + 1)
@@ -197,7 +217,7 @@ class RobotJudge:
     ) -> Finding:
         """The same, where the robot gets away from everybody while it goes on and stops."""
         free = found.slack_m >= 0 and min(found.limits[:2]) >= self.max_speed_m_s
-        if self._settings.mode != "iso" or free or not motion.is_foreseen:
+        if self._settings.mode == "fixed" or free or not motion.is_foreseen:
             return found
         people = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
 
