@@ -14,12 +14,12 @@ PLAIN = tuple(dict.fromkeys(plain(name) for name in JOINTS))
 def calibration_of(recordings=120, steps=25, step_m=0.01, joints=PLAIN, **changes):
     """A calibration whose radii tell where they come from.
 
-    Of level i, class c, joint g and step k (from 0): ``step_m`` (k + 1) + 0.2 i + 0.04 c + 0.004 g.
+    Of level i, class c, joint g and step k (from 0): ``step_m`` (k + 1) + 0.2 i + 0.04 c + 0.001 g.
     The body's are 1 m more, the guaranteed ones 2 m more.
     """
     shape = (len(LEVELS), len(CLASSES), len(joints), steps)
     i, c, g, k = np.indices(shape)
-    estimated = step_m * (k + 1) + 0.2 * i + 0.04 * c + 0.004 * g
+    estimated = step_m * (k + 1) + 0.2 * i + 0.04 * c + 0.001 * g
     guaranteed = 2.0 + estimated[:, :: len(GRADES)]
     assert guaranteed.shape[1] == len(SPEED_CLASSES)
     made = Calibration(

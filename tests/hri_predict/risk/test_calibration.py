@@ -174,7 +174,7 @@ def test_radii_are_of_the_level_the_question_the_class_the_joint_and_the_step(ma
         radii = Radii(made, CoverageSettings(**coverage), CANONICAL, 4)
         return radii.of(np.array([speed]), np.array([surprise]))[0, 2, WRIST]
 
-    base = 0.03 + 0.004 * g  # of level 0, class 0 and the third step
+    base = 0.03 + 0.001 * g  # of level 0, class 0 and the third step
     assert radius(0.0, 0.0, level=0.9, of="joint") == pytest.approx(base)
     assert radius(0.0, 0.0, level=0.99, of="joint") == pytest.approx(base + 0.4)
     assert radius(0.0, 0.0, level=0.9, of="body") == pytest.approx(base + 1)
