@@ -22,8 +22,8 @@ from hri_predict.training.zone_scene import (
 
 _ZONE, _ZONE_FILL, _TRUE, _PREDICTED = COLOURS[0], "#CDE2F0", "#8A8A8A", COLOURS[1]
 _ROBOT, _TABLE = COLOURS[2], "#E9E4DC"
-_GRID_M = 0.01
-_WIDE_M, _TALL_M, _DEEP_M = (-1.3, 2.4), (-0.12, 2.6), (-1.25, 1.8)
+_GRID_M = 0.02
+_WIDE_M, _TALL_M, _DEEP_M = (-1.3, 2.4), (-0.12, 2.6), (-1.1, 1.95)
 """What pictures show, metres: ahead of the person now, above the floor, and to the left."""
 
 
@@ -53,7 +53,7 @@ def zone_filmstrip(
     cell = (README_INCHES - 0.4) / len(SHOWN_MS)
     tall = sum(heights) * cell / float(np.ptp(_WIDE_M)) + 1.35
     figure = Figure(figsize=(README_INCHES, tall), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.015, h_pad=0.015, wspace=0.0, hspace=0.0)  # type: ignore
+    figure.get_layout_engine().set(w_pad=0.015, h_pad=0.025, wspace=0.0, hspace=0.0)  # type: ignore
     grid = figure.subplots(len(heights), len(SHOWN_MS), squeeze=False, height_ratios=heights)
     for index, scene in enumerate(scenes):
         rows = grid[2 * index : 2 * index + 2]
@@ -195,7 +195,7 @@ def _explain(figure: Figure, axes: Any, predictor: str, what: str) -> None:
         frameon=False,
     )
     figure.supxlabel(
-        "A zone holds the body during the whole 40 ms before its moment, counted from the capture; "
+        "A zone holds the body during the whole step before its moment, counted from the capture; "
         "what is larger leaves the picture.\nAll to one scale, the room stands still. Windows: the "
         "middle of each action's longest recording, whatever the errors.\nThe robot was put to the "
         "left of the recorded person. What was not measured (often the crown) widens a zone.",

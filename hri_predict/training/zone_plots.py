@@ -202,7 +202,7 @@ def _explain(figure: Figure, axes: Any, ways: Sequence[str], count: int) -> None
     labels = [
         *(_NAMES[way] for way in ways),
         "stated coverage",
-        f"wanted: {UNDER_POINTS:g} point under it; as calibrated, {OVER_POINTS:g} over",
+        f"wanted: down to {UNDER_POINTS:g} point under (as calibrated, up to {OVER_POINTS:g} over)",
     ]
     handles = [
         axes.plot([], [], marker, color=colour, markersize=5.5)[0]
@@ -307,7 +307,7 @@ def _calibrated(
         if of == "body" and with_classes:
             known = by_class[np.isfinite(by_class).all(1)]
             if len(known):
-                label = f"{name}, whole body: all {len(known)} motion classes"
+                label = f"{name}, whole body: range of {len(known)} motion classes"
                 axes.fill_between(
                     ms, known.min(0), known.max(0), color=colour, alpha=0.15, label=label, lw=0
                 )

@@ -29,7 +29,7 @@ BALL_M_S = 1.6
 """The standard's walking speed, at which the outline for scale grows."""
 ROBOT, TRAJECTORY, ROBOT_PHASE_S = "ur5e", "pick_and_place", 1.4
 """Who stands beside the person, what it does, and where in its cycle it is at first: swinging."""
-_AHEAD_M, _LEFT_M, _TABLE_M = 0.4, 1.05, 0.75
+_AHEAD_M, _LEFT_M, _TABLE_M = 0.4, 1.25, 0.75
 """So far ahead and to the left of where the person is after a second, on a table so high."""
 
 
@@ -71,11 +71,9 @@ def middle_window(scores: Sequence[Scores], action: str) -> tuple[Scores, int] |
 
 
 def _whole(entry: Scores) -> Any:
-    """Windows with a second of truth ahead, all joints seen at the capture."""
+    """Windows with a second of truth ahead."""
     ends = entry.truth.stamps_ns[-1]
-    return np.flatnonzero(
-        (entry.origin_ns + SHOWN_MS[-1] * 1_000_000 <= ends) & entry.observed[:, -1].any(-1)
-    )
+    return np.flatnonzero(entry.origin_ns + SHOWN_MS[-1] * 1_000_000 <= ends)
 
 
 def zone_scene(
@@ -176,22 +174,23 @@ def outside(points: Floats, view: View, capsules: Capsules) -> Floats:
 def views(scene: ZoneScene, skeleton: Skeleton) -> tuple[View, View]:
     """From the person's right, and from above: both with *ahead* to the right of the picture."""
     now, seen = scene.true[0], scene.known[0]
-    side = [
-        now[[n.startswith(s) and k for n, k in zip(skeleton.joints, seen, strict=True)]].mean(0)
-        for s in ("l_", "r_")
+    sides = [
+        np.array([n.startswith(prefix) for n in skeleton.joints]) & seen for prefix in ("l_", "r_")
     ]
-    left = side[0] - side[1]
-    heading = np.arctan2(-left[0], left[1]) if np.isfinite(left).all() else 0.0
+    heading = 0.0
+    if all(own.any() for own in sides):
+        left = now[sides[0]].mean(0) - now[sides[1]].mean(0)
+        heading = float(np.arctan2(-left[0], left[1]))
     ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
     to_left = np.array([-np.sin(heading), np.cos(heading), 0.0])
     origin = now[seen].mean(0)
     feet = scene.known & np.array([n.endswith(("ankle", "foot")) for n in skeleton.joints])
-    origin[2] = scene.true[feet][:, 2].min(initial=np.inf) if feet.any() else 0.0
+    origin[2] = scene.true[feet][:, 2].min() if feet.any() else 0.0
     return View(origin, ahead, np.array([0.0, 0.0, 1.0])), View(origin, ahead, to_left)
 
 
 def robot_beside(scene: ZoneScene, side: View, above: View) -> Capsules:
-    """(K, C) capsules of the robot on its trajectory; see the constants for where it stands."""
+    """(K, C) capsules of a robot on its trajectory; see the constants for which, and where."""
     known = scene.known[-1]
     there = scene.true[-1][known].mean(0) if known.any() else side.origin
     base = there + _AHEAD_M * side.across + _LEFT_M * above.up
