@@ -65,6 +65,12 @@ def scored(make_recording):
     return score_recordings(constant(), found)
 
 
+def found_window(scores, action):
+    found = middle_window(scores, action)
+    assert found is not None
+    return found
+
+
 def calibration_of(scores, predictor):
     values, weights = identity(
         ConstantVelocitySettings(name="constant_velocity", horizon_s=predictor.horizon_steps / 25)
@@ -75,7 +81,7 @@ def calibration_of(scores, predictor):
 
 @pytest.fixture(scope="module")
 def scene(scored):
-    entry, window = middle_window(scored, "walking")
+    entry, window = found_window(scored, "walking")
     return zone_scene(
         entry, window, calibration_of(scored, constant()), CoverageSettings(), constant()
     )
@@ -85,7 +91,7 @@ def scene(scored):
 
 
 def test_the_window_is_the_middle_of_the_longest_recording(scored):
-    entry, window = middle_window(scored, "walking")
+    entry, window = found_window(scored, "walking")
     assert entry.name == "walking_2"
     # origins 0.56 s to 4.96 s, the last with a known second at 149 / 25 - 1: 111 windows
     assert window == 55
@@ -97,7 +103,7 @@ def test_no_forecast_bears_on_which_window(scored):
         replace(s, forecast=np.full_like(s.forecast, 9.0), error_m=np.full_like(s.error_m, np.nan))
         for s in scored
     ]
-    entry, window = middle_window(blind, "walking")
+    entry, window = found_window(blind, "walking")
     assert (entry.name, window) == ("walking_2", 55)
 
 
@@ -130,7 +136,7 @@ def test_moments_beyond_the_horizon_are_left_out(make_recording):
     short = constant(0.5)
     found = [make_recording(walked(4.0, seed=i), name=f"walking_{i}") for i in range(4)]
     scores = score_recordings(short, found)
-    entry, window = middle_window(scores, "walking")
+    entry, window = found_window(scores, "walking")
     scene = zone_scene(entry, window, calibration_of(scores, short), CoverageSettings(), short)
     assert scene.shown_ms == (0, 200, 400)
     figure = zone_filmstrip([scene], CANONICAL, "kalman", "99 %")
@@ -235,7 +241,7 @@ def test_arms_alone_are_a_picture(make_recording, tmp_path):
         for i in range(4)
     ]
     scores = score_recordings(constant(), found)
-    entry, window = middle_window(scores, "arms")
+    entry, window = found_window(scores, "arms")
     scene = zone_scene(
         entry, window, calibration_of(scores, constant()), CoverageSettings(), constant()
     )

@@ -9,7 +9,7 @@ from PIL import Image
 
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
-from hri_predict.risk.calibration import OFS, Calibration, plain
+from hri_predict.risk.calibration import Calibration, plain
 from hri_predict.risk.motion_class import CLASSES
 from hri_predict.risk.settings import LEVELS, HumanLimits
 from hri_predict.skeleton import JOINTS
@@ -25,6 +25,7 @@ from hri_predict.training.zone_plots import (
 from hri_predict.training.zone_scores import score_recordings
 
 RATE_HZ, STEPS = 25.0, 25
+QUESTIONS: tuple[str, ...] = ("joint", "body")
 PLAIN = tuple(dict.fromkeys(plain(name) for name in JOINTS))
 ALL = tuple(range(len(CLASSES)))
 BODY = np.random.default_rng(4).normal(size=(len(JOINTS), 3))
@@ -36,8 +37,8 @@ def coverage_of(held, known, actions=("walking",)):
     return Coverage(
         names=names,
         actions=actions * (len(held) // len(actions)),
-        held=dict.fromkeys(OFS, held),
-        known=dict.fromkeys(OFS, known),
+        held=dict.fromkeys(QUESTIONS, held),
+        known=dict.fromkeys(QUESTIONS, known),
         windows=none + 100,
         widened_in=none,
         unlike_in=none,
@@ -56,7 +57,7 @@ def calibrated(scale=0.01, classes=ALL):
     for c in classes:
         table[:, c] = scale * (c + 1) * np.arange(1, STEPS + 1)
     guaranteed = np.full((len(LEVELS), 2, len(PLAIN), STEPS), np.inf)
-    both = dict.fromkeys(OFS, table)
+    both = dict.fromkeys(QUESTIONS, table)
     return Calibration(
         "zero_velocity",
         {},
@@ -65,7 +66,7 @@ def calibrated(scale=0.01, classes=ALL):
         PLAIN,
         np.array([[0.1, 0.2], [0.1, 0.2]]),
         both,
-        dict.fromkeys(OFS, guaranteed),
+        dict.fromkeys(QUESTIONS, guaranteed),
         (("walking_1", (9,) * len(CLASSES)),),
         {"speed_m_s": {}, "bone_m": {}, "ratio_short": 1.0},
     )
@@ -98,7 +99,7 @@ def test_every_measured_coverage_is_a_mark_at_its_level_and_horizon():
     coverage = {
         (level, of, way): covered(shares[level] - 0.01 * (of == "body"))
         for level in LEVELS
-        for of in OFS
+        for of in QUESTIONS
         for way in WAYS
     }
     joint, body = reliability(coverage, "kalman", RATE_HZ).axes[:2]
@@ -211,7 +212,7 @@ def test_radii_of_nothing_are_still_a_picture(make_recording):
 
 def test_every_picture_is_written(tmp_path, make_recording):
     scores = [s for n in (1, 2) for s in standing(make_recording, name=f"walking_{n}")]
-    coverage = {(level, of, WAYS[2]): covered(level) for level in LEVELS for of in OFS}
+    coverage = {(level, of, WAYS[2]): covered(level) for level in LEVELS for of in QUESTIONS}
     judged = ZoneJudgement("zero_velocity", calibrated(), RATE_HZ, coverage, {})
     beside = {"kalman": (scores, calibrated(0.02), predictor())}
     files = write_pictures(tmp_path, predictor(), scores, judged, beside)
