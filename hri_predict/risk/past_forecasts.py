@@ -184,7 +184,8 @@ class PastForecasts:
         radius = self._flat_radius.take(row * self._horizon_steps + step, axis=0)
         claimed = seen & (radius != np.inf)  # NaN is a claim, and missed
         sound = radius > 0  # not NaN
-        ratio = errors / radius if sound.all() else _ratio(errors, radius, sound)
+        with np.errstate(invalid="ignore"):  # of a joint never seen, for which nothing is claimed
+            ratio = errors / radius if sound.all() else _ratio(errors, radius, sound)
         return Judged(
             person=person,
             lead_s=lead,
