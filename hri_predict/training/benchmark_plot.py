@@ -6,19 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.errors import ConfigError
 from hri_predict.training.benchmark import mean_over
 from hri_predict.training.benchmark_report import MEAN, BenchmarkResult, printed_at
+from hri_predict.training.figures import COLOURS, Figure
 
-try:
-    from matplotlib.figure import Figure
-except ImportError as error:  # an extra of its own
-    raise ConfigError(
-        "plots need matplotlib; install it with pip install 'hri-predict[train]'"
-    ) from error
-
-# Okabe and Ito's colours, which the colour-blind can tell apart; baselines are grey
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B", "#000000")
+# baselines are grey
 _BASELINES = {"zero_velocity": "-", "constant_velocity": "--"}
 _COLUMNS = 3
 
@@ -71,7 +63,7 @@ def _colours(result: BenchmarkResult) -> dict[str, str]:
     """Of each method its colour, the same for what we measured and what its paper prints."""
     measured = (name for name in result.scores if name not in _BASELINES)
     methods = dict.fromkeys(_key(n) for n in (*measured, *(e.method for e in result.printed)))
-    return dict(zip(methods, itertools.cycle(_COLOURS), strict=False))
+    return dict(zip(methods, itertools.cycle(COLOURS), strict=False))
 
 
 def _key(method: str) -> str:

@@ -8,21 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.errors import ConfigError
 from hri_predict.predictors.body import BODY
 from hri_predict.scene import Floats
+from hri_predict.training.figures import COLOURS, Figure
 from hri_predict.training.real import MEAN_ACTIONS, RealResult
 from hri_predict.training.real_windows import FUTURE_STEPS, RATE_HZ, scored_joints
 
-try:
-    from matplotlib.figure import Figure
-except ImportError as error:  # an extra of its own
-    raise ConfigError(
-        "plots need matplotlib; install it with pip install 'hri-predict[train]'"
-    ) from error
-
-# Okabe and Ito's colours, which the colour-blind can tell apart; baselines are grey
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B", "#000000")
+# baselines are grey
 _BASELINES = {
     "zero_velocity": ("#555555", "-"),
     "constant_velocity 120 ms": ("#777777", "--"),
@@ -136,5 +128,5 @@ def _name_lines(axes: Any, results: Sequence[RealResult], curves: Sequence[Float
 
 def _styles(results: Sequence[RealResult]) -> list[tuple[str, str]]:
     """Colour and line of each predictor: baselines are grey."""
-    free = itertools.cycle(_COLOURS)
+    free = itertools.cycle(COLOURS)
     return [_BASELINES.get(r.predictor) or (next(free), "-") for r in results]
