@@ -225,6 +225,8 @@ def test_a_guarantee_takes_so_many_recordings(make_calibration, level, wanted):
     Radii(make_calibration(wanted), coverage, CANONICAL, 25)
     with pytest.raises(ConfigError) as error:
         Radii(make_calibration(wanted - 3), coverage, CANONICAL, 25)
+    with pytest.raises(ConfigError, match="with 1 more"):
+        Radii(make_calibration(wanted - 1), coverage, CANONICAL, 25)
     line = str(error.value)
     assert "\n" not in line
     assert f"{level:g} is not guaranteed for zero_velocity" in line

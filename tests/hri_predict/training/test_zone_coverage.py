@@ -94,12 +94,14 @@ def test_counts_by_hand(scored):
 
 def test_presences_of_one_recording_are_counted_together(scored):
     scores, calibration = scored(zero(), 0.1)
-    once = as_calibrated(scores[:1], calibration, CUT, CANONICAL)
-    twice = as_calibrated([scores[0], scores[0]], calibration, CUT, CANONICAL)
-    assert twice.names == ("walking_0",)
+    once = as_calibrated(scores[:2], calibration, CUT, CANONICAL)
+    twice = as_calibrated([scores[0], scores[0], scores[1]], calibration, CUT, CANONICAL)
+    assert twice.names == ("walking_0", "walking_1")
     for of in ("joint", "body"):
-        assert np.array_equal(twice.known[of], 2 * once.known[of])
-        assert np.array_equal(twice.share(of), once.share(of), equal_nan=True)
+        for more, counts in ((twice.known, once.known), (twice.held, once.held)):
+            assert np.array_equal(more[of][0], 2 * counts[of][0])
+            assert np.array_equal(more[of][1], counts[of][1])
+    assert twice.windows.tolist() == [2 * once.windows[0], once.windows[1]]
 
 
 def test_where_nothing_is_calibrated_nothing_is_known(scored):

@@ -123,10 +123,10 @@ def test_constant_velocity_on_a_parabola_by_hand(make_recording):
 def test_the_worst_capture_within_a_step_counts(make_recording):
     # 100 Hz, four captures a step: out by 1 m for 10 ms and back is 1 m of error in that step alone
     metres = np.zeros(200)
-    metres[100] = 1.0
+    metres[98] = 1.0
     entry = score_recordings(zero(), [make_recording(along_x(metres), 100.0)])[0]
     origin = int(np.flatnonzero(entry.origin_ns == 800_000_000)[0])
-    # capture 100 is 0.2 s after the origin at 0.8 s: it ends the fifth step
+    # capture 98 is 0.18 s after the origin at 0.8 s: within the fifth step, (0.16, 0.2]
     assert entry.error_m[origin].max(1) == pytest.approx(np.eye(25)[4])
 
 
