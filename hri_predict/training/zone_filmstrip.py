@@ -174,7 +174,7 @@ def _bones(axes: Any, view: View, positions: Floats, seen: Bools, skeleton: Skel
 
 
 def _explain(figure: Figure, axes: Any, predictor: str, what: str) -> None:
-    names = ["person, as it came", f"forecast by {predictor}", "zone", "robot, as planned"]
+    names = ["person, as recorded", f"forecast by {predictor}", "zone", "robot, as planned"]
     names.append(f"body growing at {BALL_M_S:g} m/s")
     handles = [
         axes.fill_between([], [], [], color=_TRUE),
@@ -198,6 +198,7 @@ def _explain(figure: Figure, axes: Any, predictor: str, what: str) -> None:
         "A zone holds the body during the whole step before its moment, counted from the capture; "
         "what is larger leaves the picture.\nAll to one scale, the room stands still. Windows: the "
         "middle of each action's longest recording, whatever the errors.\nThe robot was put to the "
-        "left of the recorded person. What was not measured (often the crown) widens a zone.",
+        "person's left (seen from the right: behind). What was not measured (often the crown) "
+        "widens a zone.",
         fontsize=8,
     )

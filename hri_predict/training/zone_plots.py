@@ -41,7 +41,7 @@ _STYLES = dict(zip(WAYS, ((_BLUE, "o"), (_GREEN, "^"), (_ORANGE, "s")), strict=T
 _NAMES = dict(
     zip(
         WAYS,
-        ("as calibrated", "as run without the self-check", "as run"),
+        ("as calibrated", "as run, without the self-check", "as run (physical cut, self-check)"),
         strict=True,
     )
 )
