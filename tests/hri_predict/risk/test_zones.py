@@ -122,7 +122,9 @@ def test_zones_hold_bodies_whose_deviation_keeps_the_limits(seed, ages, speed):
     # The whole body moves and strays as one, so that its bones keep their lengths.
     moves = rng.normal(size=(people, STEPS, 1, 3)) * speed / RATE_HZ
     forecast = last[:, None] + np.cumsum(moves, axis=1)
-    zones = builder(UNBOUNDED, steps=STEPS + 4).build(snapshot_of(last, ages), Forecast(forecast, None))
+    zones = builder(UNBOUNDED, steps=STEPS + 4).build(
+        snapshot_of(last, ages), Forecast(forecast, None)
+    )
     knots = np.concatenate([last[:, None], forecast], axis=1)
     for p, age in enumerate(ages):
         for step in range(1, STEPS + 5):
