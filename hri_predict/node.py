@@ -159,7 +159,9 @@ class Node:
             return NodeState.FAULT
         if self.state is NodeState.STARTING and snapshot.newest_capture_ns is None:
             return NodeState.STARTING
-        if reasons or snapshot.reasons or not all(link.connected for link in self._links):
+        # wider zones are the self-check at work; all else means that something is amiss
+        amiss = [r for r in reasons if r is not Reason.ZONES_WIDENED]
+        if amiss or snapshot.reasons or not all(link.connected for link in self._links):
             return NodeState.DEGRADED
         return NodeState.RUNNING
 

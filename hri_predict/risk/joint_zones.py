@@ -2,9 +2,10 @@
 
 The growth rule
 ===============
-Time ``t`` runs from each person's capture. A joint that was seen in that capture, and in half of
-the last ``SETTLED_STEPS`` steps, is within its *calibrated radius* of where the forecast puts it
-(``calibration``: by motion class, joint and horizon), times what the live self-check widens it by.
+Time ``t`` runs from each person's capture. A joint that was seen in that capture, and in
+``SETTLED_STEPS`` of the last ``RECENT_STEPS`` steps, is within its *calibrated radius* of where the
+forecast puts it (``calibration``: by motion class, joint and horizon), times what the live
+self-check widens it by.
 
 A predictor without a calibration has the *uncalibrated rule* instead: at most
 
@@ -46,8 +47,9 @@ _NEVER_S = 1e3
 _FAR_M = 1e4
 """A coordinate beyond this is no position in a room."""
 FRESH_S = 1e-6
-SETTLED_STEPS = 15
-"""Radii are calibrated on so much history; a joint seen in less than half of it is not settled."""
+RECENT_STEPS, SETTLED_STEPS = 15, 8
+"""A joint is settled that was seen in so many of the most recent steps: calibrated radii rest on as
+much history at least."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,9 +168,9 @@ class JointZones:
             return np.full((people, self._horizon_steps, joints), np.inf)
         speed = trunk_speed(snapshot.history, snapshot.observed, self._rate_hz, self._skeleton)
         claimed = self._radii.of(speed, trust.surprise_m)
-        recent = snapshot.observed[:, -SETTLED_STEPS:].sum(1)  # (P, J)
-        most = min(SETTLED_STEPS, snapshot.observed.shape[1])
-        known = (2 * recent >= most) & np.isfinite(claimed[:, : self._trusted_steps]).all(1)
+        recent = snapshot.observed[:, -RECENT_STEPS:].sum(1)  # (P, J)
+        settled = recent >= min(SETTLED_STEPS, snapshot.observed.shape[1])
+        known = settled & np.isfinite(claimed[:, : self._trusted_steps]).all(1)
         return np.where(known[:, None], claimed, np.inf)
 
     def _tracks(

@@ -7,9 +7,10 @@ are told apart by two things that the node sees at every capture:
 - **surprise**: by how much forecasts of this person were wrong of late. The mean over joints of
   how far the newest capture is from where it was forecast ``SURPRISE_S`` before, and the largest
   such value within the last ``SURPRISE_S``. Three grades, *calm*, *usual* and *surprising*, whose
-  thresholds are the terciles of the calibration's windows.
+  thresholds are the terciles of the calibration's windows; and *new*, where no forecast is old
+  enough yet.
 
-Where no forecast is old enough yet, the grade is *surprising*; where no speed is known, *moving*.
+Where no speed is known, a person counts as *moving*.
 Both are functions of the past alone, so a calibration within each class is as valid as one without
 (Mondrian conformal prediction: V. Vovk, A. Gammerman, G. Shafer, "Algorithmic Learning in a Random
 World", 2005, section 4.5).
@@ -28,7 +29,9 @@ SURPRISE_S = 0.4
 """How old a forecast is when its error counts as surprise, and how long that is remembered."""
 SPEED_CLASSES = ("still", "moving")
 GRADES = ("calm", "usual", "surprising")
-CLASSES = tuple(f"{speed}, {grade}" for speed in SPEED_CLASSES for grade in GRADES)
+"""Of those of whom a surprise is known."""
+NEW = "new"
+CLASSES = tuple(f"{speed}, {grade}" for speed in SPEED_CLASSES for grade in (*GRADES, NEW))
 
 _TRUNK = ("waist", "torso", "neck", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
 
@@ -63,5 +66,6 @@ def motion_class(speed_m_s: Floats, surprise_m: Floats, thresholds_m: Floats) ->
         thresholds_m: (2, 2) of each speed class, between calm and usual, and usual and surprising.
     """
     moving = is_moving(speed_m_s).astype(np.intp)
-    grade = (~(surprise_m[:, None] < thresholds_m[moving])).sum(1)
-    return moving * len(GRADES) + grade
+    grade = (surprise_m[:, None] >= thresholds_m[moving]).sum(1)
+    grade = np.where(np.isnan(surprise_m), len(GRADES), grade)
+    return moving * (len(GRADES) + 1) + grade

@@ -274,7 +274,9 @@ class SelfCheck:
     def _note_surprise(self, judged: Judged, slots: Ints, capture: Stamps) -> None:
         """Of each person the error of the forecast made (nearly) ``SURPRISE_S`` ago."""
         off = np.abs(judged.lead_s - SURPRISE_S)
-        near = np.flatnonzero(off <= 0.5 / self._rate_hz + 1e-9)
+        # what was forecast of somebody hardly seen yet says nothing of the forecasts to come
+        used = judged.claimed.any(1)
+        near = np.flatnonzero(used & (off <= 0.5 / self._rate_hz + 1e-9))
         near = near[np.argsort(-off[near], kind="stable")]  # the nearest last
         row_of = np.full(len(slots), -1, np.intp)
         row_of[judged.person[near]] = near  # of several the last stays

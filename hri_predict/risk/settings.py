@@ -82,13 +82,13 @@ class HumanLimits(Settings):
 class CoverageSettings(Settings):
     """How often zones hold the body (``risk.coverage``); see ``calibration``.
 
-    ``of: body`` asks that all joints are inside at once, ``joint`` each by itself. ``guaranteed``
-    radii exist only where enough independent recordings support the level; ``estimated`` ones rest
-    on all windows pooled.
+    ``of: joint`` asks that each joint is inside (the one nearest to the robot is one joint),
+    ``body`` that all are at once: those zones are larger. ``guaranteed`` radii exist only where
+    enough independent recordings support the level; ``estimated`` ones rest on all windows pooled.
     """
 
     level: float = Field(0.99, description="0.9, 0.95 or 0.99")
-    of: Literal["body", "joint"] = "body"
+    of: Literal["body", "joint"] = "joint"
     basis: Literal["estimated", "guaranteed"] = "estimated"
     calibration: str | None = Field(
         None, description="file of hri-predict calibrate; default the predictor's shipped one"

@@ -77,7 +77,7 @@ def _one(
         return None
     if disturbance.kind == "noise":  # the body itself does not shake
         scored = replace(scored, truth=truth)
-    settings = CoverageSettings()
+    settings = CoverageSettings(of="body")
     step = round(0.4 * predictor.rate_hz) - 1
     shares = []
     for check in (False, True):

@@ -18,13 +18,14 @@ from hri_predict.predictors.base import Predictor, checked
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.recording import Recording
 from hri_predict.ring_buffer import resample
+from hri_predict.risk.joint_zones import SETTLED_STEPS
 from hri_predict.risk.motion_class import SURPRISE_S, trunk_speed
 from hri_predict.risk.past_forecasts import forecast_errors, mean_error
 from hri_predict.scene import Bools, Floats
 from hri_predict.training.tracks import action_of
 
 HISTORY_STEPS = 15
-"""Every window rests on so much history, whatever the predictor reads."""
+"""Windows reach back so far at least, whatever the predictor reads; the oldest may be unseen."""
 LEAST_RATE_HZ = 20.0
 _BATCH = 128
 _LEAST_WINDOWS = 5
@@ -98,7 +99,7 @@ def score_recordings(
         if not own:
             raise RecordingError(
                 f"recording {recording.path}: nobody is seen for"
-                f" {(HISTORY_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz:g} s without a break;"
+                f" {(SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz:g} s without a break;"
                 f" leave it out"
             )
         found += own
@@ -201,7 +202,7 @@ def _origins(presence: Presence, rate_hz: float) -> NDArray[np.intp]:
     stamps = presence.stamps_ns
     step_ns = 1e9 / rate_hz
     count = int((stamps[-1] - stamps[0]) / step_ns) + 1
-    grid = stamps[0] + np.round(step_ns * np.arange(HISTORY_STEPS - 1, count)).astype(np.int64)
+    grid = stamps[0] + np.round(step_ns * np.arange(SETTLED_STEPS - 1, count)).astype(np.int64)
     nearest = np.unique(_nearest(stamps, grid))
     result: NDArray[np.intp] = nearest[stamps[nearest] + step_ns <= stamps[-1]]
     return result
