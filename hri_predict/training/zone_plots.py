@@ -91,7 +91,8 @@ def write_pictures(
         if (found := middle_window(scores, action)) is not None
     ]
     if scenes:
-        subject = f"{100 * settings.level:g} % of the whole {settings.of}, {settings.basis}"
+        held = "each joint" if settings.of == "joint" else "the whole body"
+        subject = f"{100 * settings.level:g} % of {held}, {settings.basis}"
         path = out / "zones_filmstrip.png"
         files.append(
             write_zone_filmstrip(path, scenes, predictor.skeleton, judged.predictor, subject)
