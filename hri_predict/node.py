@@ -7,6 +7,7 @@ itself never sleeps and never asks what time it is.
 import logging
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 from hri_predict.link import Link, Received
 from hri_predict.people import People
@@ -102,6 +103,10 @@ class Node:
         status = Status(state, reason, 0, self._predictor_index, self._cycle)
         advices = self._all_robots(Level.UNKNOWN, reason)
         return self._publish(now_ns, status, advices, None, None, None)
+
+    def self_check(self) -> dict[str, Any] | None:
+        """See ``RiskEngine.self_check``."""
+        return self._risk.self_check()
 
     def _publish(
         self,

@@ -69,6 +69,7 @@ class Summary:
     counted: dict[str, int] = field(default_factory=dict)
     controllers: list[dict[str, Any]] = field(default_factory=list)
     node_state: str = ""
+    self_check: dict[str, Any] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for ``--json``."""
@@ -104,6 +105,8 @@ class Summary:
             ),
             ("counted", _counts(self.counted)),
         ]
+        if self.self_check is not None:
+            rows.insert(-1, ("forecasts that held", _held(self.self_check)))
         for row in rows:
             table.add_row(*row)
         return table
@@ -167,6 +170,7 @@ def summarise(
         unknown_because=levels.unknown_because,
         counted=counted,
         node_state=node.state.name.lower(),
+        self_check=node.self_check(),
     )
 
 
@@ -193,6 +197,18 @@ def _shares(ticks_at: dict[str, int]) -> str:
 
 def _counts(counts: dict[str, int]) -> str:
     return ", ".join(f"{name} {n}" for name, n in counts.items()) or "-"
+
+
+def _held(check: dict[str, Any]) -> str:
+    """What the live self-check found, in a line."""
+    ticks = check["ticks"] or 1
+    shares = [
+        f"{what} {100 * check[key] / ticks:.0f} %"
+        for what, key in (("widened", "ticks_widened"), ("unlike", "ticks_unlike"))
+    ]
+    covered = check["covered"]
+    held = "-" if covered is None else f"{100 * covered:.1f} %"
+    return f"{held} of {check['judged_in_use']}; zones {', '.join(shares)} of the time"
 
 
 def _short(value: Any) -> str:

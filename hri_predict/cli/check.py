@@ -51,6 +51,7 @@ def check(
         console.print(_risk_table(found["risk"]))
     if found["links"]:
         console.print(_load_table(found["links"]))
+    console.print(f"zones: {found['zones']}", highlight=False)
     for note in found["notes"]:
         console.print(f"note: {note}")
     console.print(f"{found['path']}: fine")
@@ -93,8 +94,29 @@ def examine(config: Config) -> dict[str, Any]:
         / assembly.prediction.predictor.rate_hz,
         "risk": risk,
         "links": [asdict(load) for load in loads],
+        "zones": _zones(config),
         "notes": [*_notes(config), *_radius_note(risk)],
     }
+
+
+def _zones(config: Config) -> str:
+    """What the zones rest on, in a line: never more than was measured."""
+    risk, name = config.node.risk, config.predictor.name
+    if risk.mode != "predictive":
+        return f"mode {risk.mode} uses no forecast"
+    calibration = assemble.build_calibration(config)
+    if calibration is None:
+        return (
+            f"not calibrated for {name} as it is set: how often they hold people is not known; "
+            f"see hri-predict calibrate"
+        )
+    coverage = risk.coverage
+    held = "each joint" if coverage.of == "joint" else "the whole body"
+    check = "checked live" if coverage.self_check else "not checked live"
+    return (
+        f"calibrated on {len(calibration.recordings)} recordings to hold {held} in "
+        f"{100 * coverage.level:g} % ({coverage.basis}), {check}"
+    )
 
 
 def _risk_needs(config: Config, assembly: Assembly, budget: DelayBudget) -> dict[str, Any]:
