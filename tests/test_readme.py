@@ -31,6 +31,8 @@ RECORDINGS = {
     "walking_2.npz": SHARED / "cmu_mocap" / "train" / "walking_2.npz",
     "task1_human1_trial1.npz": SHARED / "assembly" / "task1_human1_trial1.npz",
 }
+MINE = ("walking_2", "walking_3", "soccer_1", "basketball_1", "jumping_1")
+"""Of the data pack's training recordings, what stands for the user's own folder."""
 ARM_URDF = """<robot name="arm">
   <link name="base_link"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
   <joint name="turn" type="revolute">
@@ -54,6 +56,11 @@ def folder(tmp_path):
     for name, path in RECORDINGS.items():
         if path.exists():
             (tmp_path / name).symlink_to(path)
+    (tmp_path / "recordings").mkdir()
+    for name in MINE:
+        (tmp_path / "recordings" / f"{name}.npz").symlink_to(
+            SHARED / "cmu_mocap" / "train" / f"{name}.npz"
+        )
     (tmp_path / "arm.urdf").write_text(ARM_URDF, encoding="utf-8")
     yield tmp_path
     os.close(master)
@@ -81,6 +88,8 @@ def test_command(command, folder):
     for name, path in RECORDINGS.items():
         if name in command and not path.exists():
             pytest.skip(f"needs ../shared/data for {name}")
+    if "--data recordings" in command and not SHARED.exists():
+        pytest.skip("needs ../shared/data for recordings")
     if words[1] == "train":  # an hour's work, done for a moment
         words += ["--set", "train.epochs=1", "--set", "train.windows_per_epoch=64"]
     if words[1] == "listen":
@@ -88,6 +97,10 @@ def test_command(command, folder):
     if words[:3] == ["hri-predict", "replay", "monday.mcap"]:  # which an earlier command records
         record = ["run", "cell.yaml", "--shadow", "--record", "monday.mcap", "--duration", "3"]
         subprocess.run([sys.executable, "-m", "hri_predict", *record], cwd=folder, check=True)
+    if "--calibration" in words:  # which an earlier command makes
+        make = ["calibrate", "--predictor", "constant_velocity", "--data", "recordings"]
+        out = ["--out", "mine.calibration.json"]
+        subprocess.run([sys.executable, "-m", "hri_predict", *make, *out], cwd=folder, check=True)
     daemon = words[1] == "run"
     process = subprocess.Popen(
         [sys.executable, "-m", module, *words[1:]],

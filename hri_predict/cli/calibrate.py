@@ -100,6 +100,7 @@ def _make(
 ) -> None:
     from hri_predict.risk.calibration import identity, levels_text, save_text
     from hri_predict.risk.motion_class import CLASSES
+    from hri_predict.training.conformal import LEAST_RECORDINGS
     from hri_predict.training.conformal import calibrate as conformal
     from hri_predict.whole_file import write_whole
 
@@ -122,7 +123,8 @@ def _make(
     console = Console()
     console.print(f"{len(made.recordings)} recordings, {sum(counts)} windows")
     for name, windows, recordings in zip(CLASSES, counts, units, strict=True):
-        console.print(f"  {name}: {windows} windows of {recordings} recordings")
+        few = "" if recordings >= LEAST_RECORDINGS else "; too few, physical limits serve instead"
+        console.print(f"  {name}: {windows} windows of {recordings} recordings{few}")
     for line in levels_text(made):
         console.print(line, highlight=False)
     tell([out])
