@@ -4,6 +4,8 @@ import numpy as np
 
 from hri_predict.cli import bench_risk
 from hri_predict.risk.nearest_in_time import BodiesInTime
+from hri_predict.risk.types import Assessment
+from hri_predict.risk.zones import BodyZones
 
 
 def test_the_measured_tick_is_as_large_as_it_says(monkeypatch):
@@ -17,6 +19,8 @@ def test_the_measured_tick_is_as_large_as_it_says(monkeypatch):
     monkeypatch.setattr(BodiesInTime, "least", spied)
     zones, judge = bench_risk.risk_calls()
     bodies, assessment = zones(), judge()
+    assert isinstance(bodies, BodyZones)
+    assert isinstance(assessment, Assessment)
     people, steps, segments = bodies.zones.capsules.radius.shape
     assert (people, steps - 1, segments) == (4, 25, 20)
     assert len(assessment.advices) == 2

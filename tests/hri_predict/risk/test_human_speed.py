@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from hri_predict.risk.human_speed import (
     growth_speeds,
@@ -10,13 +11,14 @@ from hri_predict.risk.human_speed import (
     measure_people,
 )
 from hri_predict.risk.settings import HumanLimits
+from hri_predict.scene import Bools, Floats
 from hri_predict.skeleton import CANONICAL
 
 RATE_HZ = 25.0
 JOINTS = len(CANONICAL.joints)
 
 
-def moving(velocity, steps=25):
+def moving(velocity: ArrayLike, steps: int = 25) -> tuple[Floats, Bools]:
     """One person, every joint at ``velocity`` (3,) or (J, 3)."""
     time = np.arange(1 - steps, 1) / RATE_HZ
     start = np.random.default_rng(3).normal(size=(JOINTS, 3))

@@ -19,6 +19,7 @@ from hri_predict.risk.separation_now import judge_fixed
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Capsules, Zones
 from hri_predict.risk.zones import BodyZones
+from hri_predict.scene import Floats
 from hri_predict.settings import Pose
 
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
@@ -55,6 +56,15 @@ def balls(*centres, radius=0.2) -> BodyZones:
 def now(qd) -> RobotNow:
     qd = np.asarray(qd, float)
     return RobotNow(READY, qd, float(MODEL.tip_speed(READY, qd)))
+
+
+def of_people(
+    by: RobotJudge, robot: RobotNow, bodies: BodyZones, human_m_s: Floats | None = None
+) -> Finding:
+    """What ``by`` finds about people, who are there."""
+    found = by.judge(robot, bodies, human_m_s).people
+    assert found is not None
+    return found
 
 
 JUDGES = {mode: judge(mode) for mode in ("iso", "predictive", "reactive", "fixed")}
@@ -103,7 +113,7 @@ def test_fixed_releases_beyond_the_band():
 
 def test_fixed_names_who_is_nearest_to_the_base():
     fixed = judge("fixed", fixed_radius_m=2.0)
-    people = fixed.judge(now(np.zeros(6)), balls((4.0, 2.0, 1.0), (1.0, 3.5, 0.0))).people
+    people = of_people(fixed, now(np.zeros(6)), balls((4.0, 2.0, 1.0), (1.0, 3.5, 0.0)))
     assert people.person == 1
     assert people.slack_m == pytest.approx(1.5 - 0.2 - 2.0)
     assert fixed.where(people) == "1.30 m from the base's axis"
@@ -131,14 +141,14 @@ def test_what_is_not_finite_is_inside_every_circle():
 def test_iso_counts_a_runner_at_their_own_speed():
     iso, robot = judge("iso"), now([0.3, 0, 0, 0, 0, 0])
     people = balls((4.0, 2.0, 1.0), (6.0, 2.0, 1.0))
-    walking = iso.judge(robot, people).people
+    walking = of_people(iso, robot, people)
     # T_r: age 0.05 and 0.29 s after now. S_h at 3.4 m/s is (3.4 - 1.6) (T_r + T_s) more.
     stopping_s, _ = MODEL.stopping(robot.speed_m_s)
-    running = iso.judge(robot, people, np.array([3.4, 0.0])).people
+    running = of_people(iso, robot, people, np.array([3.4, 0.0]))
     assert walking.slack_m - running.slack_m == pytest.approx(1.8 * (0.34 + stopping_s))
     assert running.limits[0] <= walking.limits[0]
     # one who runs behind may ask for more than one who stands in front
-    behind = iso.judge(robot, people, np.array([0.0, 8.0])).people
+    behind = of_people(iso, robot, people, np.array([0.0, 8.0]))
     assert (walking.person, behind.person) == (0, 1)
     assert behind.slack_m < walking.slack_m
 
@@ -147,7 +157,7 @@ def test_iso_counts_a_runner_at_their_own_speed():
 def test_a_slower_person_never_lowers_the_limit(speed, slower, x):
     iso, robot, people = JUDGES["iso"], now([0.3, 0, 0, 0, 0, 0]), balls((x, 2.0, 1.0))
     fast, slow = (
-        iso.judge(robot, people, np.array([v])).people for v in (max(speed, slower), slower)
+        of_people(iso, robot, people, np.array([v])) for v in (max(speed, slower), slower)
     )
     assert all(a <= b for a, b in zip(fast.limits, slow.limits, strict=True))
     assert fast.slack_m <= slow.slack_m
@@ -172,7 +182,7 @@ AWAY, NEAR = (-0.5, 0, 0, 0, 0, 0), (0.5, 0, 0, 0, 0, 0)
 
 def test_iso_a_robot_that_gets_away_with_every_link_may_be_fast():
     people = balls(SIDE)
-    away, near = (JUDGES["iso"].judge(now(qd), people).people for qd in (AWAY, NEAR))
+    away, near = (of_people(JUDGES["iso"], now(qd), people) for qd in (AWAY, NEAR))
     assert away.limits[0] > near.limits[0]
     assert away.limits[2:] == near.limits[2:]  # warnings regard any direction
     # S_r = S_s = 0: what is left over is the distance less 1.6 (T_r + T_s) and 0.06 m
@@ -191,9 +201,9 @@ def test_iso_a_robot_that_gets_away_with_every_link_may_be_fast():
 
 def test_iso_one_person_or_one_link_that_is_approached_is_enough():
     across = (0.2, 3.6, 0.9)  # where the same turn brings the arm
-    both = JUDGES["iso"].judge(now(AWAY), balls(SIDE, across)).people
-    alone = JUDGES["iso"].judge(now(AWAY), balls(SIDE)).people
-    any_way = JUDGES["iso"].judge(now(NEAR), balls(SIDE)).people
+    both = of_people(JUDGES["iso"], now(AWAY), balls(SIDE, across))
+    alone = of_people(JUDGES["iso"], now(AWAY), balls(SIDE))
+    any_way = of_people(JUDGES["iso"], now(NEAR), balls(SIDE))
     assert both.limits[0] == any_way.limits[0] < alone.limits[0]
     # the elbow lifts the tool away from somebody before the arm, and lowers the forearm to them
     lift, before = (0, 0, 0.4, 0, 0, 0), (-0.9, 2.0, 0.5)
@@ -203,8 +213,8 @@ def test_iso_one_person_or_one_link_that_is_approached_is_enough():
     tool = [MODEL.capsule_names.index(name) for name in ("gripper", "payload")]
     assert (change[:, tool] > 0).all()
     assert change.min() < 0
-    lifted = JUDGES["iso"].judge(now(lift), balls(before)).people
-    standard = JUDGES["iso"].judge(RobotNow(READY, np.zeros(6), 0.0), balls(before)).people
+    lifted = of_people(JUDGES["iso"], now(lift), balls(before))
+    standard = of_people(JUDGES["iso"], RobotNow(READY, np.zeros(6), 0.0), balls(before))
     assert lifted.limits == standard.limits
 
 
@@ -222,7 +232,7 @@ def test_by_time_every_link_must_keep_clear(mode):
     strict = judge(
         mode, person_uncertainty_m=needed, robot_uncertainty_m=0, slow_margin_m=0, band_m=0
     )
-    found = strict.judge(now(qd), balls(where, radius=0.1)).people
+    found = of_people(strict, now(qd), balls(where, radius=0.1))
     assert found.limits[0] < 1.0
     assert found.link == upper_arm
 

@@ -11,6 +11,7 @@ from hri_predict.risk.plan import OnPlan, Plan
 from hri_predict.risk.robot import RobotSettings, StateMotion, load_robot
 from hri_predict.risk.robot_tracker import RobotTracker
 from hri_predict.risk.trajectory import Trajectory, load_trajectory
+from hri_predict.scene import Floats
 from hri_predict.settings import Pose
 
 ROBOT = RobotSettings(
@@ -40,6 +41,13 @@ def contained(model, swept, q) -> float:
         out = np.linalg.norm(point - centre, axis=-1) + placed.radius - swept.radius
         worst = max(worst, float(out.max()))
     return worst
+
+
+def located(q: Floats, qd: Floats, expected_s: float | None) -> OnPlan:
+    """Where ``PLAN`` finds a robot that is on it."""
+    found = PLAN.locate(q, qd, expected_s)
+    assert found is not None
+    return found
 
 
 @settings(max_examples=40, deadline=None)
@@ -115,8 +123,7 @@ def test_a_standing_robot_stays_where_it_is():
 @given(st.floats(0, PATH.duration_s), st.floats(0.1, 1.0))
 def test_a_state_on_the_path_is_found(phase, rate):
     q, qd = PATH.at_phase(phase, rate)
-    found = PLAN.locate(q, qd, phase - 0.02)
-    assert found is not None
+    found = located(q, qd, phase - 0.02)
     there, _ = PATH.at(found.phase_s)
     np.testing.assert_allclose(there, q, atol=5e-4)
     if np.abs(qd).max() > 0.2:
@@ -127,13 +134,13 @@ def test_a_state_on_the_path_is_found(phase, rate):
 
 def test_the_direction_of_motion_tells_there_from_back():
     q, qd = PATH.at(0.25)  # down to the pick; at 0.75 the same way up
-    assert PLAN.locate(q, qd, None).phase_s == pytest.approx(0.25, abs=1e-3)
-    assert PLAN.locate(q, -qd, None).phase_s == pytest.approx(0.75, abs=1e-3)
+    assert located(q, qd, None).phase_s == pytest.approx(0.25, abs=1e-3)
+    assert located(q, -qd, None).phase_s == pytest.approx(0.75, abs=1e-3)
     # at rest half way it may be either: what it did last decides, and without that it is not known
     still = np.zeros(6)
     assert PLAN.locate(q, still, None) is None
-    assert PLAN.locate(q, still, 0.2).phase_s == pytest.approx(0.25, abs=1e-3)
-    assert PLAN.locate(q, still, 0.8).phase_s == pytest.approx(0.75, abs=1e-3)
+    assert located(q, still, 0.2).phase_s == pytest.approx(0.25, abs=1e-3)
+    assert located(q, still, 0.8).phase_s == pytest.approx(0.75, abs=1e-3)
 
 
 def test_what_is_not_on_the_path_is_not_found():
@@ -141,14 +148,14 @@ def test_what_is_not_on_the_path_is_not_found():
     assert PLAN.locate(q + 0.05 * np.eye(6)[2], qd, 2.0) is None
     assert PLAN.locate(q, qd + 0.2 * np.eye(6)[1], 2.0) is None
     assert PLAN.locate(q, 1.5 * qd, 2.0) is None  # faster than planned
-    assert PLAN.locate(q, -qd, 2.0).phase_s == pytest.approx(5.4)  # the way back
+    assert located(q, -qd, 2.0).phase_s == pytest.approx(5.4)  # the way back
     assert PLAN.locate(q * np.nan, qd, 2.0) is None
 
 
 def test_what_the_joints_are_off_the_path_widens_the_robot():
     q, qd = PATH.at(2.0)
     off = np.array([0, 0.01, 0, 0, 0, 0])
-    found = PLAN.locate(q + off, qd, 2.0)
+    found = located(q + off, qd, 2.0)
     moved = MODEL.capsules(q + off)
     on = MODEL.capsules(PATH.at(found.phase_s)[0])
     shift = max(np.linalg.norm(moved.a - on.a, axis=-1).max(), 0)
@@ -163,8 +170,9 @@ def test_a_tracker_finds_its_robot_on_the_plan_and_loses_it():
     for i in range(10):
         q, qd = PATH.at(1.5 + 0.02 * i)
         tracker.update(RobotState(0, RobotMode.AUTOMATIC, i, tuple(q), tuple(qd)), now)
-        here = tracker.at(now + 5_000_000)
-        assert here.on_plan.phase_s == pytest.approx(1.5 + 0.02 * i + 0.005, abs=1e-3)
+        here = tracker.at(now + 5_000_000).on_plan
+        assert here is not None
+        assert here.phase_s == pytest.approx(1.5 + 0.02 * i + 0.005, abs=1e-3)
         now += 20_000_000
     tracker.update(RobotState(0, RobotMode.AUTOMATIC, 99, tuple(q + 0.1), tuple(qd)), now)
     assert tracker.at(now).on_plan is None
