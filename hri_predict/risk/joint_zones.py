@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from hri_predict.predictors.base import Forecast
 from hri_predict.risk.calibration import Radii
-from hri_predict.risk.human_speed import joint_speeds
+from hri_predict.risk.human_speed import growth_speeds
 from hri_predict.risk.motion_class import trunk_speed
 from hri_predict.risk.reach import BodyReach
 from hri_predict.risk.self_check import Trust
@@ -208,21 +208,18 @@ class JointZones:
         captures = np.array(
             [*snapshot.capture_ns, *(p.last_seen_ns for p in snapshot.lost)], dtype=np.int64
         )
+        present = growth_speeds(
+            snapshot.history, snapshot.observed, self._rate_hz, self._limits.physical_speed_m_s
+        )
         reference = snapshot.now_ns if capture_ns is None else capture_ns
         return _Tracks(
             last=last,
             joint_age=joint_age,
-            speed=np.where(is_lost, self._speed, self._present_speed(snapshot, lost)),
+            speed=np.concatenate([present, np.broadcast_to(self._speed, (lost, joints))]),
             forecast=follows,
             age=np.maximum(0.0, (snapshot.now_ns - captures) * 1e-9),
             waited=np.where(is_lost[:, 0], np.maximum(0.0, (reference - captures) * 1e-9), 0.0),
         )
-
-    def _present_speed(self, snapshot: PeopleSnapshot, lost: int) -> Floats:
-        """(P, J) speed at which a joint that is not forecast may go: its own, if that is higher."""
-        speed, _ = joint_speeds(snapshot.history, snapshot.observed, self._rate_hz)
-        none = np.zeros((lost, speed.shape[1]))
-        return np.maximum(np.concatenate([speed, none]), self._limits.physical_speed_m_s)
 
     def _knots(self, tracks: _Tracks, forecast: Forecast) -> Floats:
         """(P, H+1, J, 3) the forecast's path from the capture on; others stay where they are."""
