@@ -16,12 +16,13 @@ bounds the error of the forecast's velocity. Somebody who at once reverses what 
 leave such a zone; how often is not known.
 
 Without a forecast, for a joint that was not seen in the capture or only of late, and for a person
-whose motion is unlike all that was calibrated, nothing is assumed but *physical limits*: the joint
-is at most ``v (t + joint_age)`` from where it was last seen, with ``v`` the physical speed or the
-joint's present speed, the higher. A lost person walks from where they were last seen, arms at arm
-speed. Past the last step that is calibrated the zone grows at the physical speed.
+whose motion is unlike all that was calibrated, nothing is assumed but *physical limits*: what a
+body can do by then (``reach``). Where nothing is calibrated, they are what the standard assumes:
+the joint is at most ``v (t + joint_age)`` from where it was last seen, with ``v`` the physical
+speed or the joint's present speed, the higher. A lost person walks from where they were last seen,
+arms at arm speed. Past the last step that is calibrated the zone grows at the physical speed.
 
-Whatever follows a forecast is cut to what a body can do by then (``reach``).
+Whatever follows a forecast is cut to what a body can do by then, too.
 """
 
 from dataclasses import dataclass
@@ -44,6 +45,8 @@ Ints = NDArray[np.intp]
 
 _NEVER_S = 1e3
 """Age given to a joint that was never seen: at any human speed it may be anywhere."""
+_UNBOUNDED_M = 1e5
+"""Radius of a joint of which nothing is known yet but what bodies can do."""
 _FAR_M = 1e4
 """A coordinate beyond this is no position in a room."""
 FRESH_S = 1e-6
@@ -59,7 +62,8 @@ class JointBalls:
     Attributes:
         mid, radius: (P, K+1, J, 3) and (P, K+1, J); entry 0 at the capture, entry k during the
             whole interval that ends with step k.
-        path, inflation: the same, of the forecast's own path, without growth or cut.
+        path, inflation: the same, where the forecast puts joints, without growth or cut; what
+            follows none grows at the standard's speeds.
         joint_age: (P, J) seconds from when a joint was last seen to its person's capture.
         follows: (P, J) whether the joint follows the forecast.
         claimed: (P, H, J) the calibrated radii before widening, of the people who are here (those
@@ -140,24 +144,19 @@ class JointZones:
         since[:, 0] = until[:, 0] = tracks.waited
         growth = tracks.speed[:, None] * (until[..., None] + tracks.joint_age[:, None])
         shape = (*since.shape, tracks.last.shape[1])
+        follows = tracks.forecast[:, None]
         if forecast is None or not tracks.forecast.any():
-            mid = np.broadcast_to(tracks.last[:, None], (*shape, 3))
-            flat = np.zeros(shape)
-            return JointBalls(mid, growth, mid, flat, tracks.joint_age, tracks.forecast, claimed)
-        path, inflation = _enclosed(self._knots(tracks, forecast), since * self._rate_hz)
-        rule = self._deviation(until, forecast, claimed, trust)
-        growth = np.where(tracks.forecast[:, None], rule, growth)
-        mid, radius = self._cut(path, inflation + growth, tracks, snapshot, until)
+            path = np.broadcast_to(tracks.last[:, None], (*shape, 3))
+            inflation, around = growth, growth
+        else:
+            path, inflation = _enclosed(self._knots(tracks, forecast), since * self._rate_hz)
+            rule = self._deviation(until, forecast, claimed, trust)
+            around = inflation + np.where(follows, rule, growth)
+            inflation = np.where(follows, inflation, inflation + growth)
+        mid, radius = path, around
+        if self._radii is not None or tracks.forecast.any():
+            mid, radius = self._cut(path, around, tracks, snapshot, until)
         return JointBalls(mid, radius, path, inflation, tracks.joint_age, tracks.forecast, claimed)
-
-    @staticmethod
-    def along_forecast(balls: JointBalls) -> tuple[Floats, Floats]:
-        """Centres and radii without growth where joints follow the forecast."""
-        follows = balls.follows[:, None]
-        return (
-            np.where(follows[..., None], balls.path, balls.mid),
-            np.where(follows, balls.inflation, balls.radius),
-        )
 
     def _claimed(self, snapshot: PeopleSnapshot, trust: Trust | None) -> Floats | None:
         """(P, H, J) calibrated radii, infinite for people and joints that have none."""
@@ -268,24 +267,34 @@ class JointZones:
         snapshot: PeopleSnapshot,
         until: Floats,
     ) -> tuple[Floats, Floats]:
-        """Cut what follows a forecast to what a body can do; entry 0 is as captured."""
+        """Cut to what a body can do; entry 0 is as captured.
+
+        With a calibration that is all that bounds a joint without a radius: the standard's speeds
+        hold fewer than calibrated zones do. Without one, what follows no forecast keeps them.
+        """
         people = len(snapshot.ids)
         begin = np.maximum(until[:people, 1:] - 1.0 / self._rate_hz, 0.0)
-        follows = tracks.forecast[:people]
-        own = self._body.cut_by_motion(
+        age, follows = tracks.joint_age[:people], tracks.forecast[:people, None]
+        around, fresh = radius[:people, 1:], age < FRESH_S
+        if self._radii is not None:
+            around = np.where(follows, around, _UNBOUNDED_M)
+        own_mid, own = self._body.cut_by_motion(
             mid[:people, 1:],
-            radius[:people, 1:],
+            around,
             tracks.last[:people],
             self._body.velocity(snapshot.history, snapshot.observed),
             begin,
             until[:people, 1:],
+            age,
         )
-        own_mid = np.where(follows[:, None, :, None], own[0], mid[:people, 1:])
-        own_radius = np.where(follows[:, None], own[1], radius[:people, 1:])
-        fresh = tracks.joint_age[:people] < FRESH_S
-        own = self._body.cut_by_bones(own_mid, own_radius, tracks.last[:people], fresh)
+        if self._radii is None:
+            own_mid = np.where(follows[..., None], own_mid, mid[:people, 1:])
+            own = np.where(follows, own, around)
+        cut = self._body.cut_by_bones(
+            own_mid, own, tracks.last[:people], fresh, all_joints=self._radii is not None
+        )
         mid, radius = mid.copy(), radius.copy()
-        mid[:people, 1:], radius[:people, 1:] = own
+        mid[:people, 1:], radius[:people, 1:] = cut
         return mid, radius
 
 

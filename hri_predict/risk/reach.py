@@ -63,17 +63,19 @@ class BodyReach:
         velocity: tuple[Floats, Bools],
         since: Floats,
         until: Floats,
+        joint_age: Floats | None = None,
     ) -> tuple[Floats, Floats]:
         """Cut balls to what speed and acceleration allow.
 
         Args:
             mid, around: (P, K, J, 3) and (P, K, J), each holding a joint during an interval.
-            last: (P, J, 3) where it was at its capture.
+            last: (P, J, 3) where it was last seen.
             velocity: see ``velocity``.
             since, until: (P, K) begin and end of the intervals, seconds after the capture.
+            joint_age: (P, J) seconds from when it was seen to the capture; ``None``: in it.
         """
         t = until[..., None]  # (P, K, 1)
-        by_speed = self._speed * t
+        by_speed = self._speed * (t if joint_age is None else t + joint_age[:, None])
         v, known = velocity
         middle = 0.5 * (since + until)[..., None, None]
         half = 0.5 * (until - since)[..., None]
@@ -89,20 +91,22 @@ class BodyReach:
         return mid, around
 
     def cut_by_bones(
-        self, mid: Floats, around: Floats, last: Floats, seen: Bools
+        self, mid: Floats, around: Floats, last: Floats, seen: Bools, all_joints: bool = False
     ) -> tuple[Floats, Floats]:
         """Cut balls, from the root outwards, to within a bone's length of the parent's ball.
 
         Args:
             mid, around: (P, K, J, 3) and (P, K, J).
             last: (P, J, 3) where each joint was at the capture.
-            seen: (P, J) whether it was seen in that capture; only those are cut, each to the bone's
-                length as seen, or the longest of anybody where the parent was not.
+            seen: (P, J) whether it was seen in that capture; a bone is as long as seen then, or as
+                the longest of anybody.
+            all_joints: cut joints that were not seen as well.
         """
         parents = self._parents
         length = np.sqrt(((last - last[:, parents]) ** 2).sum(-1)) * BONE_FACTOR + BONE_MARGIN_M
         both = seen & seen[:, parents]
-        bone = np.where(both, length, np.where(seen, self._bone, np.inf))  # (P, J)
+        longest = np.where(seen | all_joints, self._bone, np.inf)
+        bone = np.where(both, length, longest)  # (P, J)
         mid, around = mid.copy(), around.copy()
         for children in self._generations:
             of = parents[children]

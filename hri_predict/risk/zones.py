@@ -116,9 +116,8 @@ class ZoneBuilder:
         joints = self.joints.build(snapshot, forecast, capture_ns, trust)
         zones = self._segments(joints.mid, joints.radius, joints.joint_age)
         paths = zones
-        if with_paths and joints.follows.any():
-            along, around = self.joints.along_forecast(joints)
-            paths = self._segments(along, around, joints.joint_age)
+        if with_paths:
+            paths = self._segments(joints.path, joints.inflation, joints.joint_age)
         ids = snapshot.ids + tuple(person.id for person in snapshot.lost)
         return BodyZones(
             zones=Zones(ids, self.segment_names, self.times_s, zones),
