@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hri_predict.risk.calibration import Calibration, plain
-from hri_predict.risk.motion_class import CLASSES, GRADES, SPEED_CLASSES
+from hri_predict.risk.motion_class import CLASSES, SPEED_CLASSES
 from hri_predict.risk.settings import LEVELS
 from hri_predict.skeleton import JOINTS
 
@@ -20,7 +20,7 @@ def calibration_of(recordings=120, steps=25, step_m=0.01, joints=PLAIN, **change
     shape = (len(LEVELS), len(CLASSES), len(joints), steps)
     i, c, g, k = np.indices(shape)
     estimated = step_m * (k + 1) + 0.2 * i + 0.04 * c + 0.001 * g
-    guaranteed = 2.0 + estimated[:, :: len(GRADES)]
+    guaranteed = 2.0 + estimated[:, :: len(CLASSES) // len(SPEED_CLASSES)]
     assert guaranteed.shape[1] == len(SPEED_CLASSES)
     made = Calibration(
         predictor="zero_velocity",

@@ -179,11 +179,14 @@ def test_radii_are_of_the_level_the_question_the_class_the_joint_and_the_step(ma
     assert radius(0.0, 0.0, level=0.99, of="joint") == pytest.approx(base + 0.4)
     assert radius(0.0, 0.0, level=0.9, of="body") == pytest.approx(base + 1)
     assert radius(0.0, 0.15, level=0.9, of="joint") == pytest.approx(base + 0.04)
-    assert radius(1.0, np.nan, level=0.9, of="joint") == pytest.approx(base + 0.2)
-    # guaranteed ones know the speed class alone: moving is the fourth of the classes
+    # of whom no surprise is known: the last of the four grades, so classes 3 and 7
+    assert radius(0.0, np.nan, level=0.9, of="joint") == pytest.approx(base + 3 * 0.04)
+    assert radius(1.0, np.nan, level=0.9, of="joint") == pytest.approx(base + 7 * 0.04)
+    # guaranteed ones know the speed class alone: moving begins with the fifth of the classes
     held = {"level": 0.9, "of": "joint", "basis": "guaranteed"}
     assert radius(0.0, 9.0, **held) == pytest.approx(base + 2)
-    assert radius(1.0, 0.0, **held) == pytest.approx(base + 2 + 3 * 0.04)
+    for surprise in (0.0, 9.0, np.nan):
+        assert radius(1.0, surprise, **held) == pytest.approx(base + 2 + 4 * 0.04)
 
 
 def test_people_are_told_apart_and_sides_share_their_radii(make_calibration):
@@ -236,10 +239,12 @@ def test_a_guarantee_takes_so_many_recordings(make_calibration, level, wanted):
 
 
 def test_recordings_count_for_the_speeds_that_they_show(make_calibration):
-    still_only = (1, 0, 0, 0, 0, 0)
+    still_only = (0, 0, 0, 1, 0, 0, 0, 0)  # one window, of somebody new
     recordings = tuple((f"walking_{n}", still_only) for n in range(20))
     made = replace(make_calibration(), recordings=recordings)
     assert (made.independent(0), made.independent(1)) == (20, 0)
+    first_moving = replace(made, recordings=(("walking_0", (0, 0, 0, 0, 1, 0, 0, 0)),))
+    assert (first_moving.independent(0), first_moving.independent(1)) == (0, 1)
     with pytest.raises(
         ConfigError, match=r"0 recordings show people moving, 19 are needed.*19 more"
     ):

@@ -125,10 +125,12 @@ def test_radii_are_those_of_how_people_move_and_how_they_were_forecast(calibrati
     for snapshot, surprise, wanted in (
         (still, 0.0, 0),
         (still, 0.15, 1),
-        (still, np.nan, 2),
-        (moving, 0.0, 3),
-        (moving, 0.4, 4),
-        (moving, 9.0, 5),
+        (still, 9.0, 2),
+        (still, np.nan, 3),
+        (moving, 0.0, 4),
+        (moving, 0.4, 5),
+        (moving, 9.0, 6),
+        (moving, np.nan, 7),
     ):
         balls = built(calibration, snapshot, trusted(surprise=surprise))
         assert balls.claimed[0] == pytest.approx(table(calibration, wanted))
@@ -142,7 +144,7 @@ def test_a_zone_holds_the_forecast_during_the_whole_interval(calibration):
     balls = built(calibration, snapshot, trusted(), staying(snapshot, (1.0, 0.0, 0.0)))
     ahead = balls.mid[0, 1:] - snapshot.history[0, -1]
     assert ahead[:, WAIST, 0] == pytest.approx((np.arange(1, STEPS + 1) - 0.5) / RATE_HZ)
-    assert balls.radius[0, 1:] == pytest.approx(table(calibration, 3) + 0.02)
+    assert balls.radius[0, 1:] == pytest.approx(table(calibration, 4) + 0.02)
 
 
 # -- widening, and what is not trusted ------------------------------------------------------------
@@ -216,7 +218,7 @@ def test_who_is_faster_than_the_physical_speed_goes_on_at_their_own(calibration,
 
 @pytest.mark.parametrize(("steps", "settled"), [(7, False), (8, True)])
 def test_a_joint_is_settled_that_was_seen_in_half_of_the_last_steps(calibration, steps, settled):
-    assert SETTLED_STEPS == 15
+    assert SETTLED_STEPS == 8
     observed = np.ones((1, STEPS, COUNT), bool)
     observed[0, :-steps, WAIST] = False
     balls = built(calibration, seen(observed=observed), trusted())
@@ -227,12 +229,25 @@ def test_a_joint_is_settled_that_was_seen_in_half_of_the_last_steps(calibration,
         assert_physical(balls, [WAIST])
 
 
-def test_who_just_appeared_has_physical_limits(calibration):
+def since(steps):
+    """Somebody who stands there since so many steps."""
     observed = np.zeros((1, STEPS, COUNT), bool)
-    observed[0, -5:] = True
-    balls = built(calibration, seen(observed=observed), trusted(surprise=np.nan))
+    observed[0, -steps:] = True
+    return seen(observed=observed)
+
+
+@pytest.mark.parametrize("steps", [1, 5, 7])
+def test_who_just_appeared_has_physical_limits(calibration, steps):
+    balls = built(calibration, since(steps), trusted(surprise=np.nan))
     assert_physical(balls)
     assert np.isinf(balls.claimed).all()
+
+
+def test_who_is_there_for_eight_steps_has_the_radii_of_people_who_are_new(calibration):
+    balls = built(calibration, since(8), trusted(surprise=np.nan))
+    assert balls.follows.all()
+    assert balls.claimed[0] == pytest.approx(table(calibration, 3))  # still, new
+    assert balls.radius[0, 1:] == pytest.approx(table(calibration, 3))
 
 
 def test_a_joint_that_is_not_seen_now_is_not_forecast(calibration):

@@ -1,4 +1,4 @@
-"""Motion classes: what is seen of people tells them apart, and what is not seen counts as worse."""
+"""Motion classes: what is seen of people tells them apart, and no speed seen counts as moving."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from hri_predict.risk.motion_class import (
     CLASSES,
     GRADES,
     MOVING_M_S,
+    NEW,
     SPEED_CLASSES,
     is_moving,
     motion_class,
@@ -55,18 +56,34 @@ def test_thresholds_belong_to_the_upper_class(speed, surprise, wanted):
     assert class_of(speed, surprise) == wanted
 
 
-def test_what_is_not_known_is_the_worse_class():
+def test_who_has_no_known_speed_moves():
     assert class_of(np.nan, 0.0) == "moving, calm"
-    assert class_of(0.0, np.nan) == "still, surprising"
-    assert class_of(np.nan, np.nan) == "moving, surprising"
+    assert class_of(np.nan, 0.3) == "moving, usual"  # by the thresholds of who moves
+    assert class_of(np.nan, np.nan) == "moving, new"
     assert is_moving(np.array([np.nan, 0.0, 1.0])).tolist() == [True, False, True]
 
 
+def test_who_is_new_is_a_class_of_their_own():
+    assert class_of(0.0, np.nan) == "still, new"
+    assert class_of(5.0, np.nan) == "moving, new"
+    # whatever the thresholds: who was never judged is neither calm nor surprising
+    for thresholds in (np.zeros((2, 2)), np.full((2, 2), np.inf)):
+        found = motion_class(np.array([0.0, 1.0]), np.array([np.nan, np.nan]), thresholds)
+        assert [CLASSES[c] for c in found] == ["still, new", "moving, new"]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(0, 5), st.floats(0, allow_infinity=True, allow_nan=False))
+def test_nobody_of_whom_a_surprise_is_known_is_new(speed, surprise):
+    assert not class_of(speed, surprise).endswith(NEW)
+
+
 def test_classes_are_ordered_by_speed_and_then_by_grade():
-    assert len(CLASSES) == len(SPEED_CLASSES) * len(GRADES)
-    speeds = np.repeat([0.0, 1.0], 3)
-    surprise = np.array([0.0, 0.15, 9.0, 0.0, 0.4, 9.0])
-    assert motion_class(speeds, surprise, THRESHOLDS).tolist() == [0, 1, 2, 3, 4, 5]
+    assert tuple(f"{speed}, {g}" for speed in SPEED_CLASSES for g in (*GRADES, NEW)) == CLASSES
+    assert len(CLASSES) == 2 * (3 + 1)
+    speeds = np.repeat([0.0, 1.0], 4)
+    surprise = np.array([0.0, 0.15, 9.0, np.nan, 0.0, 0.4, 9.0, np.nan])
+    assert motion_class(speeds, surprise, THRESHOLDS).tolist() == list(range(8))
 
 
 @settings(max_examples=100, deadline=None)

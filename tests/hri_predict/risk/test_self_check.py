@@ -289,6 +289,12 @@ def test_infinite_radii_claim_nothing():
     assert check.report()["covered"] is None
 
 
+def test_what_claimed_nothing_surprises_nobody():
+    trusts = drive(checker(25), 20, 5.0, claimed=np.inf, steps=25)
+    assert np.isnan([t.surprise_m[0] for t in trusts]).all()
+    assert drive(checker(25), 20, 5.0, steps=25)[-1].surprise_m[0] == pytest.approx(5.0)
+
+
 # -- people come and go ---------------------------------------------------------------------------
 
 

@@ -174,8 +174,9 @@ def test_a_class_that_few_recordings_show_is_not_calibrated():
     assert {CLASSES[c] for c in np.flatnonzero(finite)} == {"moving, surprising"}
     assert np.isinf(radii(found, entries[-1])).all()
     windows = dict(found.recordings)
-    assert windows["r0"] == (0, 0, 12, 0, 0, 12)
-    assert windows["r5"] == (0, 0, 0, 0, 0, 12)
+    # still and moving, each calm, usual, surprising, new; who is all alike is at both thresholds
+    assert windows["r0"] == (0, 0, 12, 0, 0, 0, 12, 0)
+    assert windows["r5"] == (0, 0, 0, 0, 0, 0, 12, 0)
 
 
 def test_grades_are_terciles_of_each_speed():
@@ -186,12 +187,29 @@ def test_grades_are_terciles_of_each_speed():
     assert made(entries).thresholds_m == pytest.approx(np.array([[0.03, 0.06], [0.3, 0.6]]))
 
 
-def test_where_no_surprise_is_known_every_one_is_surprising(tmp_path):
+def test_where_no_surprise_is_known_everybody_is_new(tmp_path):
     found = made([scores(f"r{n}", 0.1, surprise=np.nan) for n in range(6)])
+    assert {windows for _, windows in found.recordings} == {(0, 0, 0, 0, 0, 0, 0, 12)}
+    finite = np.isfinite(found.estimated["joint"]).all((0, 2, 3))
+    assert [CLASSES[c] for c in np.flatnonzero(finite)] == ["moving, new"]
     assert not found.thresholds_m.any()
     path = tmp_path / "own.calibration.json"
     path.write_text(save_text(found), encoding="utf-8")  # there is no infinity in JSON
     assert not load_calibration(path).thresholds_m.any()
+
+
+def test_who_is_new_has_radii_of_their_own_and_no_part_in_the_others():
+    # the first 4 of 12 windows have no forecast old enough; they are out by 0.5 m, the rest by 0.1
+    surprise = np.where(np.arange(12) < 4, np.nan, 0.3)
+    error = np.where(np.isnan(surprise), 0.5, 0.1)[:, None, None] * np.ones((12, 3, COUNT))
+    entries = [scores(f"r{n}", error, surprise=surprise) for n in range(6)]
+    found = made(entries)
+    assert {windows for _, windows in found.recordings} == {(0, 0, 0, 0, 0, 0, 8, 4)}
+    for of in ("joint", "body"):
+        own = radii(found, entries[0], of=of)
+        assert own[:4] == pytest.approx(0.5)
+        assert own[4:] == pytest.approx(0.1)
+    assert found.thresholds_m[1] == pytest.approx([0.3, 0.3])  # of the known ones alone
 
 
 def test_a_joint_that_nobody_saw_is_not_calibrated_and_does_not_spoil_the_rest():

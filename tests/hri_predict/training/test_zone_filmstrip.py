@@ -93,9 +93,9 @@ def scene(scored):
 def test_the_window_is_the_middle_of_the_longest_recording(scored):
     entry, window = found_window(scored, "walking")
     assert entry.name == "walking_2"
-    # origins 0.56 s to 4.96 s, the last with a known second at 149 / 25 - 1: 111 windows
-    assert window == 55
-    assert entry.origin_ns[window] == pytest.approx((14 + 55) * 1e9 / RATE_HZ)
+    # origins 0.28 s to 4.96 s, the last with a known second at 149 / 25 - 1: 118 windows
+    assert window == 59
+    assert entry.origin_ns[window] == pytest.approx((7 + 59) * 1e9 / RATE_HZ)
 
 
 def test_no_forecast_bears_on_which_window(scored):
@@ -104,14 +104,16 @@ def test_no_forecast_bears_on_which_window(scored):
         for s in scored
     ]
     entry, window = found_window(blind, "walking")
-    assert (entry.name, window) == ("walking_2", 55)
+    assert (entry.name, window) == ("walking_2", 59)
 
 
 def test_no_window_without_a_second_to_show(scored, make_recording):
     assert middle_window(scored, "jumping") is None
     assert middle_window([], "walking") is None
-    brief = score_recordings(constant(), [make_recording(walked(1.4), name="walking_9")])
-    assert middle_window(brief, "walking") is None
+    # the first window's second ends at 1.28 s; 32 frames end at 1.24 s, 33 at 1.28 s
+    for seconds, found in ((1.28, False), (1.32, True)):
+        brief = score_recordings(constant(), [make_recording(walked(seconds), name="walking_9")])
+        assert (middle_window(brief, "walking") is not None) == found
 
 
 # -- what is shown ----------------------------------------------------------------------------
@@ -142,8 +144,8 @@ def test_moments_beyond_the_horizon_are_left_out(make_recording):
     figure = zone_filmstrip([scene], CANONICAL, "kalman", "99 %")
     told = [[text.get_text() for text in axes.texts] for axes in figure.axes]
     assert told[3:5] == [["beyond its horizon"]] * 2
-    # 61 windows from 0.56 s to 2.96 s: the middle one begins at 1.76 s
-    assert told[:3] == [["walking_0, 1.8 s", "1 m"], [], []]
+    # 68 windows from 0.28 s to 2.96 s: window 34 begins at 1.64 s
+    assert told[:3] == [["walking_0, 1.6 s", "1 m"], [], []]
 
 
 def test_seen_from_the_right_and_from_above_ahead_is_to_the_right(scene):

@@ -167,11 +167,11 @@ def standing(make_recording, seconds=4.0, name="walking_1"):
 
 def test_the_mean_radius_weighs_classes_by_their_windows(make_recording):
     (scores,) = standing(make_recording)
-    # nobody moves: still; the first 10 windows have no forecast 0.4 s old: surprising; then calm
-    calm, surprising = len(scores.origin_ns) - 10, 10
+    # nobody moves: still; the first 10 windows have no forecast 0.4 s old: new; then calm
+    calm, new = len(scores.origin_ns) - 10, 10
     by_class, mean = radius_by_step(calibrated(), [scores], "hand", "body", 0.99)
     assert by_class[2, 4] == pytest.approx(0.15)  # class 2 at step 5: 0.01 x 3 x 5
-    want = (calm * 0.01 + surprising * 0.03) * np.arange(1, STEPS + 1) / (calm + surprising)
+    want = (calm * 0.01 + new * 0.04) * np.arange(1, STEPS + 1) / (calm + new)
     assert mean == pytest.approx(want)
 
 
@@ -225,7 +225,7 @@ def test_every_picture_is_written(tmp_path, make_recording):
 
 
 def test_no_filmstrip_of_windows_without_a_known_second(tmp_path, make_recording):
-    scores = standing(make_recording, seconds=1.4)
+    scores = standing(make_recording, seconds=1.28)  # the first origin is at 0.28 s
     judged = ZoneJudgement(
         "zero_velocity", calibrated(), RATE_HZ, {(0.9, "body", WAYS[0]): covered(0.9)}, {}
     )

@@ -14,6 +14,7 @@ from hri_predict.predictors.baselines import (
     ZeroVelocity,
     ZeroVelocitySettings,
 )
+from hri_predict.risk.joint_zones import SETTLED_STEPS
 from hri_predict.scene import Scene
 from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_predict.training.zone_scores import (
@@ -82,15 +83,20 @@ def test_nothing_after_its_horizon_reaches_an_error(make_recording, rate_hz):
     assert not np.array_equal(before.error_m[6:], after.error_m[6:], equal_nan=True)
 
 
-def test_origins_are_captures_a_step_apart_that_begin_after_a_history(make_recording):
+def test_origins_are_captures_a_step_apart_from_the_eighth_on(make_recording):
+    # as live: from there on joints are settled, whose zones rest on these very scores
+    assert SETTLED_STEPS == 8
     entry = score_recordings(zero(), [make_recording(wandering(360, 120.0), 120.0)])[0]
     assert set(entry.origin_ns) <= set(entry.truth.stamps_ns)
-    grid = 40_000_000 * np.arange(HISTORY_STEPS - 1, HISTORY_STEPS - 1 + len(entry.origin_ns))
+    grid = 40_000_000 * np.arange(7, 7 + len(entry.origin_ns))
     assert np.abs(entry.origin_ns - grid).max() <= 0.5e9 / 120 + 1
     # of 360 captures the last is at 2.9917 s, and the last origin has a step after it
     assert entry.origin_ns[-1] == pytest.approx(2.92e9, abs=5e6)
     assert entry.history.shape[1:] == (HISTORY_STEPS, COUNT, 3)
-    assert entry.observed[1:].all()
+    # at 283, 317, 358, 400 ms, and so on; what is older than the presence is not seen
+    seen = entry.observed.all(-1).sum(1)
+    assert seen[:4].tolist() == [8, 8, 9, 11]
+    assert entry.observed[8:].all()
 
 
 def test_history_is_resampled_and_ends_with_the_capture(make_recording):
@@ -112,12 +118,12 @@ def test_constant_velocity_on_a_parabola_by_hand(make_recording):
     entry = score_recordings(constant(span_s=0.08), [make_recording(along_x(t**2))])[0]
     s = np.arange(1, 26) / 25.0
     assert entry.error_m[3] == pytest.approx(np.repeat((s**2 + 0.08 * s)[:, None], COUNT, axis=1))
-    # 80 frames end at 3.16 s; from the origin at 2.24 s on the last step lacks its truth
-    assert np.isfinite(entry.error_m[: 54 - 14 + 1]).all()
-    first = entry.error_m[54 - 14 + 1]
+    # 80 frames end at 3.16 s; from the origin at 2.2 s on, frame 55, the last step lacks its truth
+    assert np.isfinite(entry.error_m[: 55 - 7]).all()
+    first = entry.error_m[55 - 7]
     assert np.isfinite(first[:-1]).all()
     assert np.isnan(first[-1]).all()
-    assert entry.speed_m_s[0] == pytest.approx(2 * (0.56 - 0.1))  # the slope over 0.2 s
+    assert entry.speed_m_s[0] == pytest.approx(2 * (0.28 - 0.1))  # the slope over 0.2 s
 
 
 def test_the_worst_capture_within_a_step_counts(make_recording):
@@ -178,7 +184,7 @@ def test_a_gap_ends_a_presence_and_what_the_node_bridges_does_not(make_recording
         entries = score_recordings(zero(), [recording])
         assert len(entries) == parts
         assert units(entries) == {"walking_1": list(range(parts))}
-    assert entries[1].origin_ns[0] - late[60] == 14 * 40_000_000  # with a history of its own
+    assert entries[1].origin_ns[0] - late[60] == 7 * 40_000_000  # with a history of its own
     assert np.isnan(entries[0].error_m[-1, 1:]).all()
 
 
@@ -206,10 +212,11 @@ def test_a_slow_recording_is_refused(make_recording):
 
 
 def test_who_is_hardly_there_has_no_window(make_recording):
-    # 14 steps of history, and five origins with a step after each of them: 20 captures
-    assert len(score_recordings(zero(), [make_recording(wandering(20))])[0].origin_ns) == 5
-    with pytest.raises(RecordingError, match=r"walking_1\.npz: nobody is seen for 1 s"):
-        score_recordings(zero(), [make_recording(wandering(19))])
+    # 7 captures before the first origin, five origins and a step after the last: 13 captures
+    assert len(score_recordings(zero(), [make_recording(wandering(13))])[0].origin_ns) == 5
+    # what is asked for is ample: 8 + 2 x 5 steps of 40 ms
+    with pytest.raises(RecordingError, match=r"walking_1\.npz: nobody is seen for 0\.72 s"):
+        score_recordings(zero(), [make_recording(wandering(12))])
 
 
 def test_a_predictor_that_breaks_its_contract_is_named(make_recording):
@@ -248,8 +255,8 @@ def test_surprise_by_hand(make_recording):
     metres = np.maximum(t - 2.0, 0.0)
     entry = score_recordings(zero(), [make_recording(along_x(metres))])[0]
     at = {round(o * 1e-9, 3): s for o, s in zip(entry.origin_ns, entry.surprise_m, strict=True)}
-    assert np.isnan([at[0.56], at[0.92]]).all()  # no forecast is 0.4 s old
-    assert at[0.96] == pytest.approx(0.0)
+    assert np.isnan([at[0.28], at[0.64]]).all()  # no forecast is 0.4 s old
+    assert at[0.68] == pytest.approx(0.0)
     assert [at[2.0], at[2.2], at[2.4], at[3.0]] == pytest.approx([0.0, 0.2, 0.4, 0.4])
 
 
