@@ -7,12 +7,11 @@ from typing import Annotated, Any
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from hri_predict import config as configuration
 from hri_predict import registry
-from hri_predict.cli.common import recordings
+from hri_predict.cli.common import progress, recordings
 from hri_predict.errors import ConfigError
 
 _PROCEDURAL = "procedural"
@@ -73,10 +72,10 @@ def simulate(
         out=out,
         resume=resume,
     )
-    with _progress() as progress:
-        task = progress.add_task("approaches", total=None)
+    with progress() as bar:
+        task = bar.add_task("approaches", total=None)
         result = simulation.simulate(
-            request, lambda done, total: progress.update(task, completed=done, total=total)
+            request, lambda done, total: bar.update(task, completed=done, total=total)
         )
     report = simulation.report(result, out)
     if as_json:
@@ -109,19 +108,6 @@ def _motions(data: list[Path]) -> tuple[str, ...]:
                 f"--data: {name} is named twice, and would weigh double; name it once"
             )
     return tuple(found)
-
-
-def _progress() -> Progress:
-    console = Console(stderr=True)
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
 
 
 def _show(report: Any) -> None:

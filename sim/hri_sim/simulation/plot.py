@@ -4,18 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict.errors import ConfigError
+from hri_predict.training.figures import COLOURS, Figure, write_png
 from hri_sim.simulation.report import METRICS, Judged, Metric
 
-try:
-    from matplotlib.figure import Figure
-except ImportError as error:  # an extra of its own
-    raise ConfigError(
-        "plots need matplotlib; install it with pip install 'hri-predict[train]'"
-    ) from error
-
-# Okabe and Ito's colours, which the colour-blind can tell apart
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B", "#000000")
 _MARKERS = "osD^vP*h"  # hollow: what coincides is still seen
 _DPI = 130
 
@@ -24,7 +15,7 @@ def write_plots(results: Sequence[Judged], out: Path) -> list[Path]:
     """Write every plot into a folder that exists; returns the files."""
     figures = {"simulate.png": bars(results), "risk_productivity.png": risk(results)}
     for name, figure in figures.items():
-        figure.savefig(out / name, dpi=_DPI)
+        write_png(figure, out / name, _DPI)
     return [out / name for name in figures]
 
 
@@ -58,7 +49,7 @@ def _bar(panel: Any, k: int, result: Judged, metric: Metric) -> float:
         panel.text(0, k, " –", va="center")
         return 0.0
     value, low, high = (metric.factor * v for v in (estimate.value, estimate.low, estimate.high))
-    panel.barh(k, value, color=_COLOURS[k % len(_COLOURS)], height=0.6)
+    panel.barh(k, value, color=COLOURS[k % len(COLOURS)], height=0.6)
     panel.plot([low, high], [k, k], color="black", lw=1.5)
     panel.text(max(high, value), k, f" {value:.{metric.digits}f}", va="center", fontsize=8)
     return max(high, value)
@@ -72,7 +63,7 @@ def risk(results: Sequence[Judged]) -> Figure:
         work, near = result.estimates["productivity"], result.estimates["moving_separation"]
         if work.value is None or near.value is None:
             continue
-        colour = _COLOURS[k % len(_COLOURS)]
+        colour = COLOURS[k % len(COLOURS)]
         x, y = near.value, 100 * work.value
         panel.plot([near.low or 0, near.high or 0], [y, y], color=colour, lw=1)
         panel.plot([x, x], [100 * (work.low or 0), 100 * (work.high or 0)], color=colour, lw=1)
