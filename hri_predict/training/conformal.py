@@ -147,6 +147,8 @@ def _inflated(windows: _Windows, tables: dict[str, Floats]) -> dict[str, Floats]
             for c in range(len(CLASSES)):
                 chosen = [r[w.kind == c].ravel() for w, r in zip(own, ratios, strict=True)]
                 result[of][i, c] *= max(1.0, _of_equals(chosen, level))
+    # whoever holds the whole body holds each joint
+    result["body"] = np.maximum(result["body"], result["joint"])
     return result
 
 
