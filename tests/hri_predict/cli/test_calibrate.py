@@ -1,0 +1,153 @@
+"""``hri-predict calibrate``: a calibration made, measured, carded; one clear line for a mistake."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from hri_predict.cli import main
+from hri_predict.risk.calibration import load_calibration
+
+CV = ["--predictor", "constant_velocity"]
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys):
+    """Run a command line; gives exit status, standard output, standard error."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["hri-predict", "calibrate", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return ended.value.code or 0, captured.out, captured.err
+
+    return call
+
+
+def walking(path, seed, frames=300, fps=120.0):
+    """A CMU-like recording of a random pose that is carried about, wandering."""
+    rng = np.random.default_rng(seed)
+    pose = np.random.default_rng(0).normal(size=(38, 3), scale=0.3) + [0.0, 1.0, 0.0]
+    heading = rng.normal(0, 3 / np.sqrt(fps), frames).cumsum()
+    ways = np.stack([np.sin(heading), 0 * heading, np.cos(heading)], axis=1)
+    root = (ways * 1.2 / fps).cumsum(axis=0)
+    np.savez(
+        path,
+        positions_world=(pose + root[:, None]).astype(np.float32),
+        fps=np.float32(fps),
+        world_ok=np.ones(frames, bool),
+        floor_height=np.float32(0.0),
+        rest_pose_frames=np.int32(0),
+        action="walking",
+        split="train",
+        index=seed,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("recordings")
+    for seed in range(5):
+        walking(place / f"walking_{seed}.npz", seed)
+    return place
+
+
+@pytest.fixture(scope="module")
+def made(folder, tmp_path_factory):
+    """A calibration of constant velocity."""
+    out = tmp_path_factory.mktemp("made") / "cv.json"
+    with pytest.MonkeyPatch.context() as patch:
+        arguments = [*CV, "--data", str(folder), "--out", str(out)]
+        patch.setattr(sys, "argv", ["hri-predict", "calibrate", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert not ended.value.code
+    return out
+
+
+def test_a_calibration_is_made_and_says_what_it_rests_on(cli, folder, tmp_path):
+    out = tmp_path / "cv.json"
+    status, text, _ = cli(*CV, "--data", folder, "--out", out)
+    assert status == 0
+    assert "5 recordings" in text
+    assert "estimated; a guarantee takes" in text
+    assert "94 more with people moving" in " ".join(text.split())  # 99 % takes 99
+    calibration = load_calibration(out)
+    assert calibration.predictor == "constant_velocity"
+    assert calibration.steps == 30
+    assert [name for name, _ in calibration.recordings] == [f"walking_{k}" for k in range(5)]
+
+
+def test_the_same_recordings_give_the_same_bytes(cli, folder, made, tmp_path):
+    assert cli(*CV, "--data", folder, "--out", tmp_path / "again.json")[0] == 0
+    assert (tmp_path / "again.json").read_bytes() == made.read_bytes()
+
+
+def test_json_alone(cli, folder, tmp_path):
+    status, text, _ = cli(*CV, "--data", folder, "--out", tmp_path / "cv.json", "--json")
+    assert status == 0
+    told = json.loads(text)
+    assert told["predictor"] == "constant_velocity"
+    assert len(told["recordings"]) == 5
+
+
+def test_what_was_made_is_measured_and_written(cli, folder, made, tmp_path):
+    out, card = tmp_path / "measured", tmp_path / "card.md"
+    check = ["--check", "--calibration", made, "--out", out, "--card", card, "--json"]
+    status, text, _ = cli(*CV, "--data", folder, *check)
+    assert status == 0
+    told = json.loads(text)
+    assert told == json.loads((out / "zones.json").read_text())
+    assert told["recordings"] == 5
+    assert {(c["level"], c["of"]) for c in told["coverage"]} == {
+        (level, of) for level in (0.9, 0.95, 0.99) for of in ("joint", "body")
+    }
+    own = [c for c in told["coverage"] if c["way"] == "as calibrated" and c["of"] == "joint"]
+    for entry in own:  # on the recordings that it was made of: what it states, or more
+        assert min(entry["share"]) >= entry["level"] - 0.01
+    assert (out / "zones.md").read_text().startswith("# Zones of constant_velocity")
+    assert (out / "zones_reliability.png").read_bytes().startswith(b"\x89PNG")
+    assert card.read_text().count("## Zones") == 1
+    assert "*estimated* from 5 recordings" in card.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--predictor", "constant_velocty"], "constant_velocity"),
+        ([*CV, "--weights", "x.safetensors"], "--weights: constant_velocity has none"),
+        ([*CV, "--calibration", "x.json"], "--calibration: has no effect without --check"),
+        ([*CV, "--disturb"], "--disturb: has no effect without --check"),
+        ([*CV, "--horizon", "0"], "horizon_s"),
+        ([*CV, "--split", "test"], "--split test: has no effect"),
+        ([*CV, "--check", "--calibration", "nowhere.json"], "nowhere.json"),
+        ([*CV, "--check", "--horizon", "1.2", "--calibration", "FOREIGN"], "is of predictor"),
+        (["--predictor", "aggregated", "--check"], "no calibration is shipped"),
+    ],
+)
+def test_a_mistake_is_one_line(cli, folder, made, tmp_path, arguments, said):
+    foreign = tmp_path / "foreign.json"
+    foreign.write_text(made.read_text().replace("constant_velocity", "zero_velocity", 1))
+    words = [str(foreign) if a == "FOREIGN" else a for a in arguments]
+    status, out, err = cli(*words, "--data", folder)
+    assert status == 2
+    assert out == ""
+    assert said in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_too_few_recordings_are_refused(cli, folder, tmp_path):
+    single = folder / "walking_0.npz"
+    status, _, err = cli(*CV, "--data", single, "--out", tmp_path / "cv.json")
+    assert status == 2
+    assert "too few recordings (1)" in err
+    assert not (tmp_path / "cv.json").exists()
+
+
+def test_a_recording_that_is_too_short_is_named(cli, folder, tmp_path):
+    walking(tmp_path / "glimpse_1.npz", 9, frames=20)
+    status, _, err = cli(*CV, "--data", folder, "--data", tmp_path / "glimpse_1.npz")
+    assert status == 2
+    assert "glimpse_1.npz" in err
