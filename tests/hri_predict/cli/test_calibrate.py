@@ -29,7 +29,7 @@ def cli(monkeypatch, capsys):
 def walking(path, seed, frames=300, fps=120.0):
     """A CMU-like recording of a random pose that is carried about, wandering."""
     rng = np.random.default_rng(seed)
-    pose = np.random.default_rng(0).normal(size=(38, 3), scale=0.3) + [0.0, 1.0, 0.0]
+    pose = np.random.default_rng(0).normal((0.0, 1.0, 0.0), 0.3, size=(38, 3))
     heading = rng.normal(0, 3 / np.sqrt(fps), frames).cumsum()
     ways = np.stack([np.sin(heading), 0 * heading, np.cos(heading)], axis=1)
     root = (ways * 1.2 / fps).cumsum(axis=0)

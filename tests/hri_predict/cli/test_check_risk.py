@@ -4,6 +4,7 @@ import pytest
 
 from hri_predict import config as configuration
 from hri_predict.cli.check import check, examine
+from hri_predict.errors import ConfigError
 
 
 @pytest.fixture
@@ -44,3 +45,31 @@ def test_the_table_names_the_terms(capsys):
     out = capsys.readouterr().out
     assert "S_p: protective separation distance" in out
     assert "Risk mode predictive" in out
+
+
+@pytest.mark.parametrize(
+    ("risk", "said"),
+    [
+        ("  mode: predictive\n", "hold each joint in 99 % (estimated), checked live"),
+        (
+            "  mode: predictive\n  coverage: {level: 0.9, of: body, self_check: false}\n",
+            "hold the whole body in 90 % (estimated), not checked live",
+        ),
+        ("  mode: iso\n", "mode iso uses no forecast"),
+    ],
+)
+def test_what_zones_rest_on_is_said(checked, risk, said):
+    assert said in checked(risk)["zones"]
+
+
+def test_a_predictor_with_settings_of_its_own_is_not_calibrated(tmp_path):
+    text = configuration.shipped("demo.yaml").read_text(encoding="utf-8")
+    own = "  name: constant_velocity\n  span_s: 0.2\n"
+    path = tmp_path / "cell.yaml"
+    path.write_text(text.replace("  name: sinn\n", own), encoding="utf-8")
+    assert "not calibrated for constant_velocity" in examine(configuration.load(path))["zones"]
+
+
+def test_a_guarantee_that_so_few_recordings_do_not_give_is_refused(checked):
+    with pytest.raises(ConfigError, match="with 93 more, lower the level, or set basis"):
+        checked("  mode: predictive\n  coverage: {basis: guaranteed}\n")

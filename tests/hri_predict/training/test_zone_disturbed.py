@@ -9,7 +9,7 @@ from hri_predict.training.conformal import calibrate
 from hri_predict.training.zone_disturbed import as_json, judge_disturbed, tables
 from hri_predict.training.zone_scores import score_recordings
 
-BODY = np.random.default_rng(4).normal(size=(len(JOINTS), 3), scale=0.3) + [0, 0, 1]
+BODY = np.random.default_rng(4).normal((0.0, 0.0, 1.0), 0.3, size=(len(JOINTS), 3))
 
 
 def strolling(seed, frames=90):
