@@ -99,8 +99,8 @@ def test_command(command, folder):
         subprocess.run([sys.executable, "-m", "hri_predict", *record], cwd=folder, check=True)
     if "--calibration" in words:  # which an earlier command makes
         make = ["calibrate", "--predictor", "constant_velocity", "--data", "recordings"]
-        out = ["--out", "mine.calibration.json"]
-        subprocess.run([sys.executable, "-m", "hri_predict", *make, *out], cwd=folder, check=True)
+        make += ["--out", "mine.calibration.json"]
+        subprocess.run([sys.executable, "-m", "hri_predict", *make], cwd=folder, check=True)
     daemon = words[1] == "run"
     process = subprocess.Popen(
         [sys.executable, "-m", module, *words[1:]],

@@ -53,7 +53,7 @@ def calibrate(
     names = list(units(scores))
     if len(names) < LEAST_RECORDINGS:
         raise ConfigError(
-            f"--data: too few recordings ({len(names)}): windows of one resemble each other, so give"
+            f"--data: too few recordings ({len(names)}): windows of one resemble each other; give"
             f" {LEAST_RECORDINGS} at least ({needed(LEVELS[0])} for a guarantee of"
             f" {100 * LEVELS[0]:g} %)"
         )

@@ -204,6 +204,8 @@ def _origins(presence: Presence, rate_hz: float) -> NDArray[np.intp]:
     count = int((stamps[-1] - stamps[0]) / step_ns) + 1
     grid = stamps[0] + np.round(step_ns * np.arange(SETTLED_STEPS - 1, count)).astype(np.int64)
     nearest = np.unique(_nearest(stamps, grid))
+    if grid.size:  # a capture before the eighth step has only seven
+        nearest = nearest[stamps[nearest] >= grid[0]]
     result: NDArray[np.intp] = nearest[stamps[nearest] + step_ns <= stamps[-1]]
     return result
 

@@ -62,11 +62,11 @@ def test_volumes_grow_with_length_and_radius(length, radius, more):
 def test_a_ball_of_the_standard_by_hand(scores, zero):
     sizes = sizes_with(scores, zero, 0.1)
     part = sizes.parts.index("right_leg")
-    expected = 0.0
+    expected = np.zeros(())
     for segment in (s for s in CANONICAL.segments if s.part == "right_leg"):
         length = np.linalg.norm(BODY[segment.joint_a] - BODY[segment.joint_b])
         # 0.4 s at 1.6 m/s are 0.64 m, on top of the segment's own radius
-        expected += capsule_volume(length, segment.radius + 0.64)
+        expected = expected + capsule_volume(np.array(length), np.array(segment.radius + 0.64))
     assert sizes.by_method["1.6 m/s"][1, part] == pytest.approx(expected, rel=1e-6)
 
 
