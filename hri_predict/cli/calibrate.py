@@ -10,9 +10,11 @@ from rich.console import Console
 
 from hri_predict import registry
 from hri_predict.cli.common import (
+    SPLITS,
     check_writable,
     command,
     files,
+    one_of,
     progress,
     show,
     tell,
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 RATE_HZ = 25.0
 HORIZON_S = 1.2
+LEAST_HORIZON_S = 0.2
+"""Shorter zones protect from nothing: robots take longer to stop."""
 _BESIDE = "constant_velocity"
 
 
@@ -74,6 +78,8 @@ def calibrate(
     Example: hri-predict calibrate --predictor sinn --data ../shared/data
     """
     settings = _settings(predictor, weights, horizon)
+    if split is not None:
+        one_of("--split", split, SPLITS)
     if check:
         _check(settings, data, calibration, split, out, card, disturb, as_json)
         return
@@ -85,6 +91,8 @@ def calibrate(
 
 
 def _settings(predictor: str, weights: Path | None, horizon: float) -> PredictorSettings:
+    if not horizon >= LEAST_HORIZON_S:
+        raise ConfigError(f"--horizon {horizon:g}: too short; give {LEAST_HORIZON_S:g} s or more")
     model = registry.load("predictors", predictor).settings_model
     asked: dict[str, Any] = {"name": predictor, "rate_hz": RATE_HZ, "horizon_s": horizon}
     if weights is not None:
@@ -105,6 +113,8 @@ def _make(
     from hri_predict.whole_file import write_whole
 
     check_writable(out.parent)
+    if out.is_dir() or (out.exists() and out.suffix != ".json"):
+        raise ConfigError(f"--out {out}: is no calibration to replace; name a .json file")
     built = registry.load("predictors", settings.name)(settings)
     scores = _scores(built, settings.name, data, split, "calibration")
     values, digest = identity(settings)

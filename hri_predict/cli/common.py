@@ -12,11 +12,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as ScreenTable
 
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, nearest
 
 if TYPE_CHECKING:
     from hri_predict.training.report import Table
 
+SPLITS = ("fit", "validation", "calibration", "test")
 _RECORDINGS = (".npz", ".bvh", ".mcap")
 
 
@@ -125,3 +126,10 @@ def tell(files: Sequence[Path]) -> None:
 def command() -> str:
     """The command as it was given, for the report."""
     return shlex.join(["hri-predict", *sys.argv[1:]])
+
+
+def one_of(flag: str, value: str, known: Sequence[str]) -> Any:
+    """Return ``value`` if it is known; complain with what there is."""
+    if value not in known:
+        raise ConfigError(f"{flag} {value}: unknown{nearest(value, known)} ({', '.join(known)})")
+    return value

@@ -9,23 +9,23 @@ import typer
 
 from hri_predict import registry
 from hri_predict.cli.common import (
+    SPLITS,
     check_writable,
     command,
     files,
+    one_of,
     progress,
     show,
     tell,
     without_effect,
 )
-from hri_predict.errors import ConfigError, nearest
+from hri_predict.errors import ConfigError
 from hri_predict.settings import validated
 
 if TYPE_CHECKING:  # torch takes seconds to import, which the other commands need not wait for
     from hri_predict.predictors.base import Predictor
     from hri_predict.predictors.weights import LoadedWeights
     from hri_predict.training.benchmark import Forecaster, Protocol
-
-_SPLITS = ("fit", "validation", "calibration", "test")
 
 
 def evaluate(
@@ -81,7 +81,7 @@ def evaluate(
             {"--windows": windows, "--n-out": n_out, "--error": error}, "without --benchmark"
         )
         if split is not None:
-            _one_of("--split", split, _SPLITS)
+            one_of("--split", split, SPLITS)
         _real(data, asked, split, disturb, out, as_json)
     else:
         without_effect(
@@ -116,12 +116,6 @@ def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> dict[str, Pat
     return dict(zip(predictors, weights, strict=True))
 
 
-def _one_of(flag: str, value: str, known: Sequence[str]) -> Any:
-    if value not in known:
-        raise ConfigError(f"{flag} {value}: unknown{nearest(value, known)} ({', '.join(known)})")
-    return value
-
-
 def _benchmark(
     data: list[Path],
     asked: Mapping[str, Path | None],
@@ -139,10 +133,10 @@ def _benchmark(
         raise ConfigError(f"--n-out {n_out}: the benchmark predicts 10 or 25 frames")
     loaded = {name: _load(name, weights) for name, weights in asked.items()}
     protocol = Protocol(
-        benchmark=_one_of("--benchmark", benchmark, ("cmu", "human36m")),
-        windows=_one_of("--windows", windows, ("all", "8-seeds", "80-seeds")),
+        benchmark=one_of("--benchmark", benchmark, ("cmu", "human36m")),
+        windows=one_of("--windows", windows, ("all", "8-seeds", "80-seeds")),
         n_out=n_out,
-        error=_one_of("--error", error or _own_error(loaded), ("mpjpe", "euler")),
+        error=one_of("--error", error or _own_error(loaded), ("mpjpe", "euler")),
     )
     forecasters = _forecasters(protocol, loaded)
     with progress() as bar:

@@ -120,8 +120,12 @@ def test_what_was_made_is_measured_and_written(cli, folder, made, tmp_path):
         ([*CV, "--weights", "x.safetensors"], "--weights: constant_velocity has none"),
         ([*CV, "--calibration", "x.json"], "--calibration: has no effect without --check"),
         ([*CV, "--disturb"], "--disturb: has no effect without --check"),
-        ([*CV, "--horizon", "0"], "horizon_s"),
+        ([*CV, "--horizon", "0"], "--horizon 0: too short"),
+        ([*CV, "--horizon", "nan"], "--horizon nan: too short"),
+        ([*CV, "--horizon", "100"], "horizon_s"),
         ([*CV, "--split", "test"], "--split test: has no effect"),
+        ([*CV, "--split", "tset"], "--split tset: unknown; did you mean 'test'"),
+        ([*CV, "--out", "."], "--out .: is no calibration to replace"),
         ([*CV, "--check", "--calibration", "nowhere.json"], "nowhere.json"),
         ([*CV, "--check", "--horizon", "1.2", "--calibration", "FOREIGN"], "is of predictor"),
         (["--predictor", "aggregated", "--check"], "no calibration is shipped"),
@@ -136,6 +140,14 @@ def test_a_mistake_is_one_line(cli, folder, made, tmp_path, arguments, said):
     assert out == ""
     assert said in err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_a_recording_is_not_replaced_by_its_calibration(cli, folder):
+    before = (folder / "walking_0.npz").read_bytes()
+    status, _, err = cli(*CV, "--data", folder, "--out", folder / "walking_0.npz")
+    assert status == 2
+    assert "is no calibration to replace" in err
+    assert (folder / "walking_0.npz").read_bytes() == before
 
 
 def test_too_few_recordings_are_refused(cli, folder, tmp_path):
