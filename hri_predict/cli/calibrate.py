@@ -1,6 +1,7 @@
 """``calibrate``: how large zones must be to hold people as often as stated, and if they do."""
 
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -178,6 +179,13 @@ def _check(
     built = registry.load("predictors", settings.name)(settings)
     calibration = _calibration(settings, path)
     scores = _scores(built, settings.name, data, split, "test")
+    used = {name for name, _ in calibration.recordings} & {s.name for s in scores}
+    if used:
+        print(
+            f"warning: {len(used)} of these recordings were calibrated on"
+            f" ({', '.join(sorted(used)[:3])}, ...): their coverage says nothing of others",
+            file=sys.stderr,
+        )
     beside = _beside(settings.name, data, split)
     with progress() as bar:
         task = bar.add_task("judging", total=None)

@@ -1,5 +1,6 @@
 """What several commands share: recordings by option, files of a report, tables on the screen."""
 
+import hashlib
 import shlex
 import sys
 import tempfile
@@ -79,12 +80,23 @@ def files(data: Sequence[Path], split: str | None, default: str = "test") -> lis
                 f"--data: {path} is named twice, and would weigh double; name it once"
             )
         known.add(path.resolve())
+    _refuse_copies(found)
     if split is not None and not any(map(_is_pack, data)):
         raise ConfigError(
             f"--split {split}: has no effect on {data[0]}, for the data pack alone has splits; "
             f"leave it out"
         )
     return found
+
+
+def _refuse_copies(found: Sequence[Path]) -> None:
+    """A copy of a recording is no second one."""
+    seen: dict[str, Path] = {}
+    for path in found:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else str(path)
+        if digest in seen:
+            raise ConfigError(f"--data: {path} is a copy of {seen[digest]}; leave one of them out")
+        seen[digest] = path
 
 
 def progress() -> Progress:

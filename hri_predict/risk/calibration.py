@@ -35,15 +35,16 @@ from hri_predict.risk.motion_ranges import MotionRanges
 from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.scene import Floats
 from hri_predict.settings import Settings, read_text, validated
-from hri_predict.skeleton import Skeleton
+from hri_predict.skeleton import JOINTS, Skeleton
 
 OFS: tuple[Literal["joint", "body"], ...] = ("joint", "body")
 FOLDER = Path(__file__).parents[1] / "weights"
 """Calibrations of shipped predictors lie beside the weights, the baselines' too."""
 
-Millimetres = Annotated[int, Field(ge=0, le=100_000)]
+Millimetres = Annotated[int, Field(ge=1, le=100_000)]
 Row = list[Millimetres | None]  # by step; None: not known, so unbounded
 Metres = Annotated[float, Field(ge=0)]
+_KNOWN = {name.removeprefix("l_").removeprefix("r_") for name in JOINTS}
 _HASHED = 16  # hexadecimal digits
 
 
@@ -256,7 +257,7 @@ def save_text(calibration: Calibration) -> str:
 
 def _millimetres(table: Floats) -> Any:
     """Nested lists, rounded up; None where unbounded."""
-    rounded = np.ceil(table * 1000.0 - 1e-6)
+    rounded = np.maximum(np.ceil(table * 1000.0 - 1e-6), 1.0)
     return _rows(rounded, rounded <= 100_000)
 
 
@@ -269,6 +270,8 @@ def _rows(values: Floats, usable: Any) -> Any:
 def _unpacked(file: CalibrationFile) -> Calibration:
     if tuple(file.levels) != LEVELS or tuple(file.classes) != CLASSES:
         raise ValueError("its levels or motion classes are of another version")
+    if len(set(file.joints)) < len(file.joints) or not _KNOWN.issuperset(file.joints):
+        raise ValueError("joints must be those of the canonical skeleton, each once")
     shapes = {"estimated": len(CLASSES), "guaranteed": len(SPEED_CLASSES)}
     tables: dict[str, dict[str, Floats]] = {}
     for name, classes in shapes.items():
@@ -276,8 +279,8 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         want = (len(LEVELS), classes, len(file.joints), file.steps)
         tables[name] = {of: _table(stored[of], want) for of in OFS}
     thresholds = np.array(file.thresholds_m, dtype=np.float64)
-    if thresholds.shape != (2, 2) or not (np.diff(thresholds) >= 0).all():
-        raise ValueError("thresholds_m must be two rising pairs")
+    if thresholds.shape != (2, 2) or not (np.diff(thresholds) >= 0).all() or thresholds.max() > 10:
+        raise ValueError("thresholds_m must be two rising pairs of metres")
     return Calibration(
         file.predictor,
         file.settings,
@@ -299,6 +302,9 @@ def _table(rows: Any, shape: tuple[int, ...]) -> Floats:
     table = np.where(np.isnan(table), np.inf, table)
     if not (table[..., 1:] >= table[..., :-1]).all():
         raise ValueError("a radius shrinks with the horizon")
+    lower, higher = table[:-1], table[1:]
+    if (higher < lower).any():
+        raise ValueError("a radius of a higher level is smaller than of a lower one")
     return table
 
 
@@ -344,6 +350,8 @@ def calibration_for(
 def _mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
     if calibration.predictor != settings.name:
         return f"is of predictor {calibration.predictor}, not {settings.name}"
+    if calibration.rate_hz != settings.rate_hz:
+        return f"is for {calibration.rate_hz:g} steps per second, not {settings.rate_hz:g}"
     values, weights = identity(settings)
     for key in sorted(values.keys() | calibration.settings.keys()):
         if values.get(key) != calibration.settings.get(key):

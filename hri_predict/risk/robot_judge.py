@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hri_predict.errors import ConfigError
 from hri_predict.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, approach_m
 from hri_predict.risk.delay_budget import DelayBudget
@@ -62,7 +63,7 @@ class RobotJudge:
         fixed_radius_m: of mode ``fixed``: as set, or the reach plus S_p at worst.
 
     Raises:
-        ConfigError: that goes past the horizon.
+        ConfigError: that goes past the horizon, or the circle is smaller than the robot.
     """
 
     def __init__(
@@ -90,6 +91,11 @@ class RobotJudge:
         self.longest_s = budget.reaction_s(budget.stale_s, self.name) + slowest_s
         reach_m = tracker.model.reach_m
         self.fixed_radius_m = settings.fixed_radius_m or reach_m + self._needed_m()
+        if settings.mode == "fixed" and self.fixed_radius_m < reach_m:
+            raise ConfigError(
+                f"risk.fixed_radius_m: {self.fixed_radius_m:g} m is less than robot {self.name}"
+                f" reaches, {reach_m:.2f} m; give more, or leave it out"
+            )
 
     def judge(
         self,

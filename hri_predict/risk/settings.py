@@ -14,14 +14,15 @@ class Reach(Settings):
     """How far a joint of one part of the body can come: the smaller of two balls.
 
     ``speed_m_s`` t about where it was, and (``burst_m_s`` + ``sustained_m_s2`` t / 2) t about where
-    its present velocity would take it.
+    its present velocity would take it. Every zone is cut to it, so it cannot be less than what
+    people at work do.
     """
 
-    speed_m_s: float = Field(gt=0, le=50)
+    speed_m_s: float = Field(ge=2, le=50)
     burst_m_s: float = Field(
-        ge=0, le=50, description="change of velocity within hundredths of a second"
+        ge=1, le=50, description="change of velocity within hundredths of a second"
     )
-    sustained_m_s2: float = Field(8.3, ge=0, le=100, description="acceleration of the whole body")
+    sustained_m_s2: float = Field(8.3, ge=2, le=100, description="acceleration of the whole body")
 
 
 class HumanLimits(Settings):

@@ -147,9 +147,9 @@ def _inflated(windows: _Windows, tables: dict[str, Floats]) -> dict[str, Floats]
             for c in range(len(CLASSES)):
                 chosen = [r[w.kind == c].ravel() for w, r in zip(own, ratios, strict=True)]
                 result[of][i, c] *= max(1.0, _of_equals(chosen, level))
-    # whoever holds the whole body holds each joint
+    # whoever holds the whole body holds each joint, and 99 % hold 95 %
     result["body"] = np.maximum(result["body"], result["joint"])
-    return result
+    return {of: np.maximum.accumulate(table, axis=0) for of, table in result.items()}
 
 
 def _ratios(windows: _Windows, table: Floats, of: str) -> Floats:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from hri_predict.errors import ConfigError
+from hri_predict.whole_file import write_whole
 
 VERSION = 1
 
@@ -61,18 +62,19 @@ class Store:
                 f"code; give what it was begun with, or name another --out"
             )
         for line in lines[1:]:
-            block = _parsed(line)
-            if block is not None:  # the last one may have been cut off
-                self.done[block["block"]] = block["rows"]
+            block = _parsed(line) or {}
+            key, rows = block.get("block"), block.get("rows")
+            if isinstance(key, str) and isinstance(rows, dict):  # else cut off, or damaged
+                self.done[key] = rows
         kept = [json.dumps(self._header)] + [
             json.dumps({"block": key, "rows": rows}) for key, rows in self.done.items()
         ]
-        path.write_text("\n".join(kept) + "\n", encoding="utf-8")
+        write_whole(path, ("\n".join(kept) + "\n").encode())
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:
     try:
         data = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return data if isinstance(data, dict) else None

@@ -150,6 +150,19 @@ def test_a_recording_is_not_replaced_by_its_calibration(cli, folder):
     assert (folder / "walking_0.npz").read_bytes() == before
 
 
+def test_a_copy_is_no_second_recording(cli, folder, tmp_path):
+    (tmp_path / "copy_1.npz").write_bytes((folder / "walking_0.npz").read_bytes())
+    status, _, err = cli(*CV, "--data", folder, "--data", tmp_path / "copy_1.npz")
+    assert status == 2
+    assert "is a copy of" in err
+
+
+def test_who_measures_on_what_was_calibrated_is_told(cli, folder, made, tmp_path):
+    check = ["--check", "--calibration", made, "--out", tmp_path / "measured", "--json"]
+    _, _, err = cli(*CV, "--data", folder / "walking_0.npz", *check)
+    assert "1 of these recordings were calibrated on (walking_0" in err
+
+
 def test_too_few_recordings_are_refused(cli, folder, tmp_path):
     single = folder / "walking_0.npz"
     status, _, err = cli(*CV, "--data", single, "--out", tmp_path / "cv.json")

@@ -91,7 +91,12 @@ def _row(data, row):
         (lambda d: d.pop("thresholds_m"), "thresholds_m: required key is missing"),
         (lambda d: d.update(version=2), "version"),
         (lambda d: d.update(steps=4), "a table has the shape"),
-        (lambda d: d["joints"].append("tail"), "a table has the shape"),
+        (lambda d: d["joints"].append("tail"), "joints must be those of the canonical skeleton"),
+        (lambda d: d["joints"].append(d["joints"][0]), "each once"),
+        (lambda d: d["joints"].pop(), "a table has the shape"),
+        (lambda d: d["estimated_mm"]["joint"].reverse(), "of a higher level is smaller"),
+        (lambda d: d["estimated_mm"]["joint"][0][0][0].__setitem__(0, 0), "estimated_mm"),
+        (lambda d: d.update(thresholds_m=[[0.1, 0.2], [1.0, 1e9]]), "thresholds_m"),
         (lambda d: d["estimated_mm"]["joint"].pop(), "a table has the shape"),
         (lambda d: d["estimated_mm"].pop("body"), "body"),
         (lambda d: _row(d, [1, 2]), "own.calibration.json"),
@@ -289,7 +294,7 @@ def folder(tmp_path, monkeypatch, make_calibration):
 
 OTHERS = [
     (SETTINGS.model_copy(update={"history_s": 0.7}), "was made with history_s 0.5, not 0.7"),
-    (SETTINGS.model_copy(update={"rate_hz": 50.0}), "was made with rate_hz 25.0, not 50.0"),
+    (SETTINGS.model_copy(update={"rate_hz": 50.0}), "is for 25 steps per second, not 50"),
     (SETTINGS.model_copy(update={"name": "other"}), "is of predictor zero_velocity, not other"),
 ]
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.errors import ConfigError
 from hri_predict.link import LinkSettings
 from hri_predict.protocol.messages import Level
 from hri_predict.reasons import Reason
@@ -80,7 +81,9 @@ def test_the_fixed_radius_is_reach_and_protective_distance():
     s_p = 1.6 * (0.41 + stopping_s) + 0.41 + stopping_m + 0.16
     found = judge("fixed", intrusion_m=0.1)
     assert found.fixed_radius_m == pytest.approx(MODEL.reach_m + s_p)
-    assert judge("fixed", fixed_radius_m=1.5).fixed_radius_m == 1.5
+    assert judge("fixed", fixed_radius_m=1.7).fixed_radius_m == 1.7
+    with pytest.raises(ConfigError, match=r"fixed_radius_m: 1\.5 m is less than robot"):
+        judge("fixed", fixed_radius_m=1.5)
 
 
 @pytest.mark.parametrize(

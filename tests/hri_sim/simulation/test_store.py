@@ -48,3 +48,14 @@ def test_without_a_folder_blocks_are_kept_in_memory():
     store = Store(None, {"seed": 0}, resume=False)
     store.add("0/0/0", ROWS)
     assert store.done == {"0/0/0": ROWS}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b'{"x": 1}', b'{"block": [1], "rows": {}}', b"[" * 100_000, b"\xff\xfe", b'{"block": 3}'],
+)
+def test_a_damaged_line_is_done_again(tmp_path, line):
+    Store(tmp_path, {"seed": 0}, resume=False).add("0/0/0", ROWS)
+    with (tmp_path / "episodes.jsonl").open("ab") as file:
+        file.write(line + b"\n")
+    assert Store(tmp_path, {"seed": 0}, resume=True).done == {"0/0/0": ROWS}
