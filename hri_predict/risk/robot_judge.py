@@ -148,11 +148,11 @@ class RobotJudge:
         if not self.in_time:
             found = self._now(motion, bodies, human_m_s)
             return found, self._demand(found, _reason(found, bodies))
-        found = self._by_time(motion, in_time or BodiesInTime(bodies.zones.capsules))
+        found, standing = self._by_time(motion, in_time or BodiesInTime(bodies.zones.capsules))
         demand = self._demand(found, _reason(found, bodies))
         if self._settings.mode != "predictive" or demand == Demand.nothing(self.max_speed_m_s):
             return found, demand
-        now = self._now(motion, bodies, human_m_s)
+        now = self._now(motion, bodies, human_m_s, standing)
         by_standard = self._demand(now, _reason(now, bodies))
         both = demand.milder(by_standard)
         rests_on_zones = (both.level, both.limit_m_s) == (demand.level, demand.limit_m_s)
@@ -191,8 +191,8 @@ class RobotJudge:
             until_braking_s,
         )
 
-    def _by_time(self, motion: RobotMotion, course: BodiesInTime) -> Finding:
-        """Modes ``predictive`` and ``reactive``."""
+    def _by_time(self, motion: RobotMotion, course: BodiesInTime) -> tuple[Finding, NearestInTime]:
+        """Modes ``predictive`` and ``reactive``; and who is how near to the robot as it is now."""
         standing = course.nearest(_once(motion.capsules), len(motion.times_s))
 
         def at_speeds(speeds_m_s: Floats, enough_m: Floats) -> NearestInTime:
@@ -201,21 +201,36 @@ class RobotJudge:
 
         ahead = at_speeds if motion.is_foreseen else None
         distance = float(standing.distance[0])
-        return self._over_time(Course(distance, _later(standing), ahead), motion)
+        course_of = Course(distance, _later(standing), ahead)
+        return self._over_time(course_of, motion), standing
 
-    def _now(self, motion: RobotMotion, bodies: BodyZones, human_m_s: Floats) -> Finding:
-        """By the distance now: everybody together, and who is fast by themselves."""
+    def _now(
+        self,
+        motion: RobotMotion,
+        bodies: BodyZones,
+        human_m_s: Floats,
+        standing: NearestInTime | None = None,
+    ) -> Finding:
+        """By the distance now: everybody together, and who is fast by themselves.
+
+        Beside zones over time (``standing`` is what they found for now) no retreat is looked for:
+        they see it themselves.
+        """
         zones, iso = bodies.zones.capsules, self._settings.mode != "fixed"
         found = []
         for fast in (None, *np.flatnonzero(human_m_s > 0)) if iso else (None,):
             who = slice(None) if fast is None else slice(fast, fast + 1)
-            people = Capsules(zones.a[who, :1], zones.b[who, :1], zones.radius[who, :1])
-            near = nearest_in_time(people, _once(motion.capsules))
+            near = standing
+            if near is None or fast is not None:
+                people = Capsules(zones.a[who, :1], zones.b[who, :1], zones.radius[who, :1])
+                near = nearest_in_time(people, _once(motion.capsules))
             person = int(near.person[0]) + (fast or 0)
             speed = 0.0 if fast is None else float(human_m_s[fast])
             deciding = person, int(near.segment[0]), int(near.link[0])
             alone = self._iso(float(near.distance[0]), motion, bodies.age_s, deciding, speed)
-            found.append(self._retreating(alone, motion, zones, bodies.age_s, speed))
+            if standing is None:
+                alone = self._retreating(alone, motion, zones, bodies.age_s, speed)
+            found.append(alone)
         return worst_of(found) if iso else self._fixed(found[0], motion, zones, human_m_s)
 
     def _retreating(
