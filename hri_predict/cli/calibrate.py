@@ -179,7 +179,7 @@ def _check(
     built = registry.load("predictors", settings.name)(settings)
     calibration = _calibration(settings, path)
     scores = _scores(built, settings.name, data, split, "test")
-    used = {name for name, _ in calibration.recordings} & {s.name for s in scores}
+    used = _calibrated_on(calibration, scores)
     if used:
         print(
             f"warning: {len(used)} of these recordings were calibrated on"
@@ -216,6 +216,14 @@ def _check(
         print(json.dumps(report))
         return
     show(tables, judgement.notes(judged))
+
+
+def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> set[str]:
+    """Names of recordings that were calibrated on: of that name, with as many windows."""
+    found: dict[str, int] = {}
+    for entry in scores:
+        found[entry.name] = found.get(entry.name, 0) + len(entry.origin_ns)
+    return {name for name, windows in calibration.recordings if found.get(name) == sum(windows)}
 
 
 def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration":
