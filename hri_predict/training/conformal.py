@@ -4,8 +4,8 @@
 windows, ``LEAST_RADIUS_M`` at least; the body's radii are those times one factor per class and
 step, the same quantile of the largest ratio over the joints. But windows of one recording resemble
 each other, and a new recording is unlike all of them. So each recording is left out in turn, and
-the radii of a level and class are multiplied by the factor (1 at least) with which those of the
-others would have held the stated share of what was left out, each recording weighing the same:
+the radii of a level and speed class are multiplied by the factor (1 at least) with which those of
+the others would have held the stated share of what was left out, each recording weighing the same:
 cross-conformal prediction (V. Vovk, Annals of Mathematics and AI 74 (2015) 9; R. Barber et al.,
 "Predictive inference with the jackknife+", Annals of Statistics 49 (2021) 486) with recordings for
 folds. A class that fewer than ``LEAST_RECORDINGS``
@@ -35,6 +35,9 @@ LEAST_RADIUS_M = 0.02
 """Joints that hardly move would scale everybody else by their millimetres."""
 LEAST_RECORDINGS = 4
 Ints = NDArray[np.intp]
+
+_BY_SPEED = np.split(np.arange(len(CLASSES)), len(SPEED_CLASSES))
+"""The motion classes of each speed class: too few recordings show one alone for a factor."""
 
 
 def calibrate(
@@ -144,9 +147,11 @@ def _inflated(windows: _Windows, tables: dict[str, Floats]) -> dict[str, Floats]
     for of in OFS:
         for i, level in enumerate(LEVELS):
             ratios = [_ratios(w, radii[of][i], of) for w, radii in zip(own, others, strict=True)]
-            for c in range(len(CLASSES)):
-                chosen = [r[w.kind == c].ravel() for w, r in zip(own, ratios, strict=True)]
-                result[of][i, c] *= max(1.0, _of_equals(chosen, level))
+            for like in _BY_SPEED:
+                chosen = [
+                    r[np.isin(w.kind, like)].ravel() for w, r in zip(own, ratios, strict=True)
+                ]
+                result[of][i, like] *= max(1.0, _of_equals(chosen, level))
     # whoever holds the whole body holds each joint, and 99 % hold 95 %
     result["body"] = np.maximum(result["body"], result["joint"])
     return {of: np.maximum.accumulate(table, axis=0) for of, table in result.items()}

@@ -339,7 +339,7 @@ def test_presences_of_one_recording_are_one_unit():
 
 def test_too_few_recordings_are_refused():
     with pytest.raises(
-        ConfigError, match=r"--data: 3 recordings; .*give 4 at least \(9 for"
+        ConfigError, match=r"too few recordings .3.: .*give 4 at least \(9 for"
     ) as error:
         made([scores(f"r{n // 2}", 0.1) for n in range(6)])
     assert "\n" not in str(error.value)
