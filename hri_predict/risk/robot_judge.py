@@ -141,16 +141,16 @@ class RobotJudge:
         """What the people ask for, and the finding that it rests on.
 
         ``predictive`` asks for what the milder of two asks: the zones over time, and the standard's
-        separation. Either keeps the robot away by itself, as long as what it assumes holds; zones
-        are the larger ones where little is known of a person, the standard's 1.6 m/s where he is
-        seen to walk elsewhere.
+        separation. Either keeps the robot away by itself, as long as what it assumes holds.
         """
         if not self.in_time:
             found = self._now(motion, bodies, human_m_s)
             return found, self._demand(found, _reason(found, bodies))
         found, standing = self._by_time(motion, in_time or BodiesInTime(bodies.zones.capsules))
         demand = self._demand(found, _reason(found, bodies))
-        if self._settings.mode != "predictive" or demand == Demand.nothing(self.max_speed_m_s):
+        free = demand == Demand.nothing(self.max_speed_m_s)
+        # zones that are no numbers are a fault, not a reason to look at the distance instead
+        if self._settings.mode != "predictive" or free or not np.isfinite(found.slack_m):
             return found, demand
         now = self._now(motion, bodies, human_m_s, standing)
         by_standard = self._demand(now, _reason(now, bodies))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -163,3 +164,11 @@ def test_the_finding_is_the_one_that_decides():
     assert by_zones.demand.limit_m_s > by_standard.demand.limit_m_s
     assert judged("predictive", away).people == by_zones.people
     assert by_zones.people != by_standard.people
+
+
+@pytest.mark.parametrize("nonsense", [np.nan, np.inf, -np.inf])
+def test_zones_that_are_no_numbers_stop_it_however_far_somebody_is(nonsense):
+    bodies = ball(4.5)
+    bodies.zones.capsules.a[0, 5] = nonsense  # a later step: the distance now is fine
+    assert judged("iso", bodies).demand.level is Level.CLEAR
+    assert judged("predictive", bodies).demand.level is Level.STOP
