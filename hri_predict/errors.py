@@ -24,6 +24,10 @@ class RobotError(HriPredictError):
     """A robot file or its trajectory is wrong: broken chain, missing capsule, joint count."""
 
 
+class SourceError(HriPredictError):
+    """A source cannot be opened, or its key cannot be used."""
+
+
 class LinkError(HriPredictError):
     """A link cannot be opened or cannot carry what it is asked to."""
 

@@ -21,12 +21,14 @@ from hri_predict.clock import VirtualClock
 from hri_predict.link import Link
 from hri_predict.protocol.messages import NodeState
 from hri_predict.reasons import Reason
+from hri_predict.source import live_part
 
 log = logging.getLogger(__name__)
 
 PACE_TICKS = 10_000  # the percentiles are over so many of the newest ticks
 SOURCE_RETRY_NS = 100_000_000
 SOURCE_IDLE_NS = 1_000_000  # a source that had nothing when it said so is asked again after this
+SOURCE_WAIT_NS = 100_000_000  # how long a stop may wait for a source that nobody sends to
 SOURCE_END_S = 1.0  # a source's poll never blocks; one that does all the same is left behind
 SWITCH_INTERVAL_S = 0.0005  # how long a busy Python thread may hold up the loop
 
@@ -143,18 +145,23 @@ def _feed(
 ) -> None:
     """The source's thread: delivers scenes as they arrive; a failing source is asked again."""
     source, clock = assembly.source, assembly.clock
+    live = live_part(source)
     while not stop.is_set():
         try:
             due_ns = source.next_ns()
             if due_ns is None:
                 exhausted.set()
                 return
-            clock.wait_until(due_ns, stop)
+            if live is None:
+                clock.wait_until(due_ns, stop)
+            else:
+                clock.wait_until(min(due_ns, clock.now_ns() + SOURCE_WAIT_NS), live.arrived)
+                live.arrived.clear()
             delivered = False
             while not stop.is_set() and (scene := source.poll(clock.now_ns())) is not None:
                 assembly.node.receive(scene, clock.now_ns())
                 delivered = True
-            if not delivered:
+            if not delivered and due_ns <= clock.now_ns():
                 clock.wait_until(clock.now_ns() + SOURCE_IDLE_NS, stop)
         except Exception:
             if pace.source_failures == 0:

@@ -1,5 +1,7 @@
 """The contract of a source of scenes."""
 
+import threading
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from pydantic import Field
@@ -26,11 +28,62 @@ class SourceSettings(Settings):
     faults: list[dict[str, Any]] = Field([], description="faults to inject; see hri_sim.faults")
 
 
+NOT_KNOWN_NS = 2**62
+"""``next_ns`` of a live source that has nothing now: ``arrived`` says when it has."""
+
+
+@dataclass(slots=True)
+class SourceCounters:
+    """What a live source heard since start; nothing is lost silently.
+
+    A packet is what the sender's numbers count: a datagram, a line, a serial frame.
+    """
+
+    packets: int = 0
+    bytes_received: int = 0
+    scenes: int = 0  # decoded, whether or not they were taken in time
+    crc_errors: int = 0
+    malformed: int = 0  # wrong length, version, joints or values, whatever its CRC
+    unauthenticated: int = 0  # no tag, or not one made with our key
+    replayed: int = 0  # heard before, from a session that is over, or stamped too long ago
+    lost: int = 0  # numbers that never came
+    out_of_order: int = 0  # came after a later one, and was not used
+    incomplete: int = 0  # a scene in several parts of which some never came
+    overrun: int = 0  # more scenes than twice the configured rate; the oldest go first
+    restarts: int = 0  # the sender began anew
+    disconnects: int = 0
+    reconnects: int = 0
+
+
+class Live(Protocol):
+    """What a source that hears a sender has beside ``Source``.
+
+    Attributes:
+        arrived: set when a scene has come; whoever waits for scenes clears it before polling.
+        counters: see ``SourceCounters``.
+        connected: whether it can hear now (a datagram socket always can).
+        last_error: one line about the newest trouble, ``None`` if there was none.
+    """
+
+    arrived: threading.Event
+    counters: SourceCounters
+    connected: bool
+    last_error: str | None
+
+
+def live_part(source: object) -> Live | None:
+    """``source.live`` where the source hears a sender; ``None`` for all others."""
+    live: Live | None = getattr(source, "live", None)
+    return live
+
+
 class Source(Protocol):
     """Yields scenes as they arrive. A recording, a simulator, a live sender: nobody can tell which.
 
     A source never blocks: the node asks ``poll`` when ``next_ns`` says that it is worth asking.
-    That one shape serves real time (a thread sleeps until ``next_ns``) and the virtual clock.
+    That one shape serves real time (a thread sleeps until ``next_ns``) and the virtual clock. A
+    source that cannot foresee its scenes has an attribute ``live`` (see ``Live``): the thread then
+    sleeps until ``next_ns`` or until ``live.arrived`` is set.
 
     Attributes:
         joint_map: names of the source's joints and how they become canonical ones.
@@ -51,7 +104,10 @@ class Source(Protocol):
         """
 
     def next_ns(self) -> int | None:
-        """When ``poll`` may next have a scene (node's clock); ``None`` when there will be none."""
+        """When ``poll`` may next have a scene (node's clock); ``None`` when there will be none.
+
+        ``NOT_KNOWN_NS`` where only ``live.arrived`` can tell.
+        """
 
     def poll(self, now_ns: int) -> Scene | None:
         """Return the oldest scene that has arrived by ``now_ns`` and was not returned, if any."""

@@ -11,7 +11,7 @@ from pydantic import Field
 from hri_predict.joint_map import JointMap
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import Vector3
-from hri_predict.source import Source
+from hri_predict.source import Source, live_part
 from hri_sim.fault_settings import FaultSettings, faults_from
 
 
@@ -134,6 +134,7 @@ class FaultySource:
         self.joint_map: JointMap = inner.joint_map
         self.rate_hz = inner.rate_hz
         self.declares_noise = inner.declares_noise
+        self.live = live_part(inner)
         self.on_truth: Callable[[Scene], None] | None = None
         self.injected: dict[str, int] = {}
 

@@ -1,0 +1,297 @@
+"""What every live source shares: a supervised thread, reconnecting, counting, the room's frame.
+
+A kind of source brings a *receiver*, which owns the device and gives bytes, and a *decoder*, which
+makes scenes of them. The thread waits in the receiver's ``read``, decodes, and wakes whoever takes
+scenes (``arrived``): nothing polls. Whatever goes wrong is counted, kept as ``last_error`` and
+followed by a re-open; a source that hears nothing is *stale* by the rules of ``hri_predict.people``
+and needs no rule of its own.
+"""
+
+import logging
+import threading
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import ClassVar, Protocol
+
+import numpy as np
+from pydantic import Field
+
+from hri_drivers.scene_inbox import Heard, SceneInbox
+from hri_predict.clock import Clock, MonotonicClock
+from hri_predict.errors import HriPredictError, SourceError
+from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.scene import Floats, Person, Scene
+from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
+from hri_predict.source import SourceCounters, SourceSettings
+
+log = logging.getLogger(__name__)
+
+FIRST_RETRY_S = 0.05
+LAST_RETRY_S = 2.0
+SETTLED_NS = 1_000_000_000  # a connection that lived so long starts the back-off afresh
+READ_TIMEOUT_S = 0.1  # how long a stop may wait for the thread
+CLOSE_S = 1.0
+LOG_PERIOD_NS = 10_000_000_000
+TROUBLE = (
+    "crc_errors", "malformed", "unauthenticated", "replayed", "lost", "out_of_order", "incomplete",
+    "overrun", "restarts", "disconnects",
+)  # fmt: skip
+
+
+class LiveSettings(SourceSettings):
+    """``source:`` of every kind that hears a sender."""
+
+    joint_map: str = Field(
+        "canonical",
+        min_length=1,
+        description="the sender's joints, units and axes: a map that is shipped, or a YAML file",
+    )
+    rate_hz: float = Field(ge=MIN_RATE_HZ, le=MAX_RATE_HZ, description="scenes per second, nominal")
+    declares_noise: bool = Field(
+        True, description="bit-identical joints mean a frozen sensor; false if it may repeat them"
+    )
+    wait_for_device: bool = Field(
+        False, description="start although the device or server is not there yet, and go on trying"
+    )
+
+
+class Receiver(Protocol):
+    """Where bytes come from; every ``Transport[bytes]`` is one. One thread uses it."""
+
+    def open(self) -> None:
+        """Open the device.
+
+        Raises:
+            HriPredictError: one line that names it and the remedy.
+        """
+
+    def read(self, timeout_s: float) -> list[bytes]:
+        """Return what has come, waiting at most ``timeout_s``; empty if nothing came by then.
+
+        Raises:
+            HriPredictError: the device or connection is lost.
+        """
+
+    def close(self) -> None:
+        """Close it; never raises, safe to call twice."""
+
+
+class Decoder(Protocol):
+    """Makes scenes of bytes; counts the packets in them, and what it refuses."""
+
+    def feed(self, data: bytes, received_ns: int) -> list[Heard]:
+        """Scenes that ``data`` (one element of ``Receiver.read``) completes; never raises.
+
+        ``received_ns`` is of the node's clock.
+        """
+
+    def reset(self) -> None:
+        """The connection is new: forget what was under way."""
+
+
+class LiveSource:
+    """See ``hri_predict.source.Source`` and ``Live``.
+
+    Args:
+        settings: the source's.
+        receiver: where bytes come from.
+        decoder: what makes scenes of them; counts into ``counters``.
+        counters: shared with the decoder.
+        joint_map: the sender's joints; see ``sender_joints``.
+        clock: the node's.
+
+    Attributes:
+        counters, connected, last_error, arrived: see ``Live``.
+        live: itself.
+    """
+
+    settings_model: ClassVar[type[LiveSettings]] = LiveSettings
+
+    def __init__(
+        self,
+        settings: LiveSettings,
+        receiver: Receiver,
+        decoder: Decoder,
+        counters: SourceCounters,
+        joint_map: JointMap,
+        clock: Clock | None = None,
+    ) -> None:
+        self.joint_map = joint_map
+        self.rate_hz = settings.rate_hz
+        self.declares_noise = settings.declares_noise
+        self.counters = counters
+        self.connected = False
+        self.last_error: str | None = None
+        self.arrived = threading.Event()
+        self.live = self
+        self._settings = settings
+        self._receiver = receiver
+        self._decoder = decoder
+        self._clock = clock or MonotonicClock()
+        self._inbox = SceneInbox(settings.rate_hz)
+        self._room_from_raw = _room_from_raw(settings, joint_map)
+        self._session: int | None = None
+        self._shift = self._last_sequence = 0
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._opened_ns = 0
+        self._opened_before = False
+        self._retry_s = FIRST_RETRY_S
+        self._logged: dict[str, int] = {}
+        self._log_ns = 0
+
+    def open(self, start_ns: int) -> None:
+        """Open the device and start to hear.
+
+        Raises:
+            SourceError: the device is absent, unless ``wait_for_device`` is set.
+        """
+        if self._thread is not None:
+            return
+        self._stopping.clear()
+        try:
+            self._connect()
+        except HriPredictError as error:
+            if not self._settings.wait_for_device:
+                raise SourceError(f"source '{self._settings.kind}': {error}") from error
+            self._lost(error)
+        self._thread = threading.Thread(
+            target=self._run, name=f"{self._settings.kind}-source", daemon=True
+        )
+        self._thread.start()
+
+    def next_ns(self) -> int:
+        """When ``poll`` may have a scene; ``NOT_KNOWN_NS`` until one has come."""
+        return self._inbox.next_ns()
+
+    def poll(self, now_ns: int) -> Scene | None:
+        """The oldest scene that waits, or in a flood the newest; metres, in the room."""
+        heard = self._inbox.take(now_ns)
+        self.counters.overrun = self._inbox.overrun
+        return None if heard is None else self._in_room(self._numbered(heard))
+
+    def close(self) -> None:
+        """Stop hearing. Safe to call twice."""
+        thread, self._thread = self._thread, None
+        self._stopping.set()
+        if thread is not None:
+            thread.join(CLOSE_S)
+            if thread.is_alive():
+                log.warning("source '%s': its device does not let go", self._settings.kind)
+
+    # -- the thread -------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                if not self.connected:
+                    self._connect()
+                for data in self._receiver.read(READ_TIMEOUT_S):
+                    self._hear(data)
+            except Exception as error:  # a supervisor outlives whatever its device does
+                self._lost(error)
+                self._stopping.wait(self._retry_s)
+                self._retry_s = min(2 * self._retry_s, LAST_RETRY_S)
+            self._log_trouble()
+        self.connected = False
+        self._receiver.close()
+
+    def _connect(self) -> None:
+        self._receiver.open()
+        self._decoder.reset()
+        self._opened_ns = self._clock.now_ns()
+        self.connected = True
+        if self._opened_before:
+            self.counters.reconnects += 1
+            log.info("source '%s': connected again", self._settings.kind)
+        self._opened_before = True
+
+    def _lost(self, error: Exception) -> None:
+        """Close, and remember why."""
+        if self.connected:
+            log.warning("source '%s': %s; trying again", self._settings.kind, error)
+            self.counters.disconnects += 1
+            if self._clock.now_ns() - self._opened_ns >= SETTLED_NS:
+                self._retry_s = FIRST_RETRY_S
+        self.connected = False
+        self.note(error)
+        self._receiver.close()
+
+    def _hear(self, data: bytes) -> None:
+        self.counters.bytes_received += len(data)
+        try:
+            heard = self._decoder.feed(data, self._clock.now_ns())
+        except Exception as error:  # a decoder never raises; one that does loses these bytes alone
+            self.counters.malformed += 1
+            self.note(error)
+            self._decoder.reset()
+            return
+        for one in heard:
+            self.counters.scenes += 1
+            self._inbox.put(one)
+        if heard:
+            self.arrived.set()
+
+    def note(self, error: Exception | str) -> None:
+        """Keep one line about a trouble."""
+        text = str(error).splitlines()
+        self.last_error = text[0] if text else type(error).__name__
+
+    def _log_trouble(self) -> None:
+        """A line at most every ten seconds about what has gone wrong since the last."""
+        now_ns = self._clock.now_ns()
+        if now_ns < self._log_ns:
+            return
+        self._log_ns = now_ns + LOG_PERIOD_NS
+        counts = asdict(self.counters)
+        news = [
+            f"{counts[name] - self._logged.get(name, 0)} {name.replace('_', ' ')}"
+            for name in TROUBLE
+            if counts[name] > self._logged.get(name, 0)
+        ]
+        self._logged = counts
+        if news:
+            log.warning(
+                "source '%s': %s (%s)", self._settings.kind, ", ".join(news), self.last_error or "-"
+            )
+
+    # -- the taker --------------------------------------------------------------------------------
+
+    def _numbered(self, heard: Heard) -> Scene:
+        """The scene with a sequence that goes on where a sender's earlier session ended."""
+        scene = heard.scene
+        if heard.session != self._session:
+            if self._session is not None:
+                self.counters.restarts += 1
+                self._shift = self._last_sequence + 1 - scene.sequence
+            self._session = heard.session
+        self._last_sequence = scene.sequence + self._shift
+        return replace(scene, sequence=self._last_sequence)
+
+    def _in_room(self, scene: Scene) -> Scene:
+        matrix = self._room_from_raw
+        people = tuple(
+            Person(p.id, p.positions @ matrix[:3, :3].T + matrix[:3, 3], p.observed)
+            for p in scene.people
+        )
+        return replace(scene, people=people)
+
+
+def _room_from_raw(settings: LiveSettings, joint_map: JointMap) -> Floats:
+    """(4, 4) from the sender's units and axes to metres in the room."""
+    to_metres = np.eye(4)
+    to_metres[:3, :3] = joint_map.rotation * joint_map.scale_to_m
+    matrix: Floats = settings.room_from_source.matrix() @ to_metres
+    return matrix
+
+
+def sender_joints(settings: LiveSettings, base_dir: Path | None) -> JointMap:
+    """The configured joint map; a file's relative path starts at ``base_dir``.
+
+    Raises:
+        ConfigError: there is no such map, or its file is wrong.
+    """
+    name = settings.joint_map
+    if base_dir is not None and name.endswith((".yaml", ".yml")) and (base_dir / name).exists():
+        name = str(base_dir / name)
+    return load_joint_map(name)
