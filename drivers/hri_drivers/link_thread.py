@@ -9,10 +9,10 @@ On the virtual clock ``service`` does the same in the caller's thread.
 
 import logging
 import threading
-from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from hri_drivers.link_bulk import Bulk
 from hri_drivers.link_codec import Codec
 from hri_drivers.link_inbox import Inbox
 from hri_drivers.link_slots import BULK, Budget, Slots
@@ -33,7 +33,6 @@ BUSY_RETRY_S = 0.005
 BUSY_LIMIT_NS = 1_000_000_000  # busy for longer (bus-off, nobody reads): re-open
 SETTLED_NS = 1_000_000_000  # a connection that lived so long starts the back-off afresh
 FLUSH_NS = 200_000_000  # how long a stop may take to write the last messages
-BULK_STALE_NS = 500_000_000  # a zone from an older capture is of no use any more
 BULK_AHEAD_NS = 2_000_000  # how far ahead of the wire bulk is written
 READS_PER_SERVICE = 1024
 
@@ -64,13 +63,12 @@ class SupervisedLink(Generic[U]):
         self._clock = clock
         self._transport = transport
         self._codec = codec
-        self._budget = budget
-        self._under_way: deque[U] = deque()  # frames of a Zone or Pose that has begun to go
         self._bulk_waits = False  # for the wire to become free
         self._wire_free_ns = 0  # when all that was written will have left, by calculation
         self._wait_for_device = wait_for_device
         self._zones = settings.zones
         self._slots = Slots()
+        self._bulk: Bulk[U] = Bulk(self._slots, codec, budget, self.counters)
         self._inbox = Inbox()
         self._echo: dict[int, int] = {}
         self._opened_ns = 0
@@ -189,7 +187,7 @@ class SupervisedLink(Generic[U]):
             return BUSY_RETRY_S
         if self._bulk_waits:
             return max(0.0005, (self._wire_free_ns - self._clock.now_ns()) * 1e-9)
-        return None
+        return self._bulk.patience_s()
 
     def _read_loop(self, hang_up: threading.Event) -> None:
         try:
@@ -233,7 +231,7 @@ class SupervisedLink(Generic[U]):
         """Close, and count what nobody will hear."""
         self.connected = False
         self._transport.close()
-        self._give_up_bulk()
+        self._bulk.give_up()
         while (message := self._slots.pop()) is not None:
             if isinstance(message, BULK):
                 self.counters.decimated += 1
@@ -263,7 +261,7 @@ class SupervisedLink(Generic[U]):
         self._note(error)
         self._stop_reader()
         self._transport.close()
-        self._give_up_bulk()
+        self._bulk.give_up()
         self._busy_since_ns = None
         self._retry_ns = now_ns + int(self._retry_s * 1e9)
         self._retry_s = min(2 * self._retry_s, LAST_RETRY_S)
@@ -319,35 +317,14 @@ class SupervisedLink(Generic[U]):
         """Write one frame of a Zone or Pose; ``False`` if none may go now."""
         self._bulk_waits = False
         if paced and self._wire_free_ns - now_ns > BULK_AHEAD_NS:
-            self._bulk_waits = bool(self._under_way) or self._slots.has_bulk()
+            self._bulk_waits = self._bulk.waiting
             return False
-        if not self._under_way:
-            message = self._next_bulk(now_ns)
-            if message is None:
-                return False
-            self._under_way.extend(self._encoded(message, now_ns))
-        unit = self._under_way[0]
-        self._budget.spend(self._codec.unit_s(unit))
+        unit = self._bulk.next(now_ns)
+        if unit is None:
+            return False
         self._send(unit, now_ns)
-        self._under_way.popleft()
-        if not self._under_way:
-            self.counters.messages_sent += 1
+        self.counters.messages_sent += self._bulk.sent()
         return True
-
-    def _next_bulk(self, now_ns: int) -> Message | None:
-        """The Zone or Pose that has waited longest, if there is wire time for it."""
-        while (message := self._slots.pop_bulk()) is not None:
-            capture_ns = getattr(message, "capture_ns", None)
-            worst_s = self._codec.worst_s(message)
-            stale = capture_ns is not None and now_ns - capture_ns > BULK_STALE_NS
-            if stale or worst_s > self._budget.depth_s:
-                self.counters.decimated += 1
-            elif self._budget.fits(worst_s, now_ns):
-                return message
-            else:
-                self._return(message)  # it keeps its place in the line
-                return None
-        return None
 
     def _busy(self, message: Message | None, error: TransportBusy, now_ns: int) -> None:
         """Keep the message for a retry, unless a newer one is there; give up after a second."""
@@ -362,13 +339,9 @@ class SupervisedLink(Generic[U]):
     def _return(self, message: Message | None) -> None:
         """Back into its slot; what was under way of a Zone or Pose (``None``) is given up."""
         if message is None:
-            self._give_up_bulk()
+            self._bulk.give_up()
         elif not self._slots.put_back(message):
             self._count_displaced(message)
-
-    def _give_up_bulk(self) -> None:
-        self.counters.decimated += bool(self._under_way)
-        self._under_way.clear()
 
     def _count_displaced(self, message: Message) -> None:
         if isinstance(message, BULK):

@@ -266,7 +266,7 @@ def test_zones_take_only_the_room_that_is_left(kind):
     per_zone = codec.worst_s(zone(segments=17))
     frames_of_zone = 6
     sent_s = len(zones) / frames_of_zone * per_zone
-    assert sent_s <= load.spare * ticks * 0.04 + link._budget.depth_s
+    assert sent_s <= load.spare * ticks * 0.04 + link._bulk.budget.depth_s
     assert sent_s >= 0.8 * load.spare * ticks * 0.04
     assert len({(z.person, z.step) for z in zones}) == 8 * steps  # everybody's turn comes
     assert link.counters.decimated > 0
