@@ -2,18 +2,11 @@
 
 from cobs import cobs
 
-from hri_predict.protocol import e2e
-from hri_predict.protocol.codec import (
-    Malformed,
-    decode_payload,
-    encode_payloads,
-    robot_of,
-)
-from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, frame_number, frame_table
 from hri_predict.protocol.messages import Message
-from hri_predict.protocol.reception import ReceiveCounters, fresh
+from hri_predict.protocol.profile4_codec import MAX_FRAME, Profile4Receiver, Profile4Sender
+from hri_predict.protocol.reception import ReceiveCounters
 
-MAX_DECODED = e2e.PROFILE_4_HEADER + max(d.max_bytes for d in DEFINITIONS)
+MAX_DECODED = MAX_FRAME
 MAX_ENCODED = MAX_DECODED + 1  # COBS adds one byte up to 254; the 0x00 is not counted
 
 
@@ -21,7 +14,7 @@ class SerialSender:
     """Encodes messages of one line; keeps the counters of everything it sends."""
 
     def __init__(self) -> None:
-        self._counters: dict[int, int] = {}
+        self._frames = Profile4Sender()
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of ``message``: one frame, or for Zone and Pose as many as they need.
@@ -29,13 +22,7 @@ class SerialSender:
         Raises:
             ValueError: a field cannot hold its value.
         """
-        number = frame_number(BY_TYPE[type(message)], robot_of(message))
-        return b"".join(self._frame(number, payload) for payload in encode_payloads(message))
-
-    def _frame(self, number: int, payload: bytes) -> bytes:
-        counter = self._counters.get(number, 0)
-        self._counters[number] = (counter + 1) & 0xFFFF
-        return cobs.encode(e2e.protect_profile4(counter, payload, e2e.data_id_32(number))) + b"\0"
+        return b"".join(cobs.encode(frame) + b"\0" for frame in self._frames.encode(message))
 
 
 class SerialReceiver:
@@ -48,15 +35,18 @@ class SerialReceiver:
     """
 
     def __init__(self) -> None:
-        self._table = {e2e.data_id_32(n): entry for n, entry in frame_table(classic=False).items()}
-        self._sequences: dict[int, e2e.CounterCheck] = {}
+        self._frames = Profile4Receiver()
         self._buffer = b""
         self._skipping = False
-        self.counters = ReceiveCounters()
+
+    @property
+    def counters(self) -> ReceiveCounters:
+        """What was received and what was wrong."""
+        return self._frames.counters
 
     def reset(self) -> None:
         """Forget sequences and the frame under way, as after a reconnection; counters stay."""
-        self._sequences.clear()
+        self._frames.reset()
         self._buffer, self._skipping = b"", False
 
     def feed(self, data: bytes) -> list[Message]:
@@ -87,25 +77,5 @@ class SerialReceiver:
         except cobs.DecodeError:
             self.counters.malformed += 1
             return []
-        if not e2e.check_profile4(frame):
-            self.counters.crc_errors += 1
-            return []
-        data_id = int.from_bytes(frame[4:8], "big")
-        known = self._table.get(data_id)
-        if known is None:
-            self.counters.ignored += 1
-            return []
-        definition, robot, _ = known
-        sequence = self._sequences.get(data_id)
-        if sequence is None:
-            sequence = self._sequences[data_id] = e2e.CounterCheck(0x10000)
-        counter = int.from_bytes(frame[2:4], "big")
-        if definition.sequenced and not fresh(sequence, counter, self.counters):
-            return []
-        try:
-            message = decode_payload(definition, robot, frame[e2e.PROFILE_4_HEADER :])
-        except Malformed:
-            self.counters.malformed += 1
-            return []
-        self.counters.received += 1
-        return [message]
+        message = self._frames.take(frame)
+        return [] if message is None else [message]

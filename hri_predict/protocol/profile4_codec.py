@@ -1,0 +1,75 @@
+"""Messages to frames of E2E profile 4 and back, for wires that keep frames apart by themselves.
+
+A serial line adds COBS to this (``serial_codec``); a zenoh message holds the frames as they are.
+"""
+
+from hri_predict.protocol import e2e
+from hri_predict.protocol.codec import Malformed, decode_payload, encode_payloads, robot_of
+from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, frame_number, frame_table
+from hri_predict.protocol.messages import Message
+from hri_predict.protocol.reception import ReceiveCounters, fresh
+
+MAX_FRAME = e2e.PROFILE_4_HEADER + max(d.max_bytes for d in DEFINITIONS)
+
+
+class Profile4Sender:
+    """Encodes messages of one wire; keeps the counters of everything it sends."""
+
+    def __init__(self) -> None:
+        self._counters: dict[int, int] = {}
+
+    def encode(self, message: Message) -> list[bytes]:
+        """Return the frames of ``message``: one, or for Zone and Pose as many as they need.
+
+        Raises:
+            ValueError: a field cannot hold its value.
+        """
+        number = frame_number(BY_TYPE[type(message)], robot_of(message))
+        return [self._frame(number, payload) for payload in encode_payloads(message)]
+
+    def _frame(self, number: int, payload: bytes) -> bytes:
+        counter = self._counters.get(number, 0)
+        self._counters[number] = (counter + 1) & 0xFFFF
+        return e2e.protect_profile4(counter, payload, e2e.data_id_32(number))
+
+
+class Profile4Receiver:
+    """Decodes frames; whatever comes, it counts and goes on.
+
+    Attributes:
+        counters: see ``ReceiveCounters``.
+    """
+
+    def __init__(self) -> None:
+        self._table = {e2e.data_id_32(n): entry for n, entry in frame_table(classic=False).items()}
+        self._sequences: dict[int, e2e.CounterCheck] = {}
+        self.counters = ReceiveCounters()
+
+    def reset(self) -> None:
+        """Forget sequences, as after a reconnection; counters stay."""
+        self._sequences.clear()
+
+    def take(self, frame: bytes) -> Message | None:
+        """Return the message of one frame, if it is whole, ours and fresh."""
+        if not e2e.check_profile4(frame):
+            self.counters.crc_errors += 1
+            return None
+        data_id = int.from_bytes(frame[4:8], "big")
+        known = self._table.get(data_id)
+        if known is None:
+            self.counters.ignored += 1
+            return None
+        definition, robot, _ = known
+        sequence = self._sequences.get(data_id)
+        if sequence is None:
+            sequence = self._sequences[data_id] = e2e.CounterCheck(0x10000)
+        counter = int.from_bytes(frame[2:4], "big")
+        if definition.sequenced and not fresh(sequence, counter, self.counters):
+            return None
+        try:
+            message = decode_payload(definition, robot, frame[e2e.PROFILE_4_HEADER :])
+        except Malformed:
+            self.counters.malformed += 1
+            return None
+        self.counters.received += 1
+        return message
