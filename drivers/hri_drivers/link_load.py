@@ -18,7 +18,7 @@ _PER_CYCLE = (Status.__name__, Advice.__name__)
 def link_load(
     name: str,
     kind: LinkKind,
-    bitrate: int,
+    bitrate: float,
     data_bitrate: int | None,
     extended: bool,
     rate_hz: float,
@@ -49,7 +49,7 @@ def link_load(
         1.0 - load - reserved_load,
         details,
         rate_hz=rate_hz,
-        bitrate=bitrate,
+        bitrate=round(bitrate),
         bitrates=CAN_BITRATES if kind != "serial" else BAUDRATES,
     )
 

@@ -2,40 +2,79 @@
 
 import contextlib
 import errno
+import socket
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import serial
+from serial.rs485 import RS485Settings
 from serial.tools import list_ports
 
 from hri_drivers.transport import TransportBusy
+from hri_drivers.usb_ports import Comports, UsbDevice, find_port
 from hri_predict.errors import LinkError
 
+Parity = Literal["none", "even", "odd", "mark", "space"]
+StopBits = Literal[1, 2]
+
 WRITE_TIMEOUT_S = 0.05
+# What a link's reader asks for: another value would be negotiated anew with an rfc2217 server.
+READ_TIMEOUT_S = 0.1
 CLOSE_DRAIN_S = 0.1
 # An output buffer that holds more than this has become a queue: what is in it is old already.
 MAX_BACKLOG_S = 0.05
+MAX_READ = 4096
+
+_PARITIES: dict[Parity, str] = {
+    "none": serial.PARITY_NONE,
+    "even": serial.PARITY_EVEN,
+    "odd": serial.PARITY_ODD,
+    "mark": serial.PARITY_MARK,
+    "space": serial.PARITY_SPACE,
+}
 
 
 class SerialTransport:
-    """``Transport[bytes]`` over pyserial's ``serial_for_url``; 8 data bits, no parity, 1 stop bit.
+    """``Transport[bytes]`` over pyserial's ``serial_for_url``; 8 data bits.
+
+    Each opening begins with a delimiter: whatever the receiver holds of a line that was cut, or
+    of the noise of plugging in, ends there, and the first frame is heard.
 
     Args:
-        port: device path or URL.
+        port: device path or URL; or a USB adapter, which is looked for at every opening.
         baudrate: bit/s.
-        delimiter: written before the next unit when a write was cut short, so that the receiver
-            loses only the one that was cut.
+        delimiter: also written before the next unit when a write was cut short, so that the
+            receiver loses only the one that was cut.
         rtscts: hardware handshake.
+        parity, stop_bits: as both sides have agreed.
+        rs485: let the driver switch the sender on by RTS for as long as it sends (Linux).
+        comports: what lists the ports that are there.
     """
 
     def __init__(
-        self, port: str, baudrate: int, delimiter: bytes = b"\0", rtscts: bool = False
+        self,
+        port: str | UsbDevice,
+        baudrate: int,
+        delimiter: bytes = b"\0",
+        *,
+        rtscts: bool = False,
+        parity: Parity = "none",
+        stop_bits: StopBits = 1,
+        rs485: bool = False,
+        comports: Comports = list_ports.comports,
     ) -> None:
         self.port = port
         self.baudrate = baudrate
+        self._name = f"serial port {port}" if isinstance(port, str) else f"USB device {port}"
         self._delimiter = delimiter
-        self._rtscts = rtscts
+        self._options: dict[str, Any] = {
+            "rtscts": rtscts,
+            "parity": _PARITIES[parity],
+            "stopbits": stop_bits,
+        }
+        self._rs485 = rs485
+        self._comports = comports
         self._serial: Any = None  # each URL handler of pyserial is a class of its own
         self._cut_short = False
         self._backlog_limit = max(256, int(baudrate / 10 * MAX_BACKLOG_S))
@@ -43,32 +82,48 @@ class SerialTransport:
     def open(self) -> None:
         """Open the port, for this process alone where the system can lock it."""
         self.close()
+        path = self.port
+        if not isinstance(path, str):
+            path = find_port(path, self._comports())
+            self._name = f"USB device {self.port} ({path})"
+        device = None
         try:
-            device = serial.serial_for_url(
-                self.port,
-                do_not_open=True,
-                baudrate=self.baudrate,
-                timeout=0,
-                write_timeout=WRITE_TIMEOUT_S,
-                rtscts=self._rtscts,
-            )
-            if "://" not in self.port:
-                with contextlib.suppress(ValueError, NotImplementedError):
-                    device.exclusive = True
+            device = self._device(path)
             device.open()
-        except (OSError, ValueError) as error:
-            raise LinkError(f"serial port {self.port}: {open_remedy(error)}") from error
-        self._cut_short = False
+            _no_waiting_for_more(device)
+        except Exception as error:  # termios.error and NotImplementedError are among them
+            if device is not None:
+                with contextlib.suppress(Exception):
+                    device.close()
+            raise LinkError(f"{self._name}: {open_remedy(error)}") from error
+        self._cut_short = True
         self._serial = device
+
+    def _device(self, path: str) -> Any:
+        """The port, configured but not open."""
+        device = serial.serial_for_url(
+            path,
+            do_not_open=True,
+            baudrate=self.baudrate,
+            timeout=READ_TIMEOUT_S,
+            # it knows none; there the backlog's limit alone keeps a write from waiting
+            write_timeout=None if path.lower().startswith("rfc2217://") else WRITE_TIMEOUT_S,
+            **self._options,
+        )
+        if self._rs485:
+            device.rs485_mode = RS485Settings()
+        with contextlib.suppress(ValueError, NotImplementedError):
+            device.exclusive = True
+        return device
 
     def write(self, unit: bytes) -> None:
         """Write ``unit``; waits at most 50 ms for room in the output buffer."""
         device = self._opened()
         try:
-            if self._waiting(device) > self._backlog_limit:
+            if _waiting(device) > self._backlog_limit:
                 raise TransportBusy(
-                    f"serial port {self.port}: the output buffer does not empty; "
-                    "check the handshake and the baud rate"
+                    f"{self._name}: the output buffer does not empty; "
+                    "check that the other end reads, the handshake and the baud rate"
                 )
             if self._cut_short:
                 unit = self._delimiter + unit
@@ -77,7 +132,7 @@ class SerialTransport:
             self._cut_short = False
         except serial.SerialTimeoutException as error:
             raise TransportBusy(
-                f"serial port {self.port}: a write took longer than {WRITE_TIMEOUT_S * 1e3:.0f} ms;"
+                f"{self._name}: a write took longer than {WRITE_TIMEOUT_S * 1e3:.0f} ms;"
                 " check that the other end reads"
             ) from error
         except (OSError, TypeError) as error:  # TypeError: pyserial, port closed meanwhile
@@ -90,8 +145,8 @@ class SerialTransport:
             if device.timeout != timeout_s:
                 device.timeout = timeout_s
             data = bytes(device.read(1))
-            if data and (more := device.in_waiting):
-                data += device.read(more)
+            while data and len(data) < MAX_READ and (more := _has_come(device)):
+                data += device.read(min(more, MAX_READ))
         except (OSError, TypeError) as error:
             raise self._lost(error) from error
         return [data] if data else []
@@ -103,41 +158,77 @@ class SerialTransport:
             return
         with contextlib.suppress(Exception):
             deadline = time.monotonic() + CLOSE_DRAIN_S
-            while self._waiting(device) and time.monotonic() < deadline:
+            while _waiting(device) and time.monotonic() < deadline:
                 time.sleep(0.002)
+            if _waiting(device):  # else the system would wait for it, for 30 s on Linux
+                device.reset_output_buffer()
         with contextlib.suppress(Exception):
             device.close()
 
     def _opened(self) -> Any:
         if self._serial is None:
-            raise LinkError(f"serial port {self.port} is closed; open it first")
+            raise LinkError(f"{self._name} is closed; open it first")
         return self._serial
 
     def _lost(self, error: Exception) -> LinkError:
-        return LinkError(f"serial port {self.port}: lost ({error}); check cable and power")
+        return LinkError(f"{self._name}: lost ({_first_line(error)}); check cable and power")
 
-    @staticmethod
-    def _waiting(device: Any) -> int:
-        try:
-            return int(device.out_waiting)
-        except (AttributeError, NotImplementedError):  # not every URL handler has it
-            return 0
+
+def _waiting(device: Any) -> int:
+    """Bytes that were written and have not left, as far as that can be known."""
+    if (sock := getattr(device, "_socket", None)) is not None:
+        return _queued(sock, "TIOCOUTQ")
+    try:
+        return int(device.out_waiting)
+    except (AttributeError, NotImplementedError):  # not every URL handler has it
+        return 0
+
+
+def _has_come(device: Any) -> int:
+    """Bytes that can be read at once; pyserial's ``socket://`` would tell 1 for any number."""
+    waiting = int(device.in_waiting)
+    if waiting and type(device).__module__.endswith("protocol_socket"):
+        return max(waiting, _queued(device._socket, "FIONREAD"))
+    return waiting
+
+
+def _queued(sock: Any, request: str) -> int:
+    """Bytes in a socket's queue: TIOCOUTQ what the peer has not yet taken, FIONREAD what came."""
+    try:
+        import fcntl
+        import termios
+
+        return int.from_bytes(fcntl.ioctl(sock, getattr(termios, request), bytes(4)), "little")
+    except (ImportError, OSError, ValueError):  # no such thing on this system, or closed
+        return 0
+
+
+def _no_waiting_for_more(device: Any) -> None:
+    """Let TCP send at once: by default it collects small writes while the peer's answer is out."""
+    if (sock := getattr(device, "_socket", None)) is not None:
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
 def open_remedy(error: BaseException, key: str = "port") -> str:
     """What is wrong with a port that does not open, and what to do; ``key`` is its name in YAML."""
-    number = getattr(error, "errno", None)
+    number, text = getattr(error, "errno", None), _first_line(error)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "FileNotFound" in str(error):
         return f"not there; plug it in or correct '{key}' ({_present()})"
+    if "no ports found matching" in text:  # hwgrep://
+        return f"nothing like it is there; plug it in or correct '{key}' ({_present()})"
     if number in (errno.EACCES, errno.EPERM) or "PermissionError" in str(error):
         return "permission denied; add your user to the port's group (often 'dialout')"
     if number in (errno.EAGAIN, errno.EBUSY):
         return "in use by another program; close that one first"
-    if number == errno.ECONNREFUSED or "refused" in str(error).lower():
+    if number == errno.ECONNREFUSED or "refused" in text.lower():
         return f"connection refused; start the server there or correct '{key}'"
+    if "RS485" in text:
+        return "its driver has no RS-485 mode; leave out 'rs485' (many adapters switch themselves)"
+    if type(error).__module__ == "termios":
+        return f"refuses the settings ({error.args[-1]}); correct 'parity' or 'stop_bits'"
     if isinstance(error, ValueError):
-        return f"not a port or setting that pyserial knows ({error}); correct it"
-    return f"cannot be opened ({_first_line(error)}); correct '{key}' or check the device"
+        return f"not a port or setting that pyserial knows ({text}); correct it"
+    return f"cannot be opened ({text}); correct '{key}' or check the device"
 
 
 def _present() -> str:

@@ -1,0 +1,98 @@
+"""USB serial adapters by what they are, not by the name that the system gives them this time.
+
+An adapter that was unplugged often comes back under another name (/dev/ttyUSB1 for /dev/ttyUSB0).
+Its vendor and product id stay, and so does its serial number, if the maker gave it one; if not,
+only the socket that it is plugged into tells two of a kind apart.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, Protocol
+
+from pydantic import BeforeValidator, Field
+
+from hri_predict.errors import LinkError
+from hri_predict.settings import Settings
+
+
+def _from_hex(value: Any) -> Any:
+    """The number of '0403', as lsusb writes it."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return int(value, 16)
+    except ValueError:
+        raise ValueError("give it as 0x0403, or as lsusb writes it, in quotes: '0403'") from None
+
+
+UsbId = Annotated[int, BeforeValidator(_from_hex), Field(ge=0, le=0xFFFF)]
+
+
+class UsbDevice(Settings):
+    """``usb:`` of a serial link: looked for at every opening. ``vid`` and ``pid`` as in lsusb."""
+
+    vid: UsbId
+    pid: UsbId
+    serial_number: str | None = Field(None, min_length=1)
+    location: str | None = Field(
+        None, min_length=1, description="the socket, such as 1-4.2, for adapters without a number"
+    )
+
+    def __str__(self) -> str:
+        return _described(self.vid, self.pid, self.serial_number, self.location)
+
+
+class PortInfo(Protocol):
+    """What we use of ``serial.tools.list_ports_common.ListPortInfo``."""
+
+    device: str
+    vid: int | None
+    pid: int | None
+    serial_number: str | None
+    location: str | None
+
+
+Comports = Callable[[], Sequence[PortInfo]]
+
+
+def find_port(wanted: UsbDevice, ports: Sequence[PortInfo]) -> str:
+    """Return the name that the device has now.
+
+    Raises:
+        LinkError: it is not there, or several are like it; one line that lists what is there.
+    """
+    found = {port.device: port for port in ports if _is(wanted, port)}  # some list a port twice
+    if len(found) == 1:
+        return next(iter(found))
+    if not found:
+        there = [port for port in ports if port.vid is not None]
+        raise LinkError(
+            f"USB device {wanted}: not there; plug it in or correct 'usb' ({_listed(there)})"
+        )
+    raise LinkError(
+        f"USB device {wanted}: {len(found)} are like it; add 'serial_number' or 'location' "
+        f"({_listed(list(found.values()))})"
+    )
+
+
+def _is(wanted: UsbDevice, port: PortInfo) -> bool:
+    return (
+        (port.vid, port.pid) == (wanted.vid, wanted.pid)
+        and wanted.serial_number in (None, port.serial_number)
+        and wanted.location in (None, port.location)
+    )
+
+
+def _listed(ports: Sequence[PortInfo]) -> str:
+    if not ports:
+        return "no USB serial ports found here"
+    lines = [
+        f"{p.device} is {_described(p.vid or 0, p.pid or 0, p.serial_number, p.location)}"
+        for p in sorted(ports, key=lambda port: port.device)
+    ]
+    return f"here: {', '.join(lines)}"
+
+
+def _described(vid: int, pid: int, serial_number: str | None, location: str | None) -> str:
+    number = f" serial_number '{serial_number}'" if serial_number else ""
+    socket = f" location '{location}'" if location else ""
+    return f"{vid:04x}:{pid:04x}{number}{socket}"
