@@ -53,6 +53,12 @@ class SourceCounters:
     restarts: int = 0  # the sender began anew
     disconnects: int = 0
     reconnects: int = 0
+    last_error: str | None = None  # one line about the newest trouble
+
+    def note(self, trouble: Exception | str) -> None:
+        """Keep one line about a trouble."""
+        lines = str(trouble).splitlines()
+        self.last_error = lines[0] if lines else type(trouble).__name__
 
 
 class Live(Protocol):
@@ -62,13 +68,11 @@ class Live(Protocol):
         arrived: set when a scene has come; whoever waits for scenes clears it before polling.
         counters: see ``SourceCounters``.
         connected: whether it can hear now (a datagram socket always can).
-        last_error: one line about the newest trouble, ``None`` if there was none.
     """
 
     arrived: threading.Event
     counters: SourceCounters
     connected: bool
-    last_error: str | None
 
 
 def live_part(source: object) -> Live | None:

@@ -11,7 +11,7 @@ import logging
 import threading
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -95,13 +95,13 @@ class LiveSource:
     Args:
         settings: the source's.
         receiver: where bytes come from.
-        decoder: what makes scenes of them; counts into ``counters``.
+        decoder: what makes scenes of them; counts into ``counters``, and says there what it refused.
         counters: shared with the decoder.
         joint_map: the sender's joints; see ``sender_joints``.
         clock: the node's.
 
     Attributes:
-        counters, connected, last_error, arrived: see ``Live``.
+        counters, connected, arrived: see ``Live``.
         live: itself.
     """
 
@@ -121,7 +121,6 @@ class LiveSource:
         self.declares_noise = settings.declares_noise
         self.counters = counters
         self.connected = False
-        self.last_error: str | None = None
         self.arrived = threading.Event()
         self.live = self
         self._settings = settings
@@ -137,7 +136,7 @@ class LiveSource:
         self._opened_ns = 0
         self._opened_before = False
         self._retry_s = FIRST_RETRY_S
-        self._logged: dict[str, int] = {}
+        self._logged: dict[str, Any] = {}
         self._log_ns = 0
 
     def open(self, start_ns: int) -> None:
@@ -214,7 +213,7 @@ class LiveSource:
             if self._clock.now_ns() - self._opened_ns >= SETTLED_NS:
                 self._retry_s = FIRST_RETRY_S
         self.connected = False
-        self.note(error)
+        self.counters.note(error)
         self._receiver.close()
 
     def _hear(self, data: bytes) -> None:
@@ -223,7 +222,7 @@ class LiveSource:
             heard = self._decoder.feed(data, self._clock.now_ns())
         except Exception as error:  # a decoder never raises; one that does loses these bytes alone
             self.counters.malformed += 1
-            self.note(error)
+            self.counters.note(error)
             self._decoder.reset()
             return
         for one in heard:
@@ -231,11 +230,6 @@ class LiveSource:
             self._inbox.put(one)
         if heard:
             self.arrived.set()
-
-    def note(self, error: Exception | str) -> None:
-        """Keep one line about a trouble."""
-        text = str(error).splitlines()
-        self.last_error = text[0] if text else type(error).__name__
 
     def _log_trouble(self) -> None:
         """A line at most every ten seconds about what has gone wrong since the last."""
@@ -252,7 +246,10 @@ class LiveSource:
         self._logged = counts
         if news:
             log.warning(
-                "source '%s': %s (%s)", self._settings.kind, ", ".join(news), self.last_error or "-"
+                "source '%s': %s (%s)",
+                self._settings.kind,
+                ", ".join(news),
+                counts["last_error"] or "-",
             )
 
     # -- the taker --------------------------------------------------------------------------------
