@@ -49,8 +49,12 @@ class SourceCounters:
     lost: int = 0  # numbers that never came
     out_of_order: int = 0  # came after a later one, and was not used
     incomplete: int = 0  # a scene in several parts of which some never came
+    ignored: int = 0  # sound, but of a kind that does not say where people are
+    unknown_joints: int = 0  # of names that the joint map does not have
+    unsure_joints: int = 0  # of less confidence than is configured
     overrun: int = 0  # more scenes than twice the configured rate; the oldest go first
     restarts: int = 0  # the sender began anew
+    refused: int = 0  # connections, while others that were heard took all places
     disconnects: int = 0
     reconnects: int = 0
     last_error: str | None = None  # one line about the newest trouble
