@@ -129,8 +129,8 @@ def _make(
     if as_json:
         print(json.dumps({"file": str(out), **_made(made)}))
         return
-    counts = [sum(w[c] for _, w in made.recordings) for c in range(len(CLASSES))]
-    units = [sum(w[c] > 0 for _, w in made.recordings) for c in range(len(CLASSES))]
+    counts = [sum(r.windows[c] for r in made.recordings) for c in range(len(CLASSES))]
+    units = [sum(r.windows[c] > 0 for r in made.recordings) for c in range(len(CLASSES))]
     console = Console()
     console.print(f"{len(made.recordings)} recordings, {sum(counts)} windows")
     for name, windows, recordings in zip(CLASSES, counts, units, strict=True):
@@ -146,7 +146,7 @@ def _made(made: "Calibration") -> dict[str, Any]:
 
     return {
         "predictor": made.predictor,
-        "recordings": [{"name": n, "windows": list(w)} for n, w in made.recordings],
+        "recordings": [{"name": r.name, "windows": list(r.windows)} for r in made.recordings],
         "levels": levels_text(made),
     }
 
@@ -219,11 +219,21 @@ def _check(
 
 
 def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> set[str]:
-    """Names of recordings that were calibrated on: of that name, with as many windows."""
-    found: dict[str, int] = {}
-    for entry in scores:
-        found[entry.name] = found.get(entry.name, 0) + len(entry.origin_ns)
-    return {name for name, windows in calibration.recordings if found.get(name) == sum(windows)}
+    """Names of recordings that were calibrated on: the same file, whatever its name.
+
+    Where a calibration holds no digests: a recording of that name with as many windows.
+    """
+    from hri_predict.training.zone_scores import units
+
+    digests = {used.digest for used in calibration.recordings if used.digest}
+    counted = {(u.name, sum(u.windows)) for u in calibration.recordings if not u.digest}
+    found = set()
+    for name, own in units(scores).items():
+        windows = sum(len(scores[i].origin_ns) for i in own)
+        like = {(name, windows), (Path(name).stem, windows)}
+        if scores[own[0]].digest in digests or like & counted:
+            found.add(name)
+    return found
 
 
 def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration":

@@ -1,5 +1,6 @@
 """What every motion file becomes: scenes, in time, and how they are put into the room."""
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ class Recording:
 
     Attributes:
         path: the file.
-        kind: "cmu", "assembly", "bvh" or "mcap".
+        kind: "cmu", "assembly", "amass", "bvh", "c3d", "csv", "mcap" or "trc".
         joint_map: names of the source's joints and how they become canonical ones.
         rate_hz: nominal scenes per second.
         scenes: in the order of arrival; joints in metres, z up, in the file's own frame ("mcap": in
@@ -55,6 +56,11 @@ class Recording:
         """From the first to the last arrival."""
         return (self.arrival_ns[-1] - self.arrival_ns[0]) * 1e-9
 
+    @property
+    def digest(self) -> str | None:
+        """SHA-256 of the file in hexadecimal digits; ``None`` where there is none."""
+        return hashlib.sha256(self.path.read_bytes()).hexdigest() if self.path.is_file() else None
+
 
 def check_rate(path: Path, what: str, rate_hz: float) -> None:
     """Refuse a rate at which nobody records people.
@@ -72,7 +78,14 @@ def check_rate(path: Path, what: str, rate_hz: float) -> None:
 def recording_of_one(
     path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, person: int
 ) -> Recording:
-    """A recording of one person from (F, J, 3) in the source's units and axes.
+    """A recording of one person from (F, J, 3); see ``recording_of``."""
+    return recording_of(path, kind, joint_map, raw[:, np.newaxis], rate_hz, [person])
+
+
+def recording_of(
+    path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, ids: Sequence[int]
+) -> Recording:
+    """A recording from (F, P, J, 3) in the source's units and axes: everybody in every frame.
 
     Joints that are NaN, or farther than ``MAX_COORDINATE_M`` from the origin, are not observed; the
     recording's ``note`` says in how many frames none is, or where the format knows no missing
@@ -82,11 +95,17 @@ def recording_of_one(
     observed = np.asarray(believed.all(axis=-1))
     positions = joint_map.to_metres_z_up(np.where(observed[..., None], raw, np.nan))
     scenes = [
-        Scene(round(k * 1e9 / rate_hz), k, True, (Person(person, positions[k], observed[k]),))
+        Scene(
+            round(k * 1e9 / rate_hz),
+            k,
+            True,
+            tuple(Person(n, positions[k, p], observed[k, p]) for p, n in enumerate(ids)),
+        )
         for k in range(len(positions))
     ]
     whole = kind == "bvh"
-    poor = int(np.count_nonzero(~(observed.all(axis=1) if whole else observed.any(axis=1))))
+    good = observed.all(axis=(1, 2)) if whole else observed.any(axis=(1, 2))
+    poor = int(np.count_nonzero(~good))
     what = "some joint is not a sane number" if whole else "no joint is known"
     note = f"in {poor} of {len(scenes)} frames {what}" if poor else ""
     times = [scene.capture_ns for scene in scenes]

@@ -56,14 +56,15 @@ class RangesFile(Settings):
     ratio_short: float = Field(gt=0)
 
 
-class RecordingEntry(Settings):
+class UsedRecording(Settings):
     """A recording that was used, and how many windows of each motion class it gave."""
 
     name: str
     windows: Annotated[
-        list[Annotated[int, Field(ge=0)]],
+        tuple[Annotated[int, Field(ge=0)], ...],
         Field(min_length=len(CLASSES), max_length=len(CLASSES)),
     ]
+    digest: str | None = Field(None, description="the file's SHA-256")
 
 
 class CalibrationFile(Settings):
@@ -83,7 +84,7 @@ class CalibrationFile(Settings):
     guaranteed_mm: dict[str, list[list[list[Row]]]] = Field(
         description="of, level, speed class, joint"
     )
-    recordings: list[RecordingEntry]
+    recordings: tuple[UsedRecording, ...]
     ranges: RangesFile
 
 
@@ -98,7 +99,7 @@ class Calibration:
         thresholds_m: (2, 2) see ``motion_class``.
         estimated: per question (L, C, G, H) metres, infinite where nothing is known.
         guaranteed: per question (L, 2, G, H) by speed class, infinite where unsupported.
-        recordings: (name, windows per class) of each recording used.
+        recordings: those used.
         ranges: of the bodies and motions in them.
     """
 
@@ -110,7 +111,7 @@ class Calibration:
     thresholds_m: Floats
     estimated: Mapping[str, Floats]
     guaranteed: Mapping[str, Floats]
-    recordings: tuple[tuple[str, tuple[int, ...]], ...]
+    recordings: tuple[UsedRecording, ...]
     ranges: Mapping[str, Any]
 
     @property
@@ -122,7 +123,7 @@ class Calibration:
         """How many recordings have windows of a speed class."""
         per = len(CLASSES) // len(SPEED_CLASSES)
         own = slice(speed_class * per, (speed_class + 1) * per)
-        return sum(sum(windows[own]) > 0 for _, windows in self.recordings)
+        return sum(sum(used.windows[own]) > 0 for used in self.recordings)
 
     def motion_ranges(self, skeleton: Skeleton) -> MotionRanges:
         """The ranges by joint of ``skeleton``; unbounded for joints that it does not know."""
@@ -249,7 +250,7 @@ def save_text(calibration: Calibration) -> str:
         thresholds_m=calibration.thresholds_m.tolist(),
         estimated_mm={of: _millimetres(table) for of, table in calibration.estimated.items()},
         guaranteed_mm={of: _millimetres(table) for of, table in calibration.guaranteed.items()},
-        recordings=[RecordingEntry(name=n, windows=list(w)) for n, w in calibration.recordings],
+        recordings=calibration.recordings,
         ranges=RangesFile(**calibration.ranges),
     )
     return json.dumps(file.model_dump(mode="json"), separators=(",", ":"), allow_nan=False) + "\n"
@@ -290,7 +291,7 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         thresholds,
         tables["estimated"],
         tables["guaranteed"],
-        tuple((entry.name, tuple(entry.windows)) for entry in file.recordings),
+        file.recordings,
         file.ranges.model_dump(),
     )
 

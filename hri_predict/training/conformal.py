@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.errors import ConfigError
-from hri_predict.risk.calibration import OFS, Calibration, needed, plain
+from hri_predict.risk.calibration import OFS, Calibration, UsedRecording, needed, plain
 from hri_predict.risk.motion_class import CLASSES, GRADES, SPEED_CLASSES, is_moving, motion_class
 from hri_predict.risk.motion_ranges import SHORT_S, motion_ranges, short_ratio
 from hri_predict.risk.settings import LEVELS
@@ -53,7 +53,8 @@ def calibrate(
     Raises:
         ConfigError: there are too few recordings for anything.
     """
-    names = list(units(scores))
+    by_name = units(scores)
+    names = list(by_name)
     if len(names) < LEAST_RECORDINGS:
         raise ConfigError(
             f"--data: too few recordings ({len(names)}): windows of one resemble each other; give"
@@ -84,7 +85,10 @@ def calibrate(
         thresholds,
         estimated,
         guaranteed,
-        tuple((name, tuple(map(int, row))) for name, row in zip(names, counts, strict=True)),
+        tuple(
+            UsedRecording(name=name, windows=tuple(map(int, row)), digest=scores[own[0]].digest)
+            for (name, own), row in zip(by_name.items(), counts, strict=True)
+        ),
         ranges,
     )
 

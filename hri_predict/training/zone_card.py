@@ -33,7 +33,7 @@ def write_section(card: Path, judged: ZoneJudgement) -> None:
 
 def section(judged: ZoneJudgement) -> str:
     """The section as Markdown."""
-    used = [name for name, _ in judged.calibration.recordings]
+    used = [recording.name for recording in judged.calibration.recordings]
     ms = judged.horizons()
     lines = [
         HEAD,

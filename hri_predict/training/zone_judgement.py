@@ -181,7 +181,7 @@ def _sizes(judged: ZoneJudgement) -> list[Table]:
 def notes(judged: ZoneJudgement) -> list[str]:
     """What must be known to read the tables."""
     used = len(judged.calibration.recordings)
-    windows = np.array([w for _, w in judged.calibration.recordings]).sum(0)
+    windows = np.array([r.windows for r in judged.calibration.recordings]).sum(0)
     per = ", ".join(f"{name} {n}" for name, n in zip(CLASSES, windows, strict=True))
     return [
         f"calibrated on {used} recordings; windows by motion class: {per}",

@@ -7,7 +7,7 @@ the largest distance of a joint from the forecast's path (linear between steps) 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +54,8 @@ class Scores:
     """The windows of one presence. W windows, T steps of history, H steps ahead, J joints.
 
     Attributes:
-        name: the recording; all its presences are one independent unit.
+        name: the recording, see ``names_of``; all its presences are one independent unit.
+        digest: SHA-256 of its file; ``None`` where there is none.
         action: what is done in it.
         origin_ns: (W,) captures from which is forecast.
         history, observed: (W, T, J, 3) metres and (W, T, J), T at least ``HISTORY_STEPS``.
@@ -75,6 +76,7 @@ class Scores:
     speed_m_s: Floats
     surprise_m: Floats
     truth: Presence
+    digest: str | None = None
 
 
 def score_recordings(
@@ -89,13 +91,13 @@ def score_recordings(
         PredictorError: the predictor breaks its contract.
     """
     found: list[Scores] = []
-    for entry in recordings:
+    names = names_of([e.path if isinstance(e, Recording) else e for e in recordings])
+    for entry, name in zip(recordings, names, strict=True):
         recording = entry if isinstance(entry, Recording) else open_recording(entry)
         presences = presences_of(recording)
-        stem = recording.path.stem
-        action = "arms" if recording.kind == "assembly" else action_of(stem)
-        scored = [score_presence(predictor, stem, action, p) for p in presences]
-        own = [s for s in scored if s is not None]
+        action = "arms" if recording.kind == "assembly" else action_of(recording.path.stem)
+        scored = [score_presence(predictor, name, action, p) for p in presences]
+        own = [replace(s, digest=recording.digest) for s in scored if s is not None]
         if not own:
             raise RecordingError(
                 f"recording {recording.path}: nobody is seen for"
@@ -103,7 +105,25 @@ def score_recordings(
                 f" leave it out"
             )
         found += own
-        on_recording(recording.path.stem)
+        on_recording(name)
+    return found
+
+
+def names_of(paths: Sequence[Path]) -> list[str]:
+    """Recordings' names: the stem, or where two share it, as much of the path as tells them apart.
+
+    Two folders' ``walking_1`` are two recordings, and two independent units.
+    """
+    distinct = {path.absolute() for path in paths}
+    found = []
+    for path in paths:
+        full = path.absolute()
+        if sum(other.stem == full.stem for other in distinct) == 1:
+            found.append(full.stem)
+            continue
+        ends = ["/".join(full.parts[-count:]) for count in range(1, len(full.parts) + 1)]
+        others = [f"/{other}" for other in distinct - {full}]
+        found.append(next(e for e in ends if not any(o.endswith(f"/{e}") for o in others)))
     return found
 
 

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from hri_predict.cli import main
+from hri_predict.cli.calibrate import _calibrated_on
+from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
 from hri_predict.risk.calibration import load_calibration
+from hri_predict.training.zone_scores import score_recordings
 
 CV = ["--predictor", "constant_velocity"]
 
@@ -77,7 +80,7 @@ def test_a_calibration_is_made_and_says_what_it_rests_on(cli, folder, tmp_path):
     calibration = load_calibration(out)
     assert calibration.predictor == "constant_velocity"
     assert calibration.steps == 30
-    assert [name for name, _ in calibration.recordings] == [f"walking_{k}" for k in range(5)]
+    assert [r.name for r in calibration.recordings] == [f"walking_{k}" for k in range(5)]
 
 
 def test_the_same_recordings_give_the_same_bytes(cli, folder, made, tmp_path):
@@ -158,9 +161,42 @@ def test_a_copy_is_no_second_recording(cli, folder, tmp_path):
 
 
 def test_who_measures_on_what_was_calibrated_is_told(cli, folder, made, tmp_path):
-    check = ["--check", "--calibration", made, "--out", tmp_path / "measured", "--json"]
+    check = ["--check", "--calibration", made, "--json"]
     _, _, err = cli(*CV, "--data", folder / "walking_0.npz", *check)
     assert "1 of these recordings were calibrated on (walking_0" in err
+
+
+def test_what_was_calibrated_on_is_known_by_its_content(folder, made, tmp_path):
+    renamed, namesake = tmp_path / "other_1.npz", tmp_path / "walking_1.npz"
+    renamed.write_bytes((folder / "walking_0.npz").read_bytes())
+    walking(namesake, 50)  # as long as the one that was used
+    built = ConstantVelocity(ConstantVelocitySettings(name="constant_velocity", horizon_s=0.2))
+    scores = score_recordings(built, [renamed, namesake])
+    calibration = load_calibration(made)
+    assert _calibrated_on(calibration, scores) == {"other_1"}
+    # calibrations without digests are as they were: name and length must do
+    data = json.loads(made.read_text())
+    for recording in data["recordings"]:
+        del recording["digest"]
+    old = tmp_path / "old.json"
+    old.write_text(json.dumps(data))
+    assert _calibrated_on(load_calibration(old), scores) == {"walking_1"}
+
+
+def test_two_folders_of_the_same_names_are_different_recordings(cli, tmp_path):
+    for day in range(2):
+        (tmp_path / f"day_{day}").mkdir()
+        for index in range(2):
+            walking(tmp_path / f"day_{day}" / f"walking_{index}.npz", 10 * day + index)
+    out = tmp_path / "cv.json"
+    status, text, err = cli(*CV, "--data", tmp_path, "--out", out)
+    assert status == 0, err
+    assert "4 recordings" in text
+    used = load_calibration(out).recordings
+    assert [r.name for r in used] == [
+        f"day_{day}/walking_{index}.npz" for day in range(2) for index in range(2)
+    ]
+    assert len({r.digest for r in used}) == 4
 
 
 def test_too_few_recordings_are_refused(cli, folder, tmp_path):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hri_predict.risk.calibration import Calibration, plain
+from hri_predict.risk.calibration import Calibration, UsedRecording, plain
 from hri_predict.risk.motion_class import CLASSES, SPEED_CLASSES
 from hri_predict.risk.settings import LEVELS
 from hri_predict.skeleton import JOINTS
@@ -31,7 +31,10 @@ def calibration_of(recordings=120, steps=25, step_m=0.01, joints=PLAIN, **change
         thresholds_m=np.array([[0.1, 0.2], [0.3, 0.6]]),
         estimated={"joint": estimated, "body": 1.0 + estimated},
         guaranteed={"joint": guaranteed, "body": 1.0 + guaranteed},
-        recordings=tuple((f"walking_{n}", (3,) * len(CLASSES)) for n in range(recordings)),
+        recordings=tuple(
+            UsedRecording(name=f"walking_{n}", windows=(3,) * len(CLASSES))
+            for n in range(recordings)
+        ),
         ranges={"speed_m_s": {"wrist": 4.0}, "bone_m": {"wrist": [0.2, 0.3]}, "ratio_short": 1.5},
     )
     return replace(made, **changes)

@@ -13,6 +13,7 @@ from hri_predict.predictors.baselines import ZeroVelocitySettings
 from hri_predict.risk import calibration as module
 from hri_predict.risk.calibration import (
     Radii,
+    UsedRecording,
     calibration_for,
     identity,
     levels_text,
@@ -245,10 +246,11 @@ def test_a_guarantee_takes_so_many_recordings(make_calibration, level, wanted):
 
 def test_recordings_count_for_the_speeds_that_they_show(make_calibration):
     still_only = (0, 0, 0, 1, 0, 0, 0, 0)  # one window, of somebody new
-    recordings = tuple((f"walking_{n}", still_only) for n in range(20))
+    recordings = tuple(UsedRecording(name=f"walking_{n}", windows=still_only) for n in range(20))
     made = replace(make_calibration(), recordings=recordings)
     assert (made.independent(0), made.independent(1)) == (20, 0)
-    first_moving = replace(made, recordings=(("walking_0", (0, 0, 0, 0, 1, 0, 0, 0)),))
+    one = UsedRecording(name="walking_0", windows=(0, 0, 0, 0, 1, 0, 0, 0))
+    first_moving = replace(made, recordings=(one,))
     assert (first_moving.independent(0), first_moving.independent(1)) == (0, 1)
     with pytest.raises(
         ConfigError, match=r"0 recordings show people moving, 19 are needed.*19 more"

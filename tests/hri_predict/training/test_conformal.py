@@ -173,7 +173,7 @@ def test_a_class_that_few_recordings_show_is_not_calibrated():
     finite = np.isfinite(found.estimated["body"]).all((0, 2, 3))
     assert {CLASSES[c] for c in np.flatnonzero(finite)} == {"moving, surprising"}
     assert np.isinf(radii(found, entries[-1])).all()
-    windows = dict(found.recordings)
+    windows = {r.name: r.windows for r in found.recordings}
     # still and moving, each calm, usual, surprising, new; who is all alike is at both thresholds
     assert windows["r0"] == (0, 0, 12, 0, 0, 0, 12, 0)
     assert windows["r5"] == (0, 0, 0, 0, 0, 0, 12, 0)
@@ -189,7 +189,7 @@ def test_grades_are_terciles_of_each_speed():
 
 def test_where_no_surprise_is_known_everybody_is_new(tmp_path):
     found = made([scores(f"r{n}", 0.1, surprise=np.nan) for n in range(6)])
-    assert {windows for _, windows in found.recordings} == {(0, 0, 0, 0, 0, 0, 0, 12)}
+    assert {r.windows for r in found.recordings} == {(0, 0, 0, 0, 0, 0, 0, 12)}
     finite = np.isfinite(found.estimated["joint"]).all((0, 2, 3))
     assert [CLASSES[c] for c in np.flatnonzero(finite)] == ["moving, new"]
     assert not found.thresholds_m.any()
@@ -204,7 +204,7 @@ def test_who_is_new_has_radii_of_their_own_and_no_part_in_the_others():
     error = np.where(np.isnan(surprise), 0.5, 0.1)[:, None, None] * np.ones((12, 3, COUNT))
     entries = [scores(f"r{n}", error, surprise=surprise) for n in range(6)]
     found = made(entries)
-    assert {windows for _, windows in found.recordings} == {(0, 0, 0, 0, 0, 0, 8, 4)}
+    assert {r.windows for r in found.recordings} == {(0, 0, 0, 0, 0, 0, 8, 4)}
     for of in ("joint", "body"):
         own = radii(found, entries[0], of=of)
         assert own[:4] == pytest.approx(0.5)
@@ -327,13 +327,13 @@ def test_the_order_of_recordings_does_not_matter_and_the_same_gives_the_same_byt
         assert np.array_equal(found.guaranteed[of], other.guaranteed[of])
     assert np.array_equal(found.thresholds_m, other.thresholds_m)
     assert found.ranges == other.ranges
-    assert dict(found.recordings) == dict(other.recordings)
+    assert set(found.recordings) == set(other.recordings)
 
 
 def test_presences_of_one_recording_are_one_unit():
     halves = [scores(f"r{n // 2}", 0.1) for n in range(12)]
     found = made(halves)
-    assert [name for name, _ in found.recordings] == [f"r{n}" for n in range(6)]
+    assert [r.name for r in found.recordings] == [f"r{n}" for n in range(6)]
     assert found.independent(1) == 6
 
 

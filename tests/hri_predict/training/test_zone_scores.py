@@ -20,6 +20,7 @@ from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_predict.training.zone_scores import (
     HISTORY_STEPS,
     along,
+    names_of,
     presences_of,
     score_recordings,
     units,
@@ -298,3 +299,17 @@ def test_surprise_is_by_time_whatever_the_rate(make_recording, rate_hz):
 def test_a_horizon_of_less_than_400_ms_knows_no_surprise(make_recording):
     entry = score_recordings(zero(horizon_s=0.36), [make_recording(wandering(80))])[0]
     assert np.isnan(entry.surprise_m).all()
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["a/walking_1.npz", "a/walking_2.npz"], ["walking_1", "walking_2"]),
+        (["a/w.npz", "b/w.npz", "b/v.npz"], ["a/w.npz", "b/w.npz", "v"]),
+        (["a/c/w.npz", "b/c/w.npz"], ["a/c/w.npz", "b/c/w.npz"]),
+        (["a/w.npz", "a/w.mcap"], ["w.npz", "w.mcap"]),
+        (["a/w.npz", "a/w.npz"], ["w", "w"]),  # one recording
+    ],
+)
+def test_recordings_are_named_by_what_tells_them_apart(paths, names):
+    assert names_of([Path(path) for path in paths]) == names
