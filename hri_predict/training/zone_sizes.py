@@ -39,9 +39,9 @@ class Sizes:
     windows: int
 
     def relative(self, method: str, to: str) -> Floats:
-        """(K, B + 1) a method's volume over another's, the whole body last."""
+        """(K, B + 1) a method's volume over another's, the whole body last; NaN of nothing."""
         own, other = (_with_body(self.by_method[m]) for m in (method, to))
-        return own / other
+        return np.divide(own, other, out=np.full_like(own, np.nan), where=other > 0)
 
 
 def _with_body(volumes: Floats) -> Floats:

@@ -12,7 +12,7 @@ from hri_predict.risk.settings import CoverageSettings
 from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_predict.training.conformal import calibrate
 from hri_predict.training.zone_scores import score_recordings
-from hri_predict.training.zone_sizes import capsule_volume, measure_sizes
+from hri_predict.training.zone_sizes import Sizes, capsule_volume, measure_sizes
 
 STEPS = 12
 BODY = np.random.default_rng(4).normal(size=(len(JOINTS), 3), scale=0.3)
@@ -91,3 +91,10 @@ def test_smaller_radii_make_smaller_zones_within_what_bodies_can_do(scores, zero
     small, large = (sizes_with(scores, zero, r).by_method["own"] for r in (0.05, 0.3))
     assert (small < large).all()
     assert (large <= sizes_with(scores, zero, 0.3).by_method["physical reach"]).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_of_what_has_no_volume_nothing_is_a_share():
+    volumes = {"own": np.array([[0.0, 2.0]]), "ball": np.array([[0.0, 4.0]])}
+    sizes = Sizes(("left_arm", "trunk"), (10,), volumes, 1)
+    assert sizes.relative("own", "ball")[0] == pytest.approx([np.nan, 0.5, 0.5], nan_ok=True)
