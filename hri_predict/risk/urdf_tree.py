@@ -6,6 +6,7 @@ What is left is a URDF of links, joints and collision geometry alone, with absol
 a URDF library to read. Specification: wiki.ros.org/urdf/XML (joint, link).
 """
 
+import math
 import os
 import re
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ MAX_LINKS = 1000
 MAX_MESH_BYTES = 100_000_000
 MESHES = (".stl", ".obj", ".dae")  # the first two have no units of their own: metres
 TURNING = ("revolute", "continuous")
+SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
+SIZES["capsule"] = SIZES["cylinder"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,12 +224,32 @@ def _shaped(link: ElementTree.Element, urdf: Path, packages: list[Path]) -> Elem
                 f"link '{_name(link)}': a <{shape.tag}> must have one <geometry> with one shape; "
                 f"split it"
             )
+    _check_sizes(slim)
     for mesh in slim.iter("mesh"):
         try:
             mesh.set("filename", str(_mesh(mesh.get("filename", ""), urdf, packages)))
         except RobotError as error:
             raise RobotError(f"link '{_name(link)}': {error}") from None
     return slim
+
+
+def _check_sizes(link: ElementTree.Element) -> None:
+    """Refuse shapes that are not there at all, or inside out: nobody is kept clear of them."""
+    for kind, names in SIZES.items():
+        for shape, name in ((shape, name) for shape in link.iter(kind) for name in names):
+            text = shape.get(name, "")
+            if not all(0 < _float(word) < math.inf for word in text.split() or [""]):
+                raise RobotError(
+                    f"link '{_name(link)}': the {name} of a <{kind}> must be above 0 m and finite; "
+                    f"got '{text}'"
+                )
+
+
+def _float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _has_shape(link: ElementTree.Element) -> bool:
