@@ -95,7 +95,7 @@ class LiveSource:
     Args:
         settings: the source's.
         receiver: where bytes come from.
-        decoder: what makes scenes of them; counts into ``counters``, and says there what it refused.
+        decoder: what makes scenes of them; counts, and says what it refused, in ``counters``.
         counters: shared with the decoder.
         joint_map: the sender's joints; see ``sender_joints``.
         clock: the node's.

@@ -1,0 +1,177 @@
+"""The receiver of the node's own scene stream: sessions, replays, parts, counting.
+
+What was heard once is not heard again, by these rules (``drivers/SCENE_STREAM.md`` says what they
+do and do not protect from):
+
+- Within a session the sequence advances.
+- A session is named by the time of its start. One that starts is accepted if that time is later
+  than every session's before, and, with a key, if its first stamp is within ``max_skew_s`` of this
+  machine's UTC clock: a recording of an older session is refused, even by a node that has just
+  started and remembers nothing.
+- Without a key nothing keeps a stranger out, and the rule serves against mistakes alone: an earlier
+  session (the sender's clock was set back) is accepted once the later one is silent.
+"""
+
+import time
+from collections.abc import Callable
+
+from hri_drivers.key_file import Key
+from hri_drivers.scene_codec import (
+    HEADER,
+    Header,
+    Refused,
+    decode_body,
+    names_crc,
+    open_datagram,
+    same_scene,
+)
+from hri_drivers.scene_inbox import Heard
+from hri_predict.joint_map import JointMap
+from hri_predict.source import SourceCounters
+
+SILENT_NS = 1_000_000_000
+WINDOW = 64
+"""Of so many newest sequences it is known which came (the window of RFC 4303 clause 3.4.3)."""
+
+
+class SceneStream:
+    """``live_source.Decoder`` of datagrams; see the module.
+
+    Args:
+        joint_map: the joints that the sender must have, in this order.
+        counters: what is counted.
+        key: the stream must be authentic; ``None``: only undamaged.
+        max_skew_s: how far the sender's UTC clock may be off when its session starts.
+        utc_ns: this machine's UTC clock, nanoseconds since 1970.
+    """
+
+    def __init__(
+        self,
+        joint_map: JointMap,
+        counters: SourceCounters,
+        key: Key | None = None,
+        max_skew_s: float = 2.0,
+        utc_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._joint_map = joint_map
+        self._names_crc = names_crc(joint_map.source_joints)
+        self._counters = counters
+        self._key = key
+        self._max_skew_ns = round(max_skew_s * 1e9)
+        self._utc_ns = utc_ns
+        self._session = -1
+        self._sequence = -1
+        self._came = 0  # bit i: whether sequence - i came
+        self._heard_ns = 0
+        self._packed = b""  # header of the scene whose parts are coming
+        self._parts: list[bytes | None] = []  # of it; empty when it is complete
+
+    def feed(self, data: bytes, received_ns: int) -> list[Heard]:
+        """The scene that this datagram completes, if it does; never raises."""
+        self._counters.packets += 1
+        try:
+            header, payload = open_datagram(data, self._key)
+            self._check_joints(header)
+            if not self._is_new(header, data, received_ns):
+                return []
+            self._heard_ns = received_ns
+            body = self._join(header, payload)
+            if body is None:
+                return []
+            return [Heard(decode_body(header, body), header.session)]
+        except Refused as refused:
+            name = refused.counter
+            setattr(self._counters, name, getattr(self._counters, name) + 1)
+            self._counters.note(refused)
+            return []
+
+    def reset(self) -> None:
+        """The socket is new; sessions outlive it, or a recording could be played again."""
+        self._give_up()
+
+    def _check_joints(self, header: Header) -> None:
+        if (header.names_crc, header.joints) != (
+            self._names_crc,
+            len(self._joint_map.source_joints),
+        ):
+            raise Refused(
+                "malformed",
+                f"the sender's {header.joints} joints are not those of joint map "
+                f"'{self._joint_map.name}'; give both the same names in the same order",
+            )
+
+    def _is_new(self, header: Header, data: bytes, received_ns: int) -> bool:
+        """Whether this datagram was not heard before; begins its scene if it is the first."""
+        if header.session != self._session:
+            if not self._may_start(header, received_ns):
+                return False
+            self._give_up()
+            self._session, self._sequence, self._came = header.session, header.sequence, 1
+        elif header.sequence < self._sequence:
+            self._note_late(self._sequence - header.sequence)
+            return False
+        elif header.sequence == self._sequence:
+            if not self._parts or self._parts[header.part] is not None:
+                self._replayed("heard before")
+                return False
+            if not same_scene(self._packed, data[: HEADER.size]):
+                raise Refused("malformed", "two scenes have one sequence")
+            return True
+        else:
+            self._give_up()
+            self._advance(header.sequence - self._sequence)
+            self._sequence = header.sequence
+        self._packed = data[: HEADER.size]
+        self._parts = [None] * header.parts
+        return True
+
+    def _advance(self, by: int) -> None:
+        self._counters.lost += by - 1
+        self._came = 1 | (self._came << by if by < WINDOW else 0) & (1 << WINDOW) - 1
+
+    def _note_late(self, back: int) -> None:
+        """A scene from before the newest is of no use; whether it came before, tells what it is."""
+        bit = 1 << back if back < WINDOW else 0
+        if not bit or self._came & bit:
+            self._replayed("heard before")
+            return
+        self._came |= bit
+        self._counters.out_of_order += 1
+        self._counters.lost -= 1
+
+    def _may_start(self, header: Header, received_ns: int) -> bool:
+        if self._key is None:
+            silent = received_ns - self._heard_ns > SILENT_NS
+            if header.session < self._session and not silent:
+                self._replayed("a second sender, whose session began earlier; stop one of them")
+                return False
+            return True
+        if header.session < self._session:
+            self._replayed("a session that is over, or a second sender; start the sender again")
+            return False
+        skew_ns = header.stamp_ns - self._utc_ns()
+        if abs(skew_ns) > self._max_skew_ns:
+            self._replayed(
+                f"stamped {skew_ns * 1e-9:+.1f} s off this machine's UTC clock: a recording, or a "
+                "clock that is not set; set both by NTP, or raise max_skew_s"
+            )
+            return False
+        return True
+
+    def _join(self, header: Header, payload: bytes) -> bytes | None:
+        """The body, once all of its parts are there."""
+        self._parts[header.part] = payload
+        parts = [part for part in self._parts if part is not None]
+        if len(parts) < header.parts:
+            return None
+        self._parts = []
+        return b"".join(parts)
+
+    def _give_up(self) -> None:
+        """What has come of a scene that will not be complete."""
+        self._counters.incomplete += bool(self._parts)
+        self._parts = []
+
+    def _replayed(self, why: str) -> None:
+        self._counters.replayed += 1
+        self._counters.note(why)

@@ -1,0 +1,116 @@
+"""The node's own scene stream over UDP (``kind: udp``); the wire is in ``drivers/SCENE_STREAM.md``.
+
+A program of the user's sends it: ``drivers/python/hri_sender.py`` is all that it needs.
+"""
+
+import ipaddress
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from hri_drivers.key_file import read_key
+from hri_drivers.live_source import LiveSettings, LiveSource, sender_joints
+from hri_drivers.scene_codec import MAX_DATAGRAM, MAX_JOINTS
+from hri_drivers.scene_stream import SceneStream
+from hri_drivers.udp_receiver import UdpReceiver, is_loopback
+from hri_predict.clock import Clock
+from hri_predict.errors import ConfigError
+from hri_predict.source import SourceCounters
+
+DEFAULT_PORT = 47_800
+
+
+class UdpSettings(LiveSettings):
+    """``source:`` of ``kind: udp``."""
+
+    kind: Literal["udp"]
+    host: str = Field(
+        "127.0.0.1", description="address of the interface to hear on; default this machine alone"
+    )
+    port: int = Field(DEFAULT_PORT, ge=0, le=65535, description="UDP port; 0: any that is free")
+    multicast_group: str | None = Field(None, description="IPv4 address of a group to join")
+    key_file: str | None = Field(
+        None, min_length=1, description="file with the key that the sender has, too (HMAC-SHA256)"
+    )
+    allow_unauthenticated: bool = Field(
+        False, description="hear the network without a key: whoever reaches the port is believed"
+    )
+    max_skew_s: float = Field(
+        2.0, gt=0, le=60, description="with a key: how far a new sender's UTC clock may be off"
+    )
+
+    @field_validator("host")
+    @classmethod
+    def _address(cls, value: str) -> str:
+        try:
+            return str(ipaddress.ip_address("127.0.0.1" if value == "localhost" else value))
+        except ValueError:
+            raise ValueError("must be an IP address of this machine, as 127.0.0.1") from None
+
+    @field_validator("multicast_group")
+    @classmethod
+    def _group(cls, value: str | None) -> str | None:
+        try:
+            if value is None or ipaddress.IPv4Address(value).is_multicast:
+                return value
+        except ValueError:
+            pass
+        raise ValueError("must be an IPv4 multicast address, as 239.255.0.1")
+
+    @model_validator(mode="after")
+    def _protected(self) -> Self:
+        if self.multicast_group is not None and ":" in self.host:
+            raise ValueError("multicast needs an IPv4 'host': the address of the interface")
+        local = is_loopback(self.host)
+        if local or self.key_file is not None or self.allow_unauthenticated:
+            return self
+        raise ValueError(
+            f"host {self.host} hears the network, where anybody may say that nobody is here: set "
+            "'key_file', or 'allow_unauthenticated: true' if that network is yours alone"
+        )
+
+
+class UdpSource(LiveSource):
+    """See ``live_source.LiveSource``.
+
+    Args:
+        settings: the source's.
+        base_dir: where relative paths of the key and the joint map start.
+        clock: the node's.
+        utc_ns: this machine's UTC clock.
+
+    Raises:
+        ConfigError: there is no such joint map, or it has more joints than a stream can carry.
+        SourceError: the key cannot be used.
+    """
+
+    settings_model = UdpSettings
+
+    def __init__(
+        self,
+        settings: UdpSettings,
+        base_dir: Path | None = None,
+        clock: Clock | None = None,
+        utc_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        joint_map = sender_joints(settings, base_dir)
+        if len(joint_map.source_joints) > MAX_JOINTS:
+            raise ConfigError(
+                f"source.joint_map: {len(joint_map.source_joints)} joints, a scene stream carries "
+                f"{MAX_JOINTS}; leave some out of the map"
+            )
+        key = read_key(settings.key_file, base_dir) if settings.key_file is not None else None
+        counters = SourceCounters()
+        stream = SceneStream(joint_map, counters, key, settings.max_skew_s, utc_ns)
+        self._udp = UdpReceiver(
+            settings.host, settings.port, settings.multicast_group, largest=MAX_DATAGRAM
+        )
+        super().__init__(settings, self._udp, stream, counters, joint_map, clock)
+
+    @property
+    def port(self) -> int:
+        """Port that it hears on; 0 until it is open."""
+        return self._udp.port
