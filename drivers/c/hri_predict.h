@@ -1,0 +1,308 @@
+/* The controller's side of hri-predict, for PLCs and microcontrollers, in C99.
+ *
+ * It receives what the node sends over classic CAN, CAN FD or a serial line, checks it (CRC,
+ * counter, length, schema, age) and answers one question: how fast may the robot move now? Whatever
+ * is silent, stale, corrupt, out of order or of an unknown schema, and whatever asks for anything
+ * but clear, warn or slow, means stop. The wire is described byte by byte in ../PROTOCOL.md.
+ *
+ * No allocation, no recursion, no globals, no floating point; one hri_receiver (some 600 bytes) per
+ * link and robot, used by one task at a time. Time is any free-running millisecond tick that the
+ * caller passes; it may wrap.
+ *
+ * The node advises; it is not a safety function, and neither is this library.
+ */
+#ifndef HRI_PREDICT_H
+#define HRI_PREDICT_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* generated: begin (renew: python -m hri_predict.protocol.c_header) */
+#define HRI_SCHEMA_VERSION 1u
+#define HRI_SCHEMA_HASH 0x36A3D041u
+#define HRI_DEFAULT_BASE_ID 0x680u
+#define HRI_LAST_NUMBER 0x45u
+#define HRI_MAX_ROBOTS 8u
+#define HRI_ROBOT_STRIDE 8u
+#define HRI_MAX_JOINTS 7u
+#define HRI_MAX_DELTA 5u
+#define HRI_RESYNC 3u
+#define HRI_DATA_ID_16 0x4800u
+#define HRI_DATA_ID_32 0x48520000u
+#define HRI_PART_BYTES 6u
+#define HRI_PARTS_ADVICE 3u
+#define HRI_PARTS_STATE 5u
+#define HRI_ZONE_ITEMS 3u
+#define HRI_POSE_ITEMS 7u
+#define HRI_SERIAL_BYTES 72u
+#define HRI_NUMBER_ADVICE 0x00u
+#define HRI_BYTES_ADVICE 18u
+#define HRI_NUMBER_ROBOT_STATE 0x03u
+#define HRI_BYTES_ROBOT_STATE 30u
+#define HRI_NUMBER_STATUS 0x40u
+#define HRI_BYTES_STATUS 6u
+#define HRI_NUMBER_ACKNOWLEDGE 0x41u
+#define HRI_BYTES_ACKNOWLEDGE 6u
+#define HRI_NUMBER_SCHEMA 0x42u
+#define HRI_BYTES_SCHEMA 6u
+#define HRI_NUMBER_ZONE 0x44u
+#define HRI_BYTES_ZONE 10u
+#define HRI_NUMBER_POSE 0x45u
+#define HRI_BYTES_POSE 10u
+#define HRI_LEVEL_UNKNOWN 0u
+#define HRI_LEVEL_CLEAR 1u
+#define HRI_LEVEL_WARN 2u
+#define HRI_LEVEL_SLOW 3u
+#define HRI_LEVEL_STOP 4u
+#define HRI_LEVEL_FAULT 5u
+#define HRI_REASON_NONE 0u
+#define HRI_REASON_PERSON_NEAR 1u
+#define HRI_REASON_PERSON_APPROACHING 2u
+#define HRI_REASON_ZONE_OCCUPIED 3u
+#define HRI_REASON_ZONE_ENTRY_PREDICTED 4u
+#define HRI_REASON_OUT_OF_VIEW 5u
+#define HRI_REASON_PERSON_LOST 6u
+#define HRI_REASON_LATCHED 7u
+#define HRI_REASON_RELEASE_PENDING 8u
+#define HRI_REASON_PERSON_FAST 9u
+#define HRI_REASON_NO_INPUT 20u
+#define HRI_REASON_INPUT_STALE 21u
+#define HRI_REASON_INPUT_FROZEN 22u
+#define HRI_REASON_INPUT_IMPOSSIBLE 23u
+#define HRI_REASON_SOURCE_BLIND 24u
+#define HRI_REASON_CLOCK_JUMP 25u
+#define HRI_REASON_ROOM_NOT_SEEN_EMPTY 26u
+#define HRI_REASON_TOO_MANY_PEOPLE 27u
+#define HRI_REASON_PERSON_NOT_LOCATED 28u
+#define HRI_REASON_ROBOT_STATE_STALE 30u
+#define HRI_REASON_ROBOT_NOT_AUTOMATIC 31u
+#define HRI_REASON_ROBOT_STATE_INVALID 32u
+#define HRI_REASON_PREDICTOR_FAILED 40u
+#define HRI_REASON_PREDICTOR_LATE 41u
+#define HRI_REASON_NODE_FAULT 42u
+#define HRI_REASON_SHADOW_MODE 43u
+#define HRI_REASON_STARTING 44u
+#define HRI_REASON_STOPPING 45u
+#define HRI_REASON_HORIZON_TOO_SHORT 46u
+#define HRI_REASON_ZONES_WIDENED 47u
+#define HRI_REASON_MOTION_UNLIKE 48u
+#define HRI_NODE_STATE_UNKNOWN 0u
+#define HRI_NODE_STATE_STARTING 1u
+#define HRI_NODE_STATE_RUNNING 2u
+#define HRI_NODE_STATE_DEGRADED 3u
+#define HRI_NODE_STATE_FAULT 4u
+#define HRI_NODE_STATE_STOPPING 5u
+#define HRI_MODE_UNKNOWN 0u
+#define HRI_MODE_AUTOMATIC 1u
+#define HRI_MODE_MANUAL 2u
+#define HRI_MODE_MAINTENANCE 3u
+#define HRI_MODE_DRIVES_OFF 4u
+/* generated: end */
+
+/* How the node is connected (hri_settings.link). */
+#define HRI_CLASSIC 0u /* classic CAN: E2E profile 2, messages in parts of six bytes */
+#define HRI_FD 1u      /* CAN FD: E2E profile 5 */
+#define HRI_SERIAL 2u  /* serial line: COBS, E2E profile 4 */
+
+/* What hri_receive_... has completed; it then stands in hri_receiver.message. */
+#define HRI_NOTHING 0u
+#define HRI_ADVICE 1u
+#define HRI_STATUS 2u
+#define HRI_SCHEMA 3u
+#define HRI_ZONE 4u
+#define HRI_POSE 5u
+#define HRI_KINDS 6u
+
+/* Codes of "not available": never 0, never "far away". */
+#define HRI_NO_U8 0xFFu
+#define HRI_NO_U16 0xFFFFu
+#define HRI_NO_I16 INT16_MIN
+#define HRI_NO_I32 INT32_MIN
+
+/* What decides about the permitted speed (hri_receiver.verdict); all but the first mean stop. */
+#define HRI_BY_ADVICE 0u       /* the newest Advice does; it may be a stop as well */
+#define HRI_NOT_CONFIGURED 1u  /* hri_init refused the settings */
+#define HRI_STARTING 2u        /* no Advice yet */
+#define HRI_SILENT 3u          /* no fresh Advice within silence_timeout_ms */
+#define HRI_NO_SCHEMA 4u       /* no Schema yet */
+#define HRI_OTHER_SCHEMA 5u    /* another version or hash: see message.schema of the last one */
+#define HRI_ERRORS 6u          /* more than tolerated_errors corrupt, lost or repeated messages */
+#define HRI_NO_AGE 7u          /* AGE or ECHO not available, or no such RobotState sent lately */
+#define HRI_STALE 8u           /* older than max_age_ms, delay of the link included */
+
+/* RobotStates whose times are kept: (max_age_ms + silence_timeout_ms) / period + 1, at most 255. */
+#ifndef HRI_SENT_KEPT
+#define HRI_SENT_KEPT 32u
+#endif
+#define HRI_FORGET_MS 1000u /* silence after which another node, of another schema, may come */
+#define HRI_UNIT_BYTES 48u  /* longest frame that a controller sends */
+
+typedef struct {
+    uint8_t link;                /* HRI_CLASSIC, HRI_FD or HRI_SERIAL */
+    uint8_t robot;               /* index of the robot in the node's configuration, 0..7 */
+    bool extended;               /* CAN: 29-bit ids */
+    uint32_t base_id;            /* CAN: HRI_DEFAULT_BASE_ID, unless the link has another */
+    uint16_t silence_timeout_ms; /* the link's silence_timeout_s: 150 unless set */
+    uint16_t max_age_ms;         /* as `hri-predict check` prints it for controllers */
+    uint16_t tolerated_errors;   /* more than so many bad or missing messages stop the robot, ... */
+    uint16_t error_window_ms;    /* ... until none came for so long */
+    uint16_t first_state_counter; /* from a clock or random: not the same after each start */
+} hri_settings;
+
+typedef struct {
+    uint8_t level;  /* HRI_LEVEL_...; one that is not known reads as UNKNOWN */
+    uint8_t reason; /* HRI_REASON_... */
+    uint16_t speed_limit_mm_s;
+    int16_t separation_mm;
+    int16_t predicted_separation_mm;
+    uint16_t time_to_breach_ms;
+    uint16_t age_ms;
+    uint16_t latch_id; /* what hri_acknowledge is to be given; 0 if nothing is latched */
+    uint16_t echo;
+    uint8_t body_part;
+    uint8_t robot_link;
+} hri_advice;
+
+typedef struct {
+    uint8_t node_state; /* HRI_NODE_STATE_... */
+    uint8_t people;
+    uint8_t reason;
+    uint8_t predictor;
+    uint8_t cycle;
+    uint16_t age_ms;
+} hri_status;
+
+typedef struct {
+    uint16_t version;
+    uint32_t hash;
+} hri_schema;
+
+typedef struct {
+    uint8_t segment;
+    int16_t a_mm[3];
+    int16_t b_mm[3];
+    uint16_t radius_mm;
+} hri_capsule;
+
+typedef struct {
+    uint8_t joint;
+    int16_t position_mm[3];
+} hri_joint;
+
+/* One frame of a Zone (capsules) or of a Pose (joints): items first .. first + count - 1. */
+typedef struct {
+    uint16_t person;
+    uint8_t step;
+    uint16_t horizon_ms;
+    uint16_t age_ms;
+    uint8_t first;
+    uint8_t total;
+    uint8_t count;
+    hri_capsule capsules[HRI_ZONE_ITEMS];
+    hri_joint joints[HRI_POSE_ITEMS];
+} hri_body;
+
+/* Each kind keeps its newest; no union (MISRA C:2012, rule 19.2). */
+typedef struct {
+    hri_advice advice;
+    hri_status status;
+    hri_schema schema;
+    hri_body body;
+} hri_message;
+
+/* What was met since hri_init; show it: a line that counts errors daily needs mending. */
+typedef struct {
+    uint32_t received;       /* messages handed on */
+    uint32_t crc_errors;     /* frames with a wrong CRC */
+    uint32_t counter_errors; /* messages repeated, out of order, or missing between two others */
+    uint32_t malformed;      /* right CRC, wrong length or values; or bytes that frame nothing */
+    uint32_t incomplete;     /* messages of several frames of which not all came */
+    uint32_t ignored;        /* frames of other senders or for other robots */
+} hri_counts;
+
+typedef struct {
+    bool started;
+    bool following; /* candidate is that of a run */
+    uint8_t run;
+    uint16_t last;
+    uint16_t candidate;
+} hri_sequence;
+
+typedef struct {
+    hri_settings settings;
+    hri_message message; /* the newest of each kind */
+    hri_counts counts;
+    uint8_t verdict; /* of the last hri_permitted_speed */
+
+    /* The rest is the library's own. */
+    bool configured;
+    bool schema_heard;
+    bool schema_matches;
+    uint8_t phase;       /* of the Advice: starting, advised, silent, forgotten */
+    uint32_t advised_ms; /* when the newest that counts came, */
+    uint8_t level;       /* what it says, */
+    uint16_t speed_mm_s;
+    bool age_bounded; /* and how old what it rests on was then, at most */
+    uint32_t age_at_receipt_ms;
+    uint32_t errors;
+    uint32_t error_ms; /* when the last of them came */
+    hri_sequence sequences[HRI_KINDS];
+    uint8_t part_counter; /* classic CAN: of the Advice under way */
+    uint8_t part_mask;    /* bit p: part p has come */
+    bool part_started;
+    uint8_t parts[HRI_BYTES_ADVICE];
+    uint8_t line[HRI_SERIAL_BYTES]; /* serial: the frame under way */
+    uint8_t line_length;
+    bool line_skipping;
+    uint16_t state_counter; /* of the newest RobotState */
+    uint16_t state_sequence;
+    uint16_t ack_sequence;
+    uint32_t sent_ms[HRI_SENT_KEPT]; /* ring: when the newest RobotStates went out */
+    uint8_t sent_newest;
+    uint8_t sent_kept;
+} hri_receiver;
+
+/* What a controller tells of its robot. Positions in microradians, velocities in microradians per
+ * second; they saturate. HRI_NO_I32 means not available, which voids the message. */
+typedef struct {
+    uint8_t mode;   /* HRI_MODE_... */
+    uint8_t joints; /* at most HRI_MAX_JOINTS */
+    int32_t position_urad[HRI_MAX_JOINTS];
+    int32_t velocity_urad_s[HRI_MAX_JOINTS];
+} hri_robot_state;
+
+/* One frame to send: CAN with its id, or serial with its delimiter. */
+typedef struct {
+    uint32_t id;
+    uint8_t length;
+    uint8_t data[HRI_UNIT_BYTES];
+} hri_unit;
+
+/* Begin (again). False for settings that cannot be: the receiver then says stop for ever. */
+bool hri_init(hri_receiver *r, const hri_settings *settings);
+
+/* Take one CAN frame; returns the kind of the fresh message that it completes, or HRI_NOTHING. */
+uint8_t hri_receive_can(hri_receiver *r, uint32_t id, bool extended, bool fd, const uint8_t *data,
+                        uint8_t length, uint32_t now_ms);
+
+/* Take one byte of a serial line, whatever it is; returns the same. */
+uint8_t hri_receive_serial_byte(hri_receiver *r, uint8_t byte, uint32_t now_ms);
+
+/* How fast the fastest point of the robot may move now, in mm/s; 0 means stop. Call it in the
+ * fastest task, at least every silence_timeout_ms / 10, also when nothing comes. Why stands in
+ * r->verdict and, for HRI_BY_ADVICE, in r->message.advice. */
+uint16_t hri_permitted_speed(hri_receiver *r, uint32_t now_ms);
+
+/* A word for a verdict, for display. */
+const char *hri_verdict_name(uint8_t verdict);
+
+/* Encode a RobotState; returns how many units to send now, in order (at most HRI_PARTS_STATE). Its
+ * time is noted: it is what bounds the age of the Advice that echoes it. 0 for too many joints. */
+uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint32_t now_ms,
+                             hri_unit units[HRI_PARTS_STATE]);
+
+/* Encode an Acknowledge of the latch, as one unit; returns 1, or 0 if not configured. Repeat it
+ * a few times with the same ack_id, not 0; take a new one for the next press of the button. */
+uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit);
+
+#endif
