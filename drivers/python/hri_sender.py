@@ -1,0 +1,199 @@
+"""Sends what your tracker sees to hri-predict. Copy this file; it needs Python 3.10 or newer.
+
+    sender = SceneSender("127.0.0.1", 47800, ["l_wrist", "r_wrist"])
+    while True:
+        positions = ...                     # your tracker: metres, one [x, y, z] per joint
+        sender.send([(1, positions)])       # person 1 is seen
+        # sender.send([])                   # the whole room is seen, and nobody is in it
+        # sender.send([], sees_room=False)  # the sensor cannot tell who is there
+
+The joints' names and their order, units and axes are those of the node's ``source.joint_map``. A
+joint that is not seen is ``None`` or NaN. Send every capture, at a steady rate, also when nobody is
+there: what is not heard for a few periods is *unknown* to the node, and the robot stops. "Nobody"
+is believed: where a body may be hidden, say ``sees_room=False``.
+
+Run as a program it sends a person who sways, to try a node with: ``python hri_sender.py --help``.
+The format is in SCENE_STREAM.md.
+"""
+
+import argparse
+import contextlib
+import hashlib
+import hmac
+import math
+import socket
+import struct
+import time
+import zlib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+Joints = Sequence[Sequence[float] | None]
+Body = tuple[int, Joints]
+
+VERSION = 1
+SEES_ROOM, AUTHENTICATED = 1, 2
+HEADER = struct.Struct("<4sBBBBQQqIBBH")
+MAX_DATAGRAM, TAG_BYTES = 1400, 16
+CHUNK = MAX_DATAGRAM - HEADER.size - TAG_BYTES
+MAX_PEOPLE, MAX_JOINTS, MIN_KEY_BYTES = 16, 128, 32
+
+
+class SceneSender:
+    """Sends scenes to one address, or to a multicast group.
+
+    Each sender is a session of its own, named by the time of its start: this machine's clock must
+    be set (NTP) where a key is used.
+
+    Args:
+        host: where the node hears: its ``source.host``, or its ``multicast_group``.
+        port: its ``source.port``.
+        joints: names, as in the node's joint map, in its order.
+        key_file: the file that the node has as ``source.key_file``; without one nothing protects
+            the stream but from damage.
+        interface: of a multicast: the address of the network interface to send on.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        joints: Sequence[str],
+        key_file: str | None = None,
+        interface: str | None = None,
+    ) -> None:
+        joints = list(joints)
+        if not 1 <= len(joints) <= MAX_JOINTS or len(set(joints)) != len(joints):
+            raise ValueError(f"joints: give 1 to {MAX_JOINTS} different names")
+        self.session = time.time_ns()
+        self.sequence = 0
+        self._joints = joints
+        self._names_crc = zlib.crc32("\n".join(joints).encode())
+        self._key = read_key(key_file) if key_file is not None else None
+        self._address: Any
+        family, kind, protocol, _, self._address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_DGRAM
+        )[0]
+        self._socket = socket.socket(family, kind, protocol)
+        if interface is not None:
+            self._socket.setsockopt(
+                socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface)
+            )
+
+    def send(
+        self, people: Iterable[Body], sees_room: bool = True, stamp_ns: int | None = None
+    ) -> None:
+        """Send one scene. A node that does not listen is no error: datagrams are lost unseen.
+
+        Args:
+            people: pairs of an id (0 to 65535, the same for the same body from scene to scene) and
+                its joints: for each name [x, y, z], or ``None`` or NaN where it is not seen. Arrays
+                do.
+            sees_room: whether the sensor saw all of the room that it watches.
+            stamp_ns: when it was captured, nanoseconds of UTC since 1970; the default is now.
+                Better is the camera's own time, if that runs on UTC: the node then knows the age.
+
+        Raises:
+            ValueError: too many people, or not a place for each joint.
+        """
+        stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns
+        for datagram in self.encode(people, sees_room, stamp_ns):
+            with contextlib.suppress(OSError):  # the network is gone; the next one may arrive
+                self._socket.sendto(datagram, self._address)
+
+    def encode(self, people: Iterable[Body], sees_room: bool, stamp_ns: int) -> list[bytes]:
+        """The datagrams of one scene, for those who send them in their own way."""
+        people = list(people)
+        if len(people) > MAX_PEOPLE:
+            raise ValueError(f"people: {len(people)}, a scene holds {MAX_PEOPLE}")
+        body = b"".join(self._record(number, positions) for number, positions in people)
+        parts = max(1, -(-len(body) // CHUNK))
+        flags = (SEES_ROOM if sees_room else 0) | (AUTHENTICATED if self._key else 0)
+        datagrams = []
+        for part in range(parts):
+            data = HEADER.pack(
+                b"HRIS", VERSION, flags, part, parts, self.session, self.sequence, stamp_ns,
+                self._names_crc, len(self._joints), len(people), len(body),
+            ) + body[part * CHUNK : (part + 1) * CHUNK]  # fmt: skip
+            datagrams.append(data + self._tag(data))
+        self.sequence += 1
+        return datagrams
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def _record(self, number: int, positions: Joints) -> bytes:
+        """One person: id, which joints are seen, their places."""
+        if len(positions) != len(self._joints):
+            raise ValueError(f"person {number}: {len(positions)} joints, not {len(self._joints)}")
+        seen = bytearray(-(-len(self._joints) // 8))
+        values = []
+        for i, place in enumerate(positions):
+            x, y, z = (0.0, 0.0, 0.0) if place is None else (float(v) for v in place)
+            if place is not None and all(math.isfinite(v) for v in (x, y, z)):
+                seen[i // 8] |= 1 << i % 8
+                values += [x, y, z]
+            else:
+                values += [0.0, 0.0, 0.0]
+        return struct.pack("<H", number) + bytes(seen) + struct.pack(f"<{len(values)}f", *values)
+
+    def _tag(self, data: bytes) -> bytes:
+        if self._key is None:
+            return struct.pack("<I", zlib.crc32(data))
+        return hmac.new(self._key, data, hashlib.sha256).digest()[:TAG_BYTES]
+
+
+def read_key(path: str) -> bytes:
+    """The key in a file: its bytes, less white space at both ends."""
+    with open(path, "rb") as file:
+        key = file.read().strip()
+    if len(key) < MIN_KEY_BYTES:
+        raise ValueError(f"{path}: holds {len(key)} bytes, a key has {MIN_KEY_BYTES} at least")
+    return key
+
+
+CANONICAL = [
+    "waist", "torso", "neck", "head", "head_top",
+    "l_shoulder", "l_elbow", "l_wrist", "l_hand", "r_shoulder", "r_elbow", "r_wrist", "r_hand",
+    "l_hip", "l_knee", "l_ankle", "l_foot", "r_hip", "r_knee", "r_ankle", "r_foot",
+]  # fmt: skip
+_STANDING = [  # x forward, y left, z up: of somebody who stands at the origin and looks along x
+    (0, 0, 0.95), (0, 0, 1.2), (0, 0, 1.5), (0.02, 0, 1.65), (0, 0, 1.8),
+    (0, 0.2, 1.45), (0, 0.25, 1.15), (0, 0.26, 0.9), (0, 0.26, 0.8),
+    (0, -0.2, 1.45), (0, -0.25, 1.15), (0, -0.26, 0.9), (0, -0.26, 0.8),
+    (0, 0.1, 0.93), (0, 0.1, 0.5), (0, 0.1, 0.1), (0.15, 0.1, 0.02),
+    (0, -0.1, 0.93), (0, -0.1, 0.5), (0, -0.1, 0.1), (0.15, -0.1, 0.02),
+]  # fmt: skip
+
+
+def swaying(seconds: float, place: tuple[float, float] = (2.0, 0.0)) -> Joints:
+    """A person to try a node with, at ``place`` on its floor: joints of the map ``canonical``."""
+    sway = 0.02 * math.sin(1.5 * seconds)
+    tremble = 0.001 * math.sin(40.0 * seconds)  # no two captures are the same, as from a sensor
+    return [(place[0] + x + sway * z + tremble, place[1] + y + tremble, z) for x, y, z in _STANDING]
+
+
+def main() -> None:
+    """Send a person who sways."""
+    parser = argparse.ArgumentParser(description="Send a person who sways to hri-predict.")
+    parser.add_argument("--host", default="127.0.0.1")
+    parser.add_argument("--port", type=int, default=47800)
+    parser.add_argument("--key-file")
+    parser.add_argument("--rate", type=float, default=30.0, help="scenes per second")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="then stop")
+    arguments = parser.parse_args()
+    sender = SceneSender(arguments.host, arguments.port, CANONICAL, arguments.key_file)
+    start = time.monotonic()
+    try:
+        while time.monotonic() - start < arguments.seconds:
+            sender.send([(1, swaying(time.monotonic() - start))])
+            due = start + sender.sequence / arguments.rate
+            time.sleep(max(0.0, due - time.monotonic()))
+    except KeyboardInterrupt:
+        pass
+    sender.close()
+
+
+if __name__ == "__main__":
+    main()
