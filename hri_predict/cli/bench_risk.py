@@ -1,6 +1,7 @@
 """What judging costs at its dearest: several people near several moving robots, all horizons."""
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from hri_predict.link import LinkSettings
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import RobotMode, RobotState
+from hri_predict.risk.calibration import load_calibration, shipped_calibration
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.robot import RobotSettings, StateMotion, load_robot
@@ -21,16 +23,19 @@ from hri_predict.snapshot import PeopleSnapshot
 
 RATE_HZ, STEPS, SEGMENTS, PEOPLE = 25.0, 25, 20, 4
 TITLE = f"risk: {PEOPLE} people x {SEGMENTS} segments x {STEPS} horizons x 2 robots x 8 capsules"
-NOW_NS = 10**9
+NOW_NS = 10**10
+TICK_NS = 40_000_000
 AGE_NS = 10_000_000
 _PHASES_S = (1.6, 4.8)  # where on their way the two arms are
-_PEOPLE_AT = ((1.1, 2.5), (1.6, -2.5), (-0.9, -2.5), (3.0, 2.5))
+_PEOPLE_AT = ((1.4, 3.8), (2.0, -3.8), (-1.6, -3.6), (3.8, 3.6))
+_WALK_TICKS = 50  # they come into view, and are there; then others come
 
 
 def risk_calls() -> tuple[Callable[[], object], Callable[[], object]]:
-    """Zones of people who walk up to two arms on their way, and judging them.
+    """Zones of people who walk up to two arms on their way, and judging them where they end.
 
-    One arm's plan is known, the other's is not. Delays are such that all horizons are looked at.
+    Zones are as they ship: calibrated, with the self-check; each call is the next tick. One arm's
+    plan is known, the other's is not. Delays are such that all horizons are looked at.
     """
     link = LinkSettings(name="bus", kind="can", reaction_s=0.41)
     engine = RiskEngine(
@@ -44,10 +49,31 @@ def risk_calls() -> tuple[Callable[[], object], Callable[[], object]]:
         DelayBudget.from_settings(RATE_HZ, [link], stale_s=AGE_NS * 1e-9),
         RATE_HZ,
         STEPS,
+        load_calibration(shipped_calibration("constant_velocity")),
     )
-    snapshot, forecast = _walkers()
-    bodies = engine.zones(snapshot, forecast)
-    return lambda: engine.zones(snapshot, forecast), lambda: engine.judge(snapshot, bodies)
+    ticks = [_walkers(tick) for tick in range(_WALK_TICKS)]
+    walks = itertools.count()
+
+    def walk() -> Iterator[tuple[PeopleSnapshot, Forecast]]:
+        for number in walks:
+            for snapshot, forecast in ticks:
+                yield _later(snapshot, number), forecast
+
+    walking = walk()
+    bodies = [engine.zones(*next(walking)) for _ in ticks][-1]
+    snapshot = ticks[-1][0]
+    return lambda: engine.zones(*next(walking)), lambda: engine.judge(snapshot, bodies)
+
+
+def _later(snapshot: PeopleSnapshot, walk: int) -> PeopleSnapshot:
+    """The same in another walk: by others, and later."""
+    later_ns = walk * _WALK_TICKS * TICK_NS
+    return replace(
+        snapshot,
+        now_ns=snapshot.now_ns + later_ns,
+        capture_ns=snapshot.capture_ns + later_ns,
+        ids=tuple(i + walk * PEOPLE for i in snapshot.ids),
+    )
 
 
 def _arm(name: str, at: tuple[float, float], which: int) -> RobotTracker:
@@ -67,25 +93,26 @@ def _arm(name: str, at: tuple[float, float], which: int) -> RobotTracker:
     return tracker
 
 
-def _walkers() -> tuple[PeopleSnapshot, Forecast]:
+def _walkers(tick: int) -> tuple[PeopleSnapshot, Forecast]:
     """People on their way to the arms at 0.5 m/s, and where they will be."""
     start = _standing() + np.array([(*at, 0.0) for at in _PEOPLE_AT])[:, None]
     towards = -np.array([(*at, 0.0) for at in _PEOPLE_AT])
     velocity = 0.5 * towards / np.linalg.norm(towards, axis=1, keepdims=True)
-    times = np.arange(1 - STEPS, STEPS + 1) / RATE_HZ
+    before = tick + 1 - _WALK_TICKS
+    times = (np.arange(1 - STEPS, STEPS + 1) + before) / RATE_HZ
     path = start[:, None] + times[:, None, None] * velocity[:, None, None]  # (P, T + H, J, 3)
-    people = len(start)
+    people, now_ns = len(start), NOW_NS + before * TICK_NS
     snapshot = PeopleSnapshot(
-        now_ns=NOW_NS,
+        now_ns=now_ns,
         ids=tuple(range(people)),
         history=path[:, :STEPS],
         observed=np.ones((people, STEPS, len(JOINTS)), bool),
-        capture_ns=np.full(people, NOW_NS - AGE_NS, np.int64),
+        capture_ns=np.full(people, now_ns - AGE_NS, np.int64),
         last_positions=path[:, STEPS - 1],
         joint_age_s=np.zeros((people, len(JOINTS))),
         lost=(),
         reasons=(),
-        newest_capture_ns=NOW_NS - AGE_NS,
+        newest_capture_ns=now_ns - AGE_NS,
         captures=1,
         counters={},
     )
