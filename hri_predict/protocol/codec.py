@@ -9,6 +9,7 @@ from typing import Any
 
 from hri_predict.protocol.definition import (
     BY_TYPE,
+    MAX_ITEMS,
     MAX_JOINTS,
     MAX_ROBOTS,
     SCHEMA_HASH,
@@ -166,8 +167,10 @@ _ROW: dict[type, Callable[[Any], Sequence[Any]]] = {
 }
 
 
-def encode_payloads(message: Message) -> list[bytes]:
+def encode_payloads(message: Message, items: int | None = None) -> list[bytes]:
     """Return the payloads that carry ``message``: one, or for Zone and Pose one per frame.
+
+    ``items`` is how many items of a Zone or Pose one payload takes; default: what fits a frame.
 
     Numbers saturate at the ends of their range; ``None`` and NaN become "not available".
 
@@ -176,22 +179,22 @@ def encode_payloads(message: Message) -> list[bytes]:
     """
     if isinstance(message, Zone):
         capsules = [(c.segment, *c.a, *c.b, c.radius) for c in message.capsules]
-        return _split(message, capsules)
+        return _split(message, capsules, items)
     if isinstance(message, Pose):
-        return _split(message, message.joints)
+        return _split(message, message.joints, items)
     kind = type(message)
     if isinstance(message, Advice | RobotState) and not 0 <= message.robot < MAX_ROBOTS:
         raise ValueError(f"robot {message.robot} is not one of 0..{MAX_ROBOTS - 1}")
     return [_FIXED[kind].pack(_ROW[kind](message))]
 
 
-def _split(message: Zone | Pose, items: Sequence[Sequence[Any]]) -> list[bytes]:
+def _split(message: Zone | Pose, items: Sequence[Sequence[Any]], room: int | None) -> list[bytes]:
     """Deal the items out over as many payloads as needed, at least one."""
     kind = type(message)
-    fixed, packer, room = _FIXED[kind], _ITEM[kind], BY_TYPE[kind].items_per_frame
+    fixed, packer, room = _FIXED[kind], _ITEM[kind], room or BY_TYPE[kind].items_per_frame
     head = (message.person, message.step, message.horizon_s, message.age_s)
-    if len(items) > 255:
-        raise ValueError(f"{kind.__name__} of {len(items)} items; at most 255 fit")
+    if len(items) > MAX_ITEMS:
+        raise ValueError(f"{kind.__name__} of {len(items)} items; at most {MAX_ITEMS} fit")
     payloads = []
     for first in range(0, max(1, len(items)), room):
         chunk = items[first : first + room]
@@ -200,8 +203,12 @@ def _split(message: Zone | Pose, items: Sequence[Sequence[Any]]) -> list[bytes]:
     return payloads
 
 
-def decode_payload(definition: Definition, robot: int, payload: bytes) -> Message:
+def decode_payload(
+    definition: Definition, robot: int, payload: bytes, items: int | None = None
+) -> Message:
     """Return the message in ``payload``; bytes after its end (padding) do not matter.
+
+    ``items`` is how many items of a Zone or Pose it may hold; default: what fits a frame.
 
     Raises:
         Malformed: too short, or a value that cannot be.
@@ -209,7 +216,10 @@ def decode_payload(definition: Definition, robot: int, payload: bytes) -> Messag
     fixed = _FIXED[definition.type]
     if len(payload) < fixed.size:
         raise Malformed(f"{definition.name} of {len(payload)} bytes")
-    return _BUILD[definition.type](fixed.unpack(payload[: fixed.size]), robot, payload)
+    row = fixed.unpack(payload[: fixed.size])
+    if definition.item and row[-1] > (items or definition.items_per_frame):
+        raise Malformed(f"{definition.name} holds {row[-1]} items")
+    return _BUILD[definition.type](row, robot, payload)
 
 
 def _advice(row: list[Any], robot: int, payload: bytes) -> Advice:
@@ -238,7 +248,7 @@ def _robot_state(row: list[Any], robot: int, payload: bytes) -> RobotState:
 def _items(kind: type, row: list[Any], payload: bytes) -> list[list[Any]]:
     first, total, count = row[4:]
     packer, start = _ITEM[kind], _FIXED[kind].size
-    if count > BY_TYPE[kind].items_per_frame or first + count > total:
+    if first + count > total:
         raise Malformed(f"{kind.__name__} holds items {first}..{first + count} of {total}")
     if len(payload) < start + count * packer.size:
         raise Malformed(f"{kind.__name__} of {len(payload)} bytes")

@@ -31,6 +31,7 @@ from hri_predict.reasons import Reason
 SCHEMA_VERSION = 1
 MAX_ROBOTS = 8  # that one link can address
 MAX_JOINTS = 7
+MAX_ITEMS = 255  # of a Zone or Pose, over all its frames
 PART_BYTES = 6  # of payload in a classic frame: 8 less CRC and counter
 ROBOT_STRIDE = 8  # frame numbers per robot
 

@@ -1,21 +1,36 @@
 """Messages to frames of E2E profile 4 and back, for wires that keep frames apart by themselves.
 
-A serial line adds COBS to this (``serial_codec``); a zenoh message holds the frames as they are.
+A serial line adds COBS to this (``serial_codec``); a zenoh message holds the frames as they are,
+and ISO-TP one whole Zone or Pose.
 """
 
 from hri_predict.protocol import e2e
 from hri_predict.protocol.codec import Malformed, decode_payload, encode_payloads, robot_of
-from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, frame_number, frame_table
+from hri_predict.protocol.definition import (
+    BY_TYPE,
+    DEFINITIONS,
+    MAX_ITEMS,
+    frame_number,
+    frame_table,
+)
 from hri_predict.protocol.messages import Message
 from hri_predict.protocol.reception import ReceiveCounters, fresh
 
 MAX_FRAME = e2e.PROFILE_4_HEADER + max(d.max_bytes for d in DEFINITIONS)
+MAX_WHOLE = e2e.PROFILE_4_HEADER + max(
+    d.fixed_bytes + MAX_ITEMS * d.item_bytes for d in DEFINITIONS
+)
+"""The longest frame that holds all items of a Zone: 3847 bytes, which ISO-TP's 4095 can take."""
 
 
 class Profile4Sender:
-    """Encodes messages of one wire; keeps the counters of everything it sends."""
+    """Encodes messages of one wire; keeps the counters of everything it sends.
 
-    def __init__(self) -> None:
+    ``items``: how many items of a Zone or Pose one frame takes; default as on a serial line.
+    """
+
+    def __init__(self, items: int | None = None) -> None:
+        self._items = items
         self._counters: dict[int, int] = {}
 
     def encode(self, message: Message) -> list[bytes]:
@@ -25,7 +40,7 @@ class Profile4Sender:
             ValueError: a field cannot hold its value.
         """
         number = frame_number(BY_TYPE[type(message)], robot_of(message))
-        return [self._frame(number, payload) for payload in encode_payloads(message)]
+        return [self._frame(number, payload) for payload in encode_payloads(message, self._items)]
 
     def _frame(self, number: int, payload: bytes) -> bytes:
         counter = self._counters.get(number, 0)
@@ -36,11 +51,14 @@ class Profile4Sender:
 class Profile4Receiver:
     """Decodes frames; whatever comes, it counts and goes on.
 
+    ``items``: how many items of a Zone or Pose one frame may hold; default as on a serial line.
+
     Attributes:
         counters: see ``ReceiveCounters``.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, items: int | None = None) -> None:
+        self._items = items
         self._table = {e2e.data_id_32(n): entry for n, entry in frame_table(classic=False).items()}
         self._sequences: dict[int, e2e.CounterCheck] = {}
         self.counters = ReceiveCounters()
@@ -67,7 +85,8 @@ class Profile4Receiver:
         if definition.sequenced and not fresh(sequence, counter, self.counters):
             return None
         try:
-            message = decode_payload(definition, robot, frame[e2e.PROFILE_4_HEADER :])
+            payload = frame[e2e.PROFILE_4_HEADER :]
+            message = decode_payload(definition, robot, payload, self._items)
         except Malformed:
             self.counters.malformed += 1
             return None
