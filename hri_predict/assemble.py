@@ -20,6 +20,7 @@ from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.robot import RobotModel, load_robot
 from hri_predict.risk.robot_tracker import RobotTracker
+from hri_predict.risk.settings import CoverageSettings
 from hri_predict.source import Source
 
 LATE_FRACTION = 0.5  # of a cycle: a prediction that takes longer is late
@@ -94,6 +95,17 @@ def build_calibration(config: Config) -> Calibration | None:
         return None
     settings = config.predictor.resolved(config.base_dir)
     return calibration_for(settings, config.node.risk.coverage, config.base_dir)
+
+
+def unused_coverage(config: Config) -> str:
+    """A line for the user if ``risk.coverage`` is set where nothing asks for it, or ""."""
+    risk = config.node.risk
+    if risk.mode == "predictive" or risk.coverage == CoverageSettings():
+        return ""
+    return (
+        f"risk.coverage has no effect: mode {risk.mode} uses no forecast, calibrated or not; "
+        f"set mode: predictive, or leave it out"
+    )
 
 
 def advised_on_links(config: Config) -> list[frozenset[int]]:

@@ -141,6 +141,8 @@ def _notes(config: Config) -> list[str]:
         notes.append("simulated links: mock controllers, no hardware")
     if config.source.field_of_view is None:
         notes.append("no source.field_of_view: the whole room counts as seen")
+    if unused := assemble.unused_coverage(config):
+        notes.append(unused)
     if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):
         notes.append("a robot with motion 'standing' is taken to stand still for ever")
     return notes

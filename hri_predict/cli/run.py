@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from hri_predict import config as configuration
+from hri_predict.assemble import unused_coverage
 from hri_predict.cli.terminal_view import TerminalView
 from hri_predict.config import Config
 from hri_predict.errors import ConfigError
@@ -113,6 +114,8 @@ def replay(
 
 
 def _go(config: Config, options: Options, as_json: bool) -> None:
+    if unused := unused_coverage(config):
+        print(f"warning: {unused}", file=sys.stderr)
     if not as_json and options.factor is not None and sys.stderr.isatty():
         with TerminalView() as view:
             summary = run_session(config.quiet(), replace(options, view=view))

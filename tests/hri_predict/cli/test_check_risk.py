@@ -1,19 +1,32 @@
 """``check`` says what the risk mode needs of the room."""
 
+from pathlib import Path
+
 import pytest
 
 from hri_predict import config as configuration
 from hri_predict.cli.check import check, examine
+from hri_predict.cli.run import run
 from hri_predict.errors import ConfigError
+
+UNUSED = "  mode: {mode}\n  coverage: {{calibration: mine.calibration.json}}\n"
 
 
 @pytest.fixture
-def checked(tmp_path):
-    def look(risk: str) -> dict:
+def written(tmp_path):
+    def write(risk: str) -> Path:
         text = configuration.shipped("demo.yaml").read_text(encoding="utf-8")
         path = tmp_path / "cell.yaml"
         path.write_text(text.replace("  mode: predictive\n", risk), encoding="utf-8")
-        return examine(configuration.load(path))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def checked(written):
+    def look(risk: str) -> dict:
+        return examine(configuration.load(written(risk)))
 
     return look
 
@@ -73,3 +86,23 @@ def test_a_predictor_with_settings_of_its_own_is_not_calibrated(tmp_path):
 def test_a_guarantee_that_so_few_recordings_do_not_give_is_refused(checked):
     with pytest.raises(ConfigError, match="with 93 more, lower the level, or set basis"):
         checked("  mode: predictive\n  coverage: {basis: guaranteed}\n")
+
+
+@pytest.mark.parametrize("mode", ["iso", "reactive", "fixed"])
+def test_a_calibration_that_nothing_uses_is_noted(checked, mode):
+    notes = checked(UNUSED.format(mode=mode))["notes"]
+    said = f"risk.coverage has no effect: mode {mode} uses no forecast"
+    assert [said in note for note in notes].count(True) == 1
+    assert not any("coverage" in note for note in checked(f"  mode: {mode}\n")["notes"])
+
+
+def test_run_warns_of_a_calibration_that_nothing_uses(written, monkeypatch, capsys):
+    def not_run(*_):
+        raise ConfigError("not today")
+
+    monkeypatch.setattr("hri_predict.cli.run.run_session", not_run)
+    for risk, warned in ((UNUSED.format(mode="iso"), 1), ("  mode: iso\n", 0)):
+        with pytest.raises(ConfigError, match="not today"):
+            run(written(risk))
+        err = capsys.readouterr().err
+        assert err.count("warning: risk.coverage has no effect: mode iso") == warned
