@@ -2,6 +2,8 @@
 
 import contextlib
 import errno
+import os
+import select
 import socket
 import time
 from collections.abc import Sequence
@@ -128,14 +130,14 @@ class SerialTransport:
             if self._cut_short:
                 unit = self._delimiter + unit
             self._cut_short = True
-            device.write(unit)
+            _write_all(device, unit)
             self._cut_short = False
         except serial.SerialTimeoutException as error:
             raise TransportBusy(
                 f"{self._name}: a write took longer than {WRITE_TIMEOUT_S * 1e3:.0f} ms;"
                 " check that the other end reads"
             ) from error
-        except (OSError, TypeError) as error:  # TypeError: pyserial, port closed meanwhile
+        except (OSError, TypeError, ValueError) as error:  # the last two: closed meanwhile
             raise self._lost(error) from error
 
     def read(self, timeout_s: float) -> list[bytes]:
@@ -174,6 +176,41 @@ class SerialTransport:
         return LinkError(f"{self._name}: lost ({_first_line(error)}); check cable and power")
 
 
+def _write_all(device: Any, unit: bytes) -> None:
+    """Write ``unit``, waiting at most 50 ms for room.
+
+    pyserial's own write spins while there is no room, and after the last byte waits for room that
+    it does not need; so it serves only where it does more than to write (``spy://``, ...).
+
+    Raises:
+        serial.SerialTimeoutException: not all of it was taken in time.
+    """
+    descriptor = _descriptor(device)
+    if descriptor is None:
+        device.write(unit)
+        return
+    deadline = time.monotonic() + WRITE_TIMEOUT_S
+    while unit:
+        left_s = max(0.0, deadline - time.monotonic())
+        if not select.select([], [descriptor], [], left_s)[1]:
+            raise serial.SerialTimeoutException("no room")
+        with contextlib.suppress(BlockingIOError):
+            unit = unit[os.write(descriptor, unit) :]
+
+
+def _descriptor(device: Any) -> int | None:
+    """What ``os.write`` takes, where nothing else happens to what is written."""
+    if _is_plain_socket(device):
+        return int(device.fileno())
+    if type(device).write is serial.Serial.write:
+        return getattr(device, "fd", None)
+    return None
+
+
+def _is_plain_socket(device: Any) -> bool:
+    return type(device).__module__ == "serial.urlhandler.protocol_socket"
+
+
 def _waiting(device: Any) -> int:
     """Bytes that were written and have not left, as far as that can be known."""
     if (sock := getattr(device, "_socket", None)) is not None:
@@ -187,7 +224,7 @@ def _waiting(device: Any) -> int:
 def _has_come(device: Any) -> int:
     """Bytes that can be read at once; pyserial's ``socket://`` would tell 1 for any number."""
     waiting = int(device.in_waiting)
-    if waiting and type(device).__module__.endswith("protocol_socket"):
+    if waiting and _is_plain_socket(device):
         return max(waiting, _queued(device._socket, "FIONREAD"))
     return waiting
 
