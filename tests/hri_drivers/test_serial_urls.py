@@ -201,7 +201,8 @@ def test_spy_shows_what_passes_on_a_device(tmp_path):
     transport.open()
     with pytest.raises(LinkError, match="in use by another program"):
         SerialTransport(path, 115_200).open()
-    transport.write(b"abc")
+    with contextlib.suppress(TransportBusy):  # on a loaded machine: late, but written
+        transport.write(b"abc")
     assert b"".join(far.read(5.0)) == b"\0abc"
     transport.close()
     assert "61 62 63" in log.read_text()
