@@ -1,0 +1,120 @@
+"""``kind: json``: a scene a line over TCP; see ``hri_drivers.scene_json`` for what a line says.
+
+Units and axes are in each scene; the joint map gives the names alone. TCP keeps order, so a scene
+whose sequence is lower than the one before comes from a sender that began anew.
+"""
+
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from hri_drivers.live_source import LiveSettings, LiveSource, Receiver, sender_joints
+from hri_drivers.scene_inbox import Heard
+from hri_drivers.scene_json import LineSplitter, SceneJsonError, SceneReader
+from hri_drivers.stream_receiver import (
+    ALLOW_UNAUTHENTICATED,
+    StreamClient,
+    StreamServer,
+    check_exposure,
+)
+from hri_predict.clock import Clock
+from hri_predict.source import SourceCounters
+
+DEFAULT_PORT = 9871
+
+
+class SceneJsonSettings(LiveSettings):
+    """What both sources of JSON scenes have in common."""
+
+    min_confidence: float = Field(
+        0.3, ge=0, le=1, description="joints of less confidence, where given, are unobserved"
+    )
+
+
+class JsonSettings(SceneJsonSettings):
+    """``source:`` of ``kind: json``."""
+
+    kind: Literal["json"]
+    role: Literal["server", "client"] = Field(
+        "server", description="server: the sender connects to us; client: we connect to it"
+    )
+    host: str = Field("127.0.0.1", min_length=1, description="where to listen, or to connect to")
+    port: int = Field(DEFAULT_PORT, ge=0, le=65535)
+    allow_unauthenticated: bool = ALLOW_UNAUTHENTICATED
+
+    @model_validator(mode="after")
+    def _protected(self) -> Self:
+        if self.role == "server":
+            check_exposure(self.host, self.allow_unauthenticated)
+        return self
+
+
+class JsonDecoder:
+    """Makes scenes of JSON texts, one each; see ``hri_drivers.live_source.Decoder``."""
+
+    def __init__(self, reader: SceneReader) -> None:
+        self._reader = reader
+        self._counters = reader.counters
+        self._session = 0
+        self._sequence: int | None = None
+
+    def reset(self) -> None:
+        """Nothing is under way between texts."""
+
+    def feed(self, data: bytes, received_ns: int) -> list[Heard]:
+        """The scene that ``data`` is, if it is one."""
+        self._counters.packets += 1
+        try:
+            scene = self._reader.read(data)
+        except SceneJsonError as error:
+            self._counters.malformed += 1
+            self._counters.note(error)
+            return []
+        if self._sequence is not None and scene.sequence < self._sequence:
+            self._session += 1
+        elif self._sequence is not None:
+            self._counters.lost += max(0, scene.sequence - self._sequence - 1)
+        self._sequence = scene.sequence
+        return [Heard(scene, self._session)]
+
+
+class SceneJsonSource(LiveSource):
+    """A live source of JSON scenes, whatever carries them."""
+
+    def __init__(
+        self,
+        settings: SceneJsonSettings,
+        receiver: Receiver,
+        counters: SourceCounters,
+        base_dir: Path | None,
+        clock: Clock | None,
+    ) -> None:
+        names = sender_joints(settings, base_dir)
+        joint_map = names.with_units(1.0).with_axes(["x", "y", "z"])  # as the reader gives them
+        reader = SceneReader(names.source_joints, settings.min_confidence, counters)
+        decoder = JsonDecoder(reader)
+        super().__init__(settings, receiver, decoder, counters, joint_map, clock)
+
+
+class JsonSource(SceneJsonSource):
+    """See ``hri_predict.source.Source``."""
+
+    settings_model = JsonSettings
+
+    def __init__(
+        self, settings: JsonSettings, base_dir: Path | None = None, clock: Clock | None = None
+    ) -> None:
+        """Nothing is opened yet.
+
+        Raises:
+            ConfigError: the joint map is wrong.
+        """
+        counters = SourceCounters()
+        receiver: StreamServer | StreamClient
+        if settings.role == "server":
+            receiver = StreamServer(settings.host, settings.port, LineSplitter, 1, counters)
+        else:
+            receiver = StreamClient(settings.host, settings.port, LineSplitter)
+        self.receiver = receiver
+        super().__init__(settings, receiver, counters, base_dir, clock)

@@ -1,0 +1,152 @@
+"""``kind: serial_skeleton``: the node's own scene stream over a serial line.
+
+The datagrams are those of the UDP stream (``drivers/SCENE_STREAM.md``), with their CRC or their
+tag, each framed by COBS and ended by a zero byte, as on the links: garbage costs at most the frame
+that it touches.
+"""
+
+from pathlib import Path
+from typing import Literal, Self
+
+from cobs import cobs
+from pydantic import Field, model_validator
+
+from hri_drivers.key_file import read_key
+from hri_drivers.live_source import LiveSettings, LiveSource, sender_joints
+from hri_drivers.scene_codec import MAX_DATAGRAM, MAX_JOINTS
+from hri_drivers.scene_inbox import Heard
+from hri_drivers.scene_stream import SceneStream
+from hri_drivers.serial_transport import Parity, SerialTransport, StopBits
+from hri_drivers.usb_ports import UsbDevice
+from hri_predict.clock import Clock
+from hri_predict.errors import ConfigError
+from hri_predict.source import SourceCounters
+
+MAX_ENCODED = MAX_DATAGRAM + MAX_DATAGRAM // 254 + 1  # COBS adds one byte for each 254 begun
+
+
+class SerialSkeletonSettings(LiveSettings):
+    """``source:`` of ``kind: serial_skeleton``."""
+
+    kind: Literal["serial_skeleton"]
+    port: str | None = Field(
+        None, min_length=1, description="device path or any URL of pyserial's; not with 'usb'"
+    )
+    usb: UsbDevice | None = Field(
+        None, description="instead of 'port': a USB adapter, found again under whatever name"
+    )
+    baudrate: int = Field(921_600, ge=1200, le=12_000_000)
+    parity: Parity = "none"
+    stop_bits: StopBits = 1
+    rtscts: bool = Field(False, description="hardware handshake")
+    key_file: str | None = Field(
+        None, min_length=1, description="file with the key that the sender has, too (HMAC-SHA256)"
+    )
+    max_skew_s: float = Field(
+        2.0, gt=0, le=60, description="with a key: how far a new sender's UTC clock may be off"
+    )
+
+    @model_validator(mode="after")
+    def _has_port(self) -> Self:
+        if (self.port is None) == (self.usb is None):
+            raise ValueError("give either 'port' (a device path or URL) or 'usb'")
+        return self
+
+
+class FramedStream:
+    """Scenes of COBS frames; never keeps more than one frame.
+
+    See ``hri_drivers.live_source.Decoder``.
+
+    Args:
+        stream: decodes what is in the frames.
+        counters: shared with ``stream``.
+    """
+
+    def __init__(self, stream: SceneStream, counters: SourceCounters) -> None:
+        self._stream = stream
+        self._counters = counters
+        self._buffer = b""
+        self._skipping = False
+
+    def reset(self) -> None:
+        """Forget the frame and the scene under way."""
+        self._stream.reset()
+        self._buffer, self._skipping = b"", False
+
+    def feed(self, data: bytes, received_ns: int) -> list[Heard]:
+        """Take bytes as they come; return the scenes that they complete."""
+        heard: list[Heard] = []
+        *ended, rest = data.split(b"\0")
+        for piece in ended:
+            self._keep(piece)
+            if self._buffer:
+                heard += self._frame(self._buffer, received_ns)
+            self._buffer, self._skipping = b"", False
+        self._keep(rest)
+        return heard
+
+    def _keep(self, piece: bytes) -> None:
+        """Add to the frame under way; what grows too long is no frame, skip it to its end."""
+        if self._skipping:
+            return
+        if len(self._buffer) + len(piece) > MAX_ENCODED:
+            self._refuse(f"more than {MAX_ENCODED} bytes without an end of frame")
+            self._buffer, self._skipping = b"", True
+            return
+        self._buffer += piece
+
+    def _frame(self, encoded: bytes, received_ns: int) -> list[Heard]:
+        try:
+            datagram = cobs.decode(encoded)
+        except cobs.DecodeError:
+            self._refuse("a frame that is not COBS: check baud rate and parity")
+            return []
+        return self._stream.feed(datagram, received_ns)
+
+    def _refuse(self, why: str) -> None:
+        self._counters.packets += 1
+        self._counters.malformed += 1
+        self._counters.note(why)
+
+
+class SerialSkeletonSource(LiveSource):
+    """See ``hri_predict.source.Source``."""
+
+    settings_model = SerialSkeletonSettings
+
+    def __init__(
+        self,
+        settings: SerialSkeletonSettings,
+        base_dir: Path | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        """Nothing is opened yet.
+
+        Raises:
+            ConfigError: the joint map is wrong, or has more joints than a stream can carry.
+            SourceError: the key cannot be used.
+        """
+        joint_map = sender_joints(settings, base_dir)
+        if len(joint_map.source_joints) > MAX_JOINTS:
+            raise ConfigError(
+                f"source.joint_map: {len(joint_map.source_joints)} joints, a scene stream carries "
+                f"{MAX_JOINTS}; leave some out of the map"
+            )
+        key = read_key(settings.key_file, base_dir) if settings.key_file is not None else None
+        counters = SourceCounters()
+        stream = SceneStream(joint_map, counters, key, settings.max_skew_s)
+        port: str | UsbDevice = settings.usb or settings.port or ""
+        line = SerialTransport(
+            port,
+            settings.baudrate,
+            rtscts=settings.rtscts,
+            parity=settings.parity,
+            stop_bits=settings.stop_bits,
+        )
+        super().__init__(settings, line, FramedStream(stream, counters), counters, joint_map, clock)
+
+
+def framed(datagram: bytes) -> bytes:
+    """A datagram of ``scene_codec`` as it goes over the line."""
+    return bytes(cobs.encode(datagram)) + b"\0"
