@@ -148,6 +148,7 @@ def build_link(
         raise ConfigError(f"link {settings.name}: nobody simulates its other end")
     if port is not None:
         settings = settings.model_copy(update={cls.port_field: port})
+    settings = settings.resolved(config.base_dir)
     rate_hz, robots = config.node.rate_hz, _advised(config, settings)
     cls.check_load(settings, rate_hz, robots)
     if settings.faults:

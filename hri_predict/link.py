@@ -2,7 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Protocol, Self
 
 from pydantic import Field
 
@@ -33,6 +34,10 @@ class LinkSettings(Settings):
         None, description="a mock controller at the other end; see hri_sim.controller"
     )
     faults: list[dict[str, Any]] = Field([], description="faults to inject; see hri_sim.faults")
+
+    def resolved(self, base_dir: Path) -> Self:
+        """The same with its files found from ``base_dir``, where the configuration lies."""
+        return self
 
     @property
     def blocking_s(self) -> float:

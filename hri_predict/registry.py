@@ -39,10 +39,17 @@ def load(kind: Kind, name: str) -> Any:
     except ImportError as error:
         raise ConfigError(
             f"{kind[:-1]} '{name}' needs a package that is not installed: {error.name or error}; "
-            f"install it with pip"
+            f"{_remedy(points[name])}"
         ) from error
     except Exception as error:  # a third party's module may fail in any way
         raise ConfigError(
             f"{kind[:-1]} '{name}' cannot be loaded: {type(error).__name__}: {error}; "
             f"mend the package that brings it"
         ) from error
+
+
+def _remedy(point: metadata.EntryPoint) -> str:
+    """What to install: the extras that the entry point names after its object, ``[fleet]``."""
+    if not point.extras or point.dist is None:
+        return "install it with pip"
+    return f"pip install '{point.dist.name}[{','.join(point.extras)}]'"

@@ -1,0 +1,160 @@
+"""A zenoh session as it is configured: by router or peer to peer, nothing open beyond loopback.
+
+Zenoh's own defaults listen on all interfaces and search by multicast. Here neither happens unless
+it is configured: endpoints are explicit, multicast and gossip are off, no message is longer than
+``MAX_MESSAGE``. A file of zenoh's own (``zenoh_config``: TLS, access control) is taken as it is,
+wherever it says something.
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import zenoh
+from pydantic import Field, StringConstraints, model_validator
+
+from hri_predict.errors import ConfigError, LinkError
+from hri_predict.protocol.keyed_codec import Name
+from hri_predict.settings import Settings
+
+ROUTER = "tcp/127.0.0.1:7447"
+CONNECT_S = 0.5
+LEASE_MS = 2000  # a neighbour that says nothing for so long is gone
+BLOCK_US = 200_000  # a neighbour that takes nothing for so long is cut off
+MAX_MESSAGE = 65_536  # bytes; zenoh's own limit is 1 GiB
+MAX_WORDS = 120
+
+Mode = Literal["client", "peer", "router"]
+Endpoint = Annotated[
+    str, StringConstraints(pattern=r"^(tcp|tls|quic|udp|ws|unixsock-stream)/\S+$", max_length=256)
+]
+
+
+class ZenohSettings(Settings):
+    """How to reach the others; shared by the link, the source and ``hri-predict fleet``."""
+
+    mode: Mode | None = Field(
+        None,
+        description="client: of one router or peer (default); peer: with each that is named; "
+        "router: passes on what others send",
+    )
+    connect: list[Endpoint] | None = Field(
+        None, max_length=64, description=f"whom to connect to; default {ROUTER}"
+    )
+    listen: list[Endpoint] | None = Field(
+        None, max_length=16, description="where to be connected to; default nowhere"
+    )
+    zenoh_config: str | None = Field(
+        None, min_length=1, description="a file of zenoh's own: TLS, access control, all else"
+    )
+
+    @model_validator(mode="after")
+    def _listens_as(self) -> Self:
+        if self.listen and self.mode in (None, "client") and self.zenoh_config is None:
+            raise ValueError("a client listens nowhere; set 'mode: peer' (or router)")
+        return self
+
+    def resolved(self, base_dir: Path) -> Self:
+        """With ``zenoh_config`` found from ``base_dir``, where the configuration lies."""
+        if self.zenoh_config is None:
+            return self
+        return self.model_copy(update={"zenoh_config": str(base_dir / self.zenoh_config)})
+
+
+class CellSettings(ZenohSettings):
+    """What the link and the source have in common: whose keys they are about."""
+
+    site: Name = Field("site", description="first part of the key, for all cells of a place")
+    cell: Name = Field(description="second part of the key; each cell has one of its own")
+
+
+def open_session(settings: ZenohSettings) -> zenoh.Session:
+    """Open a session.
+
+    Raises:
+        ConfigError: the file of zenoh's own cannot be read, or zenoh knows no such setting.
+        LinkError: nobody is at the endpoints; one line that names them and the remedy.
+    """
+    config = session_config(settings)
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        ends = ", ".join([*_endpoints(config, "connect"), *_endpoints(config, "listen")])
+        raise LinkError(
+            f"zenoh {ends}: {short(error)}; start the router or peer there, or correct 'connect' "
+            f"and 'listen'"
+        ) from error
+
+
+def session_config(settings: ZenohSettings) -> zenoh.Config:
+    """Zenoh's configuration: what the file says, then ours, then what is safe.
+
+    Raises:
+        ConfigError: the file cannot be read, or zenoh knows no such setting.
+    """
+    config = _from_file(settings.zenoh_config)
+    fresh = zenoh.Config()
+
+    def unless_said(key: str, value: Any) -> None:
+        if config.get_json(key) == fresh.get_json(key):
+            _insert(config, key, value)
+
+    for key, value in (("mode", settings.mode), ("connect/endpoints", settings.connect),
+                       ("listen/endpoints", settings.listen)):  # fmt: skip
+        if value is not None:
+            _insert(config, key, value)
+    unless_said("mode", "client")
+    unless_said("listen/endpoints", [])
+    if not _endpoints(config, "listen"):
+        unless_said("connect/endpoints", [ROUTER])
+    unless_said("connect/timeout_ms", int(CONNECT_S * 1e3))
+    unless_said("connect/exit_on_failure", {"client": True, "peer": False, "router": False})
+    unless_said("connect/retry", {"period_init_ms": 100, "period_max_ms": 1000})
+    unless_said("scouting/multicast/enabled", False)
+    unless_said("scouting/gossip/enabled", False)
+    unless_said("transport/link/tx/lease", LEASE_MS)
+    congestion = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+    unless_said(congestion, BLOCK_US)
+    unless_said("transport/link/rx/max_message_size", MAX_MESSAGE)
+    unless_said("transport/shared_memory/enabled", False)
+    return config
+
+
+def expects_neighbour(config: zenoh.Config) -> bool:
+    """Whether somebody must be there: an endpoint to connect to is named."""
+    return bool(_endpoints(config, "connect"))
+
+
+def short(error: BaseException) -> str:
+    """Zenoh's own words, without the place in its source and in one short line."""
+    text = " ".join(str(error).split(" at /")[0].split())
+    if text.startswith("Unable to connect"):
+        return "nobody answers"
+    said = re.search(r'msg: "(.*?)(, expected one of .*)?"', text)
+    text = (said[1] if said else text).strip(" .!")
+    return text[:MAX_WORDS] or type(error).__name__
+
+
+def _from_file(path: str | None) -> zenoh.Config:
+    if path is None:
+        return zenoh.Config()
+    try:
+        return zenoh.Config.from_file(path)
+    except zenoh.ZError as error:
+        raise ConfigError(f"zenoh_config {path}: {short(error)}; mend it or the path") from error
+
+
+def _insert(config: zenoh.Config, key: str, value: Any) -> None:
+    try:
+        config.insert_json5(key, json.dumps(value))
+    except zenoh.ZError as error:
+        raise ConfigError(f"zenoh {key}: {short(error)}; correct it") from error
+
+
+def _endpoints(config: zenoh.Config, side: str) -> list[str]:
+    """Endpoints of one side, in whichever of zenoh's forms they are written."""
+    value = json.loads(config.get_json(f"{side}/endpoints"))
+    if isinstance(value, dict):  # by mode
+        value = value.get(json.loads(config.get_json("mode")) or "peer") or []
+    return [v if isinstance(v, str) else json.dumps(v) for v in value]

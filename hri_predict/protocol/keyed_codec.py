@@ -1,0 +1,141 @@
+"""Messages under keys, for wires that name what they carry (zenoh): ``hri/<site>/<cell>/<what>``.
+
+One message is one payload: its E2E profile 4 frames, one after the other, each led by its own
+length. The key says which message of which robot that must be; what comes under another key is
+refused, so that who may only write one key (access control) can send nothing else.
+"""
+
+import re
+from typing import Annotated, NamedTuple
+
+from pydantic import StringConstraints
+
+from hri_predict.protocol import e2e
+from hri_predict.protocol.codec import robot_of
+from hri_predict.protocol.definition import frame_table
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    Advice,
+    Message,
+    Pose,
+    RobotState,
+    Schema,
+    Status,
+    Zone,
+)
+from hri_predict.protocol.profile4_codec import MAX_FRAME, Profile4Receiver, Profile4Sender
+from hri_predict.protocol.reception import ReceiveCounters
+
+ROOT = "hri"
+SCENE = "scene"  # the key of a source's scenes, which are no messages of ours
+MAX_PAYLOAD = 16_384  # bytes; a Pose of 255 joints in 37 frames takes 2600
+NAME = r"[A-Za-z0-9_-]{1,48}"
+Name = Annotated[str, StringConstraints(pattern=f"^{NAME}$")]
+"""A site or a cell: letters, digits, ``_`` and ``-``, so that it is one chunk of a key."""
+
+_FULL = re.compile(f"{ROOT}/({NAME})/({NAME})/([a-z]+(?:/[0-9])?)")
+
+
+class Keyed(NamedTuple):
+    """A payload and its key within the cell (``advice/0``), or the whole key."""
+
+    key: str
+    payload: bytes
+
+
+class CellKey(NamedTuple):
+    """A whole key in its parts."""
+
+    site: str
+    cell: str
+    what: str
+
+
+def prefix(site: str, cell: str) -> str:
+    """The part of a key that is the cell's, with the slash at its end."""
+    return f"{ROOT}/{site}/{cell}/"
+
+
+def split_key(key: str) -> CellKey | None:
+    """Site, cell and the rest; ``None`` for what is no key of ours."""
+    found = _FULL.fullmatch(key)
+    return CellKey(*found.groups()) if found else None
+
+
+def key_of(message: Message) -> str:
+    """The key of a message within its cell."""
+    return _key(type(message), robot_of(message))
+
+
+def _key(kind: type, robot: int) -> str:
+    name = _NAMES[kind]
+    return f"{name}/{robot}" if kind in (Advice, RobotState) else name
+
+
+_NAMES: dict[type, str] = {
+    Advice: "advice",
+    RobotState: "state",
+    Status: "status",
+    Schema: "schema",
+    Zone: "zone",
+    Pose: "pose",
+    Acknowledge: "ack",
+}
+_DATA_IDS = {
+    _key(definition.type, robot): e2e.data_id_32(number).to_bytes(4, "big")
+    for number, (definition, robot, _) in frame_table(classic=False).items()
+}
+
+
+class KeyedSender:
+    """Encodes the messages of one cell; keeps the counters of everything it sends."""
+
+    def __init__(self) -> None:
+        self._frames = Profile4Sender()
+
+    def encode(self, message: Message) -> Keyed:
+        """Return the message with its key within the cell.
+
+        Raises:
+            ValueError: a field cannot hold its value.
+        """
+        return Keyed(key_of(message), b"".join(self._frames.encode(message)))
+
+
+class KeyedReceiver:
+    """Decodes the messages of one cell; whatever comes, it counts and goes on."""
+
+    def __init__(self) -> None:
+        self._frames = Profile4Receiver()
+
+    @property
+    def counters(self) -> ReceiveCounters:
+        """What was received and what was wrong."""
+        return self._frames.counters
+
+    def reset(self) -> None:
+        """Forget sequences, as after a reconnection; counters stay."""
+        self._frames.reset()
+
+    def take(self, unit: Keyed) -> list[Message]:
+        """Return the fresh messages of one payload; a Zone or Pose comes in several pieces."""
+        data_id = _DATA_IDS.get(unit.key)
+        if data_id is None or not 0 < len(unit.payload) <= MAX_PAYLOAD:
+            self.counters.malformed += 1
+            return []
+        messages: list[Message] = []
+        at = 0
+        while at < len(unit.payload):
+            length = int.from_bytes(unit.payload[at : at + 2], "big")
+            if not e2e.PROFILE_4_HEADER <= length <= min(MAX_FRAME, len(unit.payload) - at):
+                self.counters.malformed += 1  # where the next one begins is not known
+                break
+            frame = unit.payload[at : at + length]
+            at += length
+            if frame[4:8] != data_id:  # before its counter is looked at
+                self.counters.malformed += 1
+                continue
+            message = self._frames.take(frame)
+            if message is not None:
+                messages.append(message)
+        return messages
