@@ -26,7 +26,11 @@ def simulate(
         list[str] | None, typer.Option(help="Predictor; default the configuration's. Repeatable.")
     ] = None,
     mode: Annotated[
-        list[str] | None, typer.Option(help="Risk mode; default the configuration's. Repeatable.")
+        list[str] | None,
+        typer.Option(
+            help="Risk mode; default the configuration's. 'foreknown' is predictive with the true "
+            "future: what no forecast can beat. Repeatable."
+        ),
     ] = None,
     coverage: Annotated[
         list[float] | None,

@@ -23,6 +23,7 @@ from hri_predict.settings import transform
 from hri_predict.snapshot import PeopleSnapshot
 from hri_sim.simulation.approach import ApproachSource
 from hri_sim.simulation.cell import Cell, Variant, with_risk
+from hri_sim.simulation.foreknown import TrueFuture, foreknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +81,13 @@ def compute(
             found.zones[name].append(engine.zones(snapshot, forecast, reasons))
         found.forecasts.append(None if forecast is None else forecast.positions)
         found.snapshots.append(snapshot)
+    for name in (v.name for v in variants if v.is_foreknown):
+        last_s = found.zones[name][-1].zones.times_s[-1]
+        end_ns = found.snapshots[-1].now_ns + round(last_s * 1e9)
+        future = TrueFuture(ApproachSource(settings, config.base_dir), VIRTUAL_START_NS, end_ns)
+        found.zones[name] = foreknown(
+            found.snapshots, found.zones[name], future, cell.predictor.skeleton
+        )
     return found
 
 

@@ -19,6 +19,9 @@ from hri_sim.simulation.approach import ApproachSettings
 from hri_sim.simulation.scenario import Scenario, Workspace
 from hri_sim.station import Post, posts
 
+FOREKNOWN = "foreknown"
+"""Mode ``predictive`` with the true future instead of a forecast; see ``foreknown``."""
+
 
 @dataclass(frozen=True)
 class Variant:
@@ -32,15 +35,22 @@ class Variant:
     name: str
     risk: tuple[tuple[str, Any], ...]
 
+    @property
+    def is_foreknown(self) -> bool:
+        """Whether it judges the true future: a bound, which no node can be run with."""
+        return self.name == FOREKNOWN
+
 
 def variants(config: Config, modes: Sequence[str], coverages: Sequence[float]) -> list[Variant]:
-    """The modes asked for, and ``predictive`` at each coverage beside.
+    """The modes asked for (``foreknown`` may be among them), and ``predictive`` at each coverage.
 
     Raises:
         ConfigError: an unknown mode or coverage.
     """
     chosen = list(modes) or ([] if coverages else [config.node.risk.mode])
-    found = [Variant(mode, (("mode", mode),)) for mode in chosen]
+    found = [
+        Variant(mode, (("mode", "predictive" if mode == FOREKNOWN else mode),)) for mode in chosen
+    ]
     for level in coverages:
         coverage = config.node.risk.coverage.model_dump() | {"level": level}
         risk = (("mode", "predictive"), ("coverage", coverage))

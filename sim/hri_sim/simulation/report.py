@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hri_sim.simulation.cell import FOREKNOWN
 from hri_sim.simulation.outcome import HORIZON_S, NEAR_M
 from hri_sim.simulation.statistics import Estimate, ratio
 
@@ -242,6 +243,11 @@ def notes(results: Sequence[Judged]) -> list[str]:
         "Productivity: work cycles while somebody is there, against an empty cell in the same time "
         "behind the same wire.",
     ]
+    if any(r.variant == FOREKNOWN for r in results):
+        said.append(
+            "foreknown: predictive with the true future instead of a forecast, its zones no wider "
+            "than the bodies. No node can be run so; what it does not reach, no forecast can bring."
+        )
     if recordings < 2:
         said.append("With one recording there is no interval: all resamples are the same.")
     return said
