@@ -16,6 +16,7 @@ from hri_predict.cli.common import (
     command,
     files,
     one_of,
+    predictor_settings,
     progress,
     show,
     tell,
@@ -23,7 +24,6 @@ from hri_predict.cli.common import (
 )
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.base import PredictorSettings
-from hri_predict.settings import validated
 
 if TYPE_CHECKING:
     from hri_predict.predictors.base import Predictor
@@ -94,14 +94,7 @@ def calibrate(
 def _settings(predictor: str, weights: Path | None, horizon: float) -> PredictorSettings:
     if not horizon >= LEAST_HORIZON_S:
         raise ConfigError(f"--horizon {horizon:g}: too short; give {LEAST_HORIZON_S:g} s or more")
-    model = registry.load("predictors", predictor).settings_model
-    asked: dict[str, Any] = {"name": predictor, "rate_hz": RATE_HZ, "horizon_s": horizon}
-    if weights is not None:
-        if "weights" not in model.model_fields:
-            raise ConfigError(f"--weights: {predictor} has none; leave it out")
-        asked["weights"] = str(weights)
-    settings: PredictorSettings = validated(model, asked, f"--predictor {predictor}")
-    return settings
+    return predictor_settings(predictor, weights, RATE_HZ, horizon)
 
 
 def _make(

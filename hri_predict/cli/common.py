@@ -13,9 +13,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as ScreenTable
 
+from hri_predict import registry
 from hri_predict.errors import ConfigError, nearest
+from hri_predict.settings import validated
 
 if TYPE_CHECKING:
+    from hri_predict.predictors.base import PredictorSettings
     from hri_predict.training.report import Table
 
 SPLITS = ("fit", "validation", "calibration", "test")
@@ -27,6 +30,24 @@ def without_effect(flags: Mapping[str, Any], where: str) -> None:
     for flag, value in flags.items():
         if value is not None:
             raise ConfigError(f"{flag}: has no effect {where}; leave it out")
+
+
+def predictor_settings(
+    name: str, weights: Path | None, rate_hz: float, horizon_s: float
+) -> "PredictorSettings":
+    """Settings of a predictor by ``--predictor`` and ``--weights``.
+
+    Raises:
+        ConfigError: there is no such predictor, it has no weights, or does not reach so far.
+    """
+    model = registry.load("predictors", name).settings_model
+    asked: dict[str, Any] = {"name": name, "rate_hz": rate_hz, "horizon_s": horizon_s}
+    if weights is not None:
+        if "weights" not in model.model_fields:
+            raise ConfigError(f"--weights: {name} has none; leave it out")
+        asked["weights"] = str(weights)
+    settings: PredictorSettings = validated(model, asked, f"--predictor {name}")
+    return settings
 
 
 def check_writable(out: Path) -> None:

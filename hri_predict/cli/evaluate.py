@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,13 +14,13 @@ from hri_predict.cli.common import (
     command,
     files,
     one_of,
+    predictor_settings,
     progress,
     show,
     tell,
     without_effect,
 )
 from hri_predict.errors import ConfigError
-from hri_predict.settings import validated
 
 if TYPE_CHECKING:  # torch takes seconds to import, which the other commands need not wait for
     from hri_predict.predictors.base import Predictor
@@ -265,14 +265,6 @@ def _built(predictor: str, weights: Path | None) -> "Predictor":
     from hri_predict.predictors.body import BODY
     from hri_predict.training.real_windows import FUTURE_STEPS, RATE_HZ
 
-    made = registry.load("predictors", predictor)
-    asked: dict[str, Any] = {"name": predictor, "rate_hz": RATE_HZ}
-    asked["horizon_s"] = FUTURE_STEPS / RATE_HZ
-    if weights is not None:
-        if "weights" not in made.settings_model.model_fields:
-            raise ConfigError(f"--weights: {predictor} has none; leave it out")
-        asked["weights"] = str(weights)
-    result: Predictor = made(
-        validated(made.settings_model, asked, f"--predictor {predictor}"), BODY
-    )
+    settings = predictor_settings(predictor, weights, RATE_HZ, FUTURE_STEPS / RATE_HZ)
+    result: Predictor = registry.load("predictors", predictor)(settings, BODY)
     return result
