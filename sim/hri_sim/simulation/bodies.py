@@ -85,9 +85,7 @@ def compute(
         last_s = found.zones[name][-1].zones.times_s[-1]
         end_ns = found.snapshots[-1].now_ns + round(last_s * 1e9)
         future = TrueFuture(ApproachSource(settings, config.base_dir), VIRTUAL_START_NS, end_ns)
-        found.zones[name] = foreknown(
-            found.snapshots, found.zones[name], future, cell.predictor.skeleton
-        )
+        found.zones[name] = foreknown(found.snapshots, found.zones[name], future)
     return found
 
 

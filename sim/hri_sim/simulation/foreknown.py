@@ -13,7 +13,6 @@ import numpy as np
 from hri_predict.risk.types import Capsules
 from hri_predict.risk.zones import BodyZones
 from hri_predict.scene import Bools, Floats
-from hri_predict.skeleton import Skeleton
 from hri_predict.snapshot import PeopleSnapshot
 from hri_predict.source import Source
 from hri_sim.referee import TruePeople
@@ -47,44 +46,39 @@ class TrueFuture:
 
 
 def foreknown(
-    snapshots: Sequence[PeopleSnapshot],
-    zones: Sequence[BodyZones],
-    future: TrueFuture,
-    skeleton: Skeleton,
+    snapshots: Sequence[PeopleSnapshot], zones: Sequence[BodyZones], future: TrueFuture
 ) -> list[BodyZones]:
     """The zones of each tick, as narrow as the bodies themselves.
 
     Args:
         snapshots: (K) ticks.
-        zones: (K) as the node has them; what is captured, lost or never observed stays so.
+        zones: (K) as the node has them; lost people's stay so.
         future: what will be.
-        skeleton: of the zones.
     """
     return [
-        bodies if snapshot.lost else _narrow(snapshot, bodies, future, skeleton)
+        bodies if snapshot.lost else _narrow(snapshot, bodies, future)
         for snapshot, bodies in zip(snapshots, zones, strict=True)
     ]
 
 
-def _narrow(
-    snapshot: PeopleSnapshot, bodies: BodyZones, future: TrueFuture, skeleton: Skeleton
-) -> BodyZones:
+def _narrow(snapshot: PeopleSnapshot, bodies: BodyZones, future: TrueFuture) -> BodyZones:
+    """Capsules as captured, each end carried along by the joint that it was nearest to."""
     zones = bodies.zones
-    segments = {s.name: s for s in skeleton.segments}
-    chosen = [segments[name] for name in zones.segments]
-    a, b = [s.joint_a for s in chosen], [s.joint_b for s in chosen]
-    thick = np.array([s.radius for s in chosen])
     own = zones.capsules
-    capsules = Capsules(own.a.copy(), own.b.copy(), own.radius.copy())
+    a, b, radius = own.a.copy(), own.b.copy(), own.radius.copy()
     instants = [future.at(snapshot.now_ns + round(t * 1e9)) for t in zones.times_s]
-    for i, person in enumerate(zones.ids):
-        for k in range(1, len(instants)):
-            if person not in instants[k - 1] or person not in instants[k]:
-                continue
-            (begin, known), (end, known_then) = instants[k - 1][person], instants[k][person]
-            middle, moved = 0.5 * (begin + end), 0.5 * np.linalg.norm(end - begin, axis=-1)
-            sure = (known & known_then)[a] & (known & known_then)[b]
-            capsules.a[i, k, sure] = middle[a][sure]
-            capsules.b[i, k, sure] = middle[b][sure]
-            capsules.radius[i, k, sure] = (thick + np.maximum(moved[a], moved[b]))[sure]
-    return replace(bodies, zones=replace(zones, capsules=capsules))
+    for i, (person, capture_ns) in enumerate(zip(zones.ids, snapshot.capture_ns, strict=True)):
+        captured, known = future.at(int(capture_ns))[person]
+        known = np.logical_and.reduce([known, *(at[person][1] for at in instants)])
+        joints = np.array([at[person][0][known] for at in instants])  # (K+1, J, 3)
+        middle, half = 0.5 * (joints[1:] + joints[:-1]), 0.5 * np.diff(joints, axis=0)
+        moved = middle - captured[known]
+        sideways = np.linalg.norm(half, axis=-1)
+        spread = np.zeros_like(radius[i, 1:])
+        for ends in (a[i], b[i]):
+            apart = np.linalg.norm(ends[0][:, None] - captured[known], axis=-1)  # (S, J)
+            nearest = apart.argmin(1)
+            ends[1:] = ends[0] + moved[:, nearest]
+            spread = np.maximum(spread, sideways[:, nearest])
+        radius[i, 1:] = own.radius[i, 0] + spread
+    return replace(bodies, zones=replace(zones, capsules=Capsules(a, b, radius)))
