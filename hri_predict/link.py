@@ -44,6 +44,11 @@ class LinkSettings(Settings):
         """How long an Advice may find the wire taken by what is not urgent, at worst."""
         return 0.0
 
+    @property
+    def notes(self) -> list[str]:
+        """What whoever checks the configuration should know of this link, one line each."""
+        return []
+
 
 @dataclass(slots=True)
 class LinkCounters:
@@ -54,7 +59,7 @@ class LinkCounters:
     messages_received: int = 0
     bytes_received: int = 0
     superseded: int = 0  # newer one took a slot before the older was written
-    decimated: int = 0  # Zone or Pose for which the wire had no room
+    decimated: int = 0  # Zone or Pose without room on the wire; what such a link does not send
     crc_errors: int = 0
     counter_errors: int = 0  # repeated, lost or out of order
     malformed: int = 0  # right CRC, wrong length, id or values
@@ -63,6 +68,8 @@ class LinkCounters:
     unexpected: int = 0  # right, but nothing that a controller sends: our own, or another node's
     overrun: int = 0  # received, but not taken in time; the oldest RobotState goes first
     bus_errors: int = 0  # error frames that the CAN controller reported
+    error_passive: int = 0  # times that it became error-passive
+    bus_off: int = 0  # times that it left the bus
     write_errors: int = 0
     disconnects: int = 0
     reconnects: int = 0

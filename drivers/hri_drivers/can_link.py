@@ -1,95 +1,60 @@
 """A link to a robot controller over CAN, classic or FD."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Self
+from dataclasses import replace
+from typing import ClassVar
 
-from pydantic import Field, model_validator
-
-from hri_drivers.can_transport import CanTransport, check_interface
+from hri_drivers.can_isotp import (
+    IsoTpBulk,
+    IsoTpReceiver,
+    IsoTpTransfer,
+    is_available,
+    isotp_bits,
+)
+from hri_drivers.can_settings import CanLinkSettings, check_together, id_filters
+from hri_drivers.can_transport import CanTransport
 from hri_drivers.link_load import check_load, link_load
 from hri_drivers.link_slots import BULK, Budget
-from hri_drivers.link_thread import BULK_AHEAD_NS, SupervisedLink
+from hri_drivers.link_thread import SupervisedLink
 from hri_drivers.serial_link import item_count
 from hri_drivers.transport import Transport
 from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError, LinkError
-from hri_predict.link import LinkCounters, LinkLoad, LinkSettings
-from hri_predict.protocol.can_codec import (
-    CLASSIC_BYTES,
-    DEFAULT_BASE_ID,
-    CanFrame,
-    CanReceiver,
-    CanSender,
-    check_base_id,
-)
-from hri_predict.protocol.messages import Message
-from hri_predict.protocol.wire import LinkKind, WireBits, classic_bits, fd_bits, wire_bits
+from hri_predict.errors import LinkError
+from hri_predict.link import LinkCounters, LinkLoad
+from hri_predict.protocol.can_codec import CanFrame, CanReceiver, CanSender
+from hri_predict.protocol.messages import Message, RobotState
+from hri_predict.protocol.wire import WireBits, classic_bits, fd_bits, wire_bits
 
-
-class CanLinkSettings(LinkSettings):
-    """An entry of ``links:`` with ``kind: can``."""
-
-    kind: str = "can"
-    interface: str = Field(description="any that python-can knows: socketcan, slcan, pcan, ...")
-    channel: str | None = Field(
-        None,
-        min_length=1,
-        description="can0, /dev/ttyACM0, 239.74.163.2, ...; not needed with 'simulate'",
-    )
-    bitrate: int = Field(500_000, ge=10_000, le=1_000_000)
-    fd: bool = Field(False, description="CAN FD; the only kind that carries Zone and Pose")
-    data_bitrate: int = Field(2_000_000, ge=10_000, le=12_000_000)
-    base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="id of the first of our frames")
-    extended: bool = Field(False, description="29-bit ids")
-    options: dict[str, Any] = Field({}, description="further arguments of python-can's bus")
-    robot_state_rate_hz: float = Field(
-        50.0, ge=0, le=1000, description="how often the controller sends RobotState"
-    )
-    wait_for_device: bool = Field(
-        False, description="start although the interface is not there yet, and go on trying"
-    )
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        try:
-            check_interface(self.interface)
-            check_base_id(self.base_id, self.extended)
-        except (LinkError, ConfigError) as error:
-            raise ValueError(str(error)) from error
-        if self.channel is None and self.simulate is None:
-            raise ValueError("give 'channel' (such as can0 or /dev/ttyACM0), or 'simulate'")
-        if self.fd and self.data_bitrate < self.bitrate:
-            raise ValueError("data_bitrate must be at least bitrate")
-        return self
-
-    @property
-    def wire_kind(self) -> LinkKind:
-        """Name of this kind of wire, as the protocol has it."""
-        return "can_fd" if self.fd else "can"
-
-    @property
-    def blocking_s(self) -> float:
-        """The longest frame under way; with FD also what is written ahead of the wire."""
-        if not self.fd:
-            return classic_bits(CLASSIC_BYTES, self.extended) / self.bitrate
-        frames = (
-            wire_bits(message, "can_fd", self.extended).seconds(self.bitrate, self.data_bitrate)
-            for message in BULK
-        )
-        return BULK_AHEAD_NS * 1e-9 + max(frames)
+__all__ = ["CanCodec", "CanLink", "CanLinkSettings"]
 
 
 class CanCodec:
-    """Messages as protected frames."""
+    """Messages as protected frames.
 
-    def __init__(self, settings: CanLinkSettings, transport: object = None) -> None:
+    Args:
+        settings: the link's.
+        transport: whose counts are shown, where it has some.
+        transfer: takes the ISO-TP peer's frames, where there is one.
+    """
+
+    def __init__(
+        self,
+        settings: CanLinkSettings,
+        transport: object = None,
+        transfer: IsoTpTransfer | None = None,
+    ) -> None:
         self._settings = settings
         self._transport = transport
+        self._transfer = transfer
         self._sender = CanSender(settings.fd, settings.base_id, settings.extended)
         self._receiver = CanReceiver(settings.fd, settings.base_id, settings.extended)
 
     def carries(self, message: Message) -> bool:
-        """On classic CAN all but Zone and Pose."""
+        """On classic CAN Zone and Pose only by ISO-TP; nothing if the link only listens."""
+        if self._settings.listen_only:
+            return False
+        if isinstance(message, BULK) and self._transfer is not None:
+            return True
         return self._sender.carries(type(message))
 
     def encode(self, message: Message) -> list[CanFrame]:
@@ -98,6 +63,8 @@ class CanCodec:
 
     def decode(self, unit: CanFrame) -> list[Message]:
         """The message that this frame completes, if any."""
+        if self._transfer is not None and self._transfer.feed(unit):
+            return []
         return self._receiver.feed(unit)
 
     def reset(self) -> None:
@@ -112,12 +79,19 @@ class CanCodec:
         counters.malformed = mine.malformed + int(getattr(self._transport, "malformed", 0))
         counters.incomplete = mine.incomplete
         counters.ignored = mine.ignored
-        counters.bus_errors = int(getattr(self._transport, "bus_errors", 0))
+        health = getattr(self._transport, "health", None)
+        if health is not None:
+            counters.bus_errors = health.frames
+            counters.error_passive = health.passive
+            counters.bus_off = health.off
 
     def worst_s(self, message: Message) -> float:
         """Seconds of wire of such a message, at worst."""
         s = self._settings
-        bits = wire_bits(type(message), s.wire_kind, s.extended, item_count(message))
+        if self._transfer is not None and isinstance(message, BULK):
+            bits = isotp_bits(message, s.extended)
+        else:
+            bits = wire_bits(type(message), s.wire_kind, s.extended, item_count(message))
         return bits.seconds(s.bitrate, s.data_bitrate)
 
     def unit_s(self, unit: CanFrame) -> float:
@@ -155,14 +129,28 @@ class CanLink(SupervisedLink[CanFrame]):
     ) -> None:
         load = self.load(settings, rate_hz, robots)
         wire = transport if transport is not None else self.make_transport(settings)
-        super().__init__(
-            settings,
-            clock,
-            wire,
-            CanCodec(settings, wire),
-            Budget(max(0.0, load.spare)),
-            settings.wait_for_device,
-        )
+        if isinstance(wire, CanTransport):
+            wire.on_error_frame = self._on_error_frame
+        transfer = None
+        if settings.isotp is not None:
+            peer_id = settings.isotp.peer_id
+            transfer = IsoTpTransfer(settings.isotp_id, peer_id, settings.extended)
+        codec = CanCodec(settings, wire, transfer)
+        budget = Budget(max(0.0, load.spare))
+        super().__init__(settings, clock, wire, codec, budget, settings.wait_for_device)
+        self._transfer = transfer
+        if transfer is not None:
+            self._bulk = IsoTpBulk(self._slots, codec, budget, self.counters, transfer)
+
+    def _receive(self, units: list[CanFrame], now_ns: int) -> None:
+        super()._receive(units, now_ns)
+        if self._transfer is not None and self._transfer.active:
+            self._wake.set()  # its peer may have let the next segments go
+
+    def _on_error_frame(self, trouble: str | None) -> None:
+        self._codec.count(self.counters)
+        if trouble is not None:
+            self._note(LinkError(trouble))
 
     @staticmethod
     def make_transport(settings: CanLinkSettings) -> CanTransport:
@@ -178,6 +166,7 @@ class CanLink(SupervisedLink[CanFrame]):
         options = dict(settings.options)
         if settings.simulate is not None and settings.interface == "slcan":
             options.setdefault("sleep_after_open", 0)  # a simulated adapter need not boot
+        exact = settings.interface == "socketcan"  # the kernel takes any number of filters
         return CanTransport(
             settings.interface,
             settings.channel,
@@ -185,12 +174,14 @@ class CanLink(SupervisedLink[CanFrame]):
             settings.fd,
             settings.data_bitrate,
             options,
+            filters=id_filters(settings.ids, settings.extended, exact),
+            listen_only=settings.listen_only,
         )
 
     @staticmethod
     def load(settings: CanLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
         """How full the bus will be; see ``check_load``."""
-        return link_load(
+        load = link_load(
             settings.name,
             settings.wire_kind,
             settings.bitrate,
@@ -201,6 +192,16 @@ class CanLink(SupervisedLink[CanFrame]):
             settings.robot_state_rate_hz,
             settings.reserved_load,
         )
+        return only_heard(load) if settings.listen_only else load
+
+    @staticmethod
+    def check_together(links: Sequence[CanLinkSettings]) -> None:
+        """Refuse links on one bus that would disturb each other.
+
+        Raises:
+            ConfigError: names both, and what to change.
+        """
+        check_together(links)
 
     @classmethod
     def check_load(
@@ -216,4 +217,12 @@ class CanLink(SupervisedLink[CanFrame]):
     @staticmethod
     def receiver(settings: CanLinkSettings) -> CanReceiver:
         """What decodes this link's units, for whoever only listens."""
-        return CanReceiver(settings.fd, settings.base_id, settings.extended)
+        if settings.fd or not is_available():
+            return CanReceiver(settings.fd, settings.base_id, settings.extended)
+        return IsoTpReceiver(settings.base_id, settings.extended, settings.isotp_id)
+
+
+def only_heard(load: LinkLoad) -> LinkLoad:
+    """The load of a link on which this node sends nothing."""
+    heard = {name: load.details[name] for name in (RobotState.__name__,)}
+    return replace(load, load=sum(heard.values()), spare=0.0, details=heard)

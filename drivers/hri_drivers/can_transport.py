@@ -3,11 +3,12 @@
 import contextlib
 import errno
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import can
 
+from hri_drivers.can_errors import BUS_OFF, DOWN, BusHealth, why_not_on_bus
 from hri_drivers.serial_transport import open_remedy
 from hri_drivers.transport import TransportBusy
 from hri_predict.errors import LinkError, nearest
@@ -42,10 +43,15 @@ class CanTransport:
             with ``ip link``).
         fd: open for CAN FD; frames with ``fd`` then switch to ``data_bitrate``.
         options: further arguments of python-can's bus class.
+        filters: ids that may pass, as python-can's ``can_filters``; set where the interface filters
+            by itself, as what does not reach this process costs it nothing.
+        listen_only: never send, and where the interface can, do not even acknowledge.
 
     Attributes:
-        bus_errors: error frames heard.
+        health: what the error frames said.
         malformed: units on the wire that were no frame.
+        on_error_frame: called in the reading thread after each error frame, with one line if it
+            tells of new trouble.
     """
 
     def __init__(
@@ -56,13 +62,22 @@ class CanTransport:
         fd: bool = False,
         data_bitrate: int = 2_000_000,
         options: Mapping[str, Any] | None = None,
+        *,
+        filters: Sequence[Mapping[str, Any]] = (),
+        listen_only: bool = False,
     ) -> None:
         self.interface = interface
         self.channel = channel
-        self.bus_errors = 0
+        self.health = BusHealth()
         self.malformed = 0
+        self.on_error_frame: Callable[[str | None], None] | None = None
+        self._filters = filters
+        self._listen_only = listen_only
         self._switch = data_bitrate > bitrate
-        self._arguments = _arguments(interface, bitrate, fd, data_bitrate, dict(options or {}))
+        quiet = listen_only_options(interface) if listen_only else {}
+        self._arguments = _arguments(
+            interface, bitrate, fd, data_bitrate, quiet | dict(options or {})
+        )
         self._bus: can.BusABC | None = None
         self._garbage = 0
 
@@ -74,6 +89,9 @@ class CanTransport:
         """Open the bus."""
         self.close()
         check_interface(self.interface)
+        reason = why_not_on_bus(self.channel) if self.interface == "socketcan" else None
+        if reason is not None:
+            raise LinkError(f"{self._name}: {reason}")
         try:
             bus = can.Bus(
                 interface=self.interface,
@@ -86,12 +104,16 @@ class CanTransport:
         if self.interface == "slcan" and not _lock(bus):
             _shut(bus)
             raise LinkError(f"{self._name}: in use by another program; close that one first")
+        if self._filters and "can_filters" not in self._arguments and _filters_itself(bus):
+            bus.set_filters([dict(f) for f in self._filters])
         _forget_backlog(bus)
         self._garbage = 0
         self._bus = bus
 
     def write(self, unit: CanFrame) -> None:
         """Send one frame; waits at most 50 ms for room in the transmit queue."""
+        if self._listen_only:
+            raise LinkError(f"{self._name}: listens only; remove 'listen_only' to send")
         message = can.Message(
             arbitration_id=unit.arbitration_id,
             is_extended_id=unit.extended,
@@ -123,8 +145,7 @@ class CanTransport:
         if message is None:
             return []
         if message.is_error_frame:
-            self.bus_errors += 1
-            return []
+            return self._error_frame(message)
         if message.is_remote_frame:  # carries nothing; none of ours
             return []
         self._garbage = 0
@@ -148,6 +169,24 @@ class CanTransport:
             raise LinkError(f"{self._name} is closed; open it first")
         return self._bus
 
+    def _error_frame(self, message: can.Message) -> list[CanFrame]:
+        """Count it; only SocketCAN's tell what happened.
+
+        Raises:
+            LinkError: the controller is off the bus; nothing is sent or heard until it restarts.
+        """
+        trouble = None
+        if self.interface == "socketcan":
+            trouble = self.health.feed(message.arbitration_id, bytes(message.data))
+        else:
+            self.health.frames += 1
+        if self.on_error_frame is not None:
+            self.on_error_frame(None if trouble is None else f"{self._name}: {trouble}")
+        if self.health.state == "off":
+            self.health.state = "active"  # as it will be when it can be opened again
+            raise LinkError(f"{self._name}: {BUS_OFF.format(channel=self.channel)}")
+        return []
+
     def _unreadable(self, bus: can.BusABC, error: Exception) -> list[CanFrame]:
         self.malformed += 1
         self._garbage += 1
@@ -160,8 +199,33 @@ class CanTransport:
         return []
 
     def _lost(self, error: Exception) -> LinkError:
+        if self.interface == "socketcan" and _number(error) == errno.ENETDOWN:
+            return LinkError(f"{self._name}: {DOWN.format(channel=self.channel)}")
         text = _first_line(error)
         return LinkError(f"{self._name}: lost ({text}); check adapter and cable")
+
+
+def listen_only_options(interface: str) -> dict[str, Any]:
+    """What makes python-can's bus class of ``interface`` listen without acknowledging.
+
+    Nothing where the interface has no acknowledgement, or where it is a setting of the device
+    (socketcan: ``ip link set can0 type can bitrate 500000 listen-only on``).
+
+    Raises:
+        LinkError: python-can cannot set it there.
+    """
+    if interface in ("socketcan", "virtual", "udp_multicast"):
+        return {}
+    if interface in ("slcan", "vector", "nixnet"):
+        return {"listen_only": True}
+    if interface in ("pcan", "systec"):
+        return {"state": can.BusState.PASSIVE}
+    if interface == "seeedstudio":
+        return {"operation_mode": "silent"}
+    raise LinkError(
+        f"listen_only: python-can has no such mode for '{interface}'; remove it, or use another "
+        "interface, such as socketcan or slcan"
+    )
 
 
 def _arguments(
@@ -206,6 +270,23 @@ def _is_busy(error: Exception) -> bool:
         or type(e).__name__ == "SerialTimeoutException"
         for e in _causes(error)
     )
+
+
+def _number(error: Exception) -> int | None:
+    """The system's number of an error, wherever in its chain it stands."""
+    for e in _causes(error):
+        number = getattr(e, "error_code", None) or getattr(e, "errno", None)
+        if isinstance(number, int):
+            return number
+    return None
+
+
+def _filters_itself(bus: can.BusABC) -> bool:
+    """Whether the interface (kernel or hardware) sorts frames out before they reach us.
+
+    python-can would do it in this process where it does not, and lose error frames by it.
+    """
+    return type(bus)._apply_filters is not can.BusABC._apply_filters
 
 
 def _is_garbage(error: Exception) -> bool:

@@ -224,7 +224,7 @@ def test_error_frames_are_counted_and_remote_frames_ignored():
     frames: list[CanFrame] = []
     eventually(lambda: more(frames, transport.read(0.05)))
     assert frames == [CanFrame(0x680, b"\x01")]
-    assert transport.bus_errors == 1
+    assert transport.health.frames == 1
     transport.close()
     other.shutdown()
 

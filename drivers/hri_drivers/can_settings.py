@@ -1,0 +1,197 @@
+"""What a CAN link is configured with, and whether two of them get on with each other."""
+
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+
+from hri_drivers.can_isotp import FLOW_CONTROL_NUMBER, ISOTP_NUMBER
+from hri_drivers.can_transport import check_interface, listen_only_options
+from hri_drivers.link_slots import BULK
+from hri_drivers.link_thread import BULK_AHEAD_NS
+from hri_predict.errors import ConfigError, LinkError
+from hri_predict.link import LinkSettings
+from hri_predict.protocol.can_codec import (
+    CLASSIC_BYTES,
+    DEFAULT_BASE_ID,
+    LAST_NUMBER,
+    check_base_id,
+)
+from hri_predict.protocol.wire import LinkKind, classic_bits, wire_bits
+from hri_predict.settings import Settings
+
+
+class IsoTpSettings(Settings):
+    """``isotp:`` of a CAN link: who takes Zone and Pose on classic CAN."""
+
+    peer_id: int = Field(ge=0, description="id of the one peer's flow control frames")
+    id: int | None = Field(None, ge=0, description="id of the node's segments; base_id + 0x46")
+
+
+class CanLinkSettings(LinkSettings):
+    """An entry of ``links:`` with ``kind: can``."""
+
+    kind: str = "can"
+    interface: str = Field(description="any that python-can knows: socketcan, slcan, pcan, ...")
+    channel: str | None = Field(
+        None,
+        min_length=1,
+        description="can0, /dev/ttyACM0, 239.74.163.2, ...; not needed with 'simulate'",
+    )
+    bitrate: int = Field(500_000, ge=10_000, le=1_000_000)
+    fd: bool = Field(False, description="CAN FD, which carries Zone and Pose by itself")
+    data_bitrate: int = Field(2_000_000, ge=10_000, le=12_000_000)
+    base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="id of the first of our frames")
+    extended: bool = Field(False, description="29-bit ids")
+    isotp: IsoTpSettings | None = Field(
+        None, description="classic CAN: Zone and Pose by ISO-TP, to one peer"
+    )
+    listen_only: bool = Field(
+        False, description="hear the controller and send nothing, not even acknowledge bits"
+    )
+    options: dict[str, Any] = Field({}, description="further arguments of python-can's bus")
+    robot_state_rate_hz: float = Field(
+        50.0, ge=0, le=1000, description="how often the controller sends RobotState"
+    )
+    wait_for_device: bool = Field(
+        False, description="start although the interface is not there yet, and go on trying"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        try:
+            check_interface(self.interface)
+            check_base_id(self.base_id, self.extended)
+            if self.listen_only:
+                listen_only_options(self.interface)
+        except (LinkError, ConfigError) as error:
+            raise ValueError(str(error)) from error
+        if self.channel is None and self.simulate is None:
+            raise ValueError("give 'channel' (such as can0 or /dev/ttyACM0), or 'simulate'")
+        if self.fd and self.data_bitrate < self.bitrate:
+            raise ValueError("data_bitrate must be at least bitrate")
+        if self.isotp is not None:
+            self._check_isotp(self.isotp)
+        return self
+
+    def _check_isotp(self, isotp: IsoTpSettings) -> None:
+        if self.fd:
+            raise ValueError("isotp is for classic CAN, FD carries Zone and Pose itself; remove it")
+        if self.simulate is not None:
+            raise ValueError("isotp needs a peer, and the mock controller is none; remove it")
+        if self.listen_only or not self.zones:
+            why = "listen_only: true" if self.listen_only else "zones: false"
+            raise ValueError(f"isotp sends Zone and Pose, {why} forbids it; remove one of the two")
+        highest = 0x1FFFFFFF if self.extended else 0x7FF
+        ours = range(self.base_id, self.base_id + LAST_NUMBER + 1)
+        for name, identifier in (("id", self.isotp_id), ("peer_id", isotp.peer_id)):
+            if identifier > highest or identifier in ours:
+                raise ValueError(
+                    f"isotp.{name} {identifier:#x}: choose one up to {highest:#x} outside "
+                    f"{ours[0]:#x} to {ours[-1]:#x}, such as {self.base_id + ISOTP_NUMBER:#x} for "
+                    f"id and {self.base_id + FLOW_CONTROL_NUMBER:#x} for peer_id"
+                )
+        if self.isotp_id == isotp.peer_id:
+            raise ValueError(f"isotp.id and isotp.peer_id are both {isotp.peer_id:#x}; change one")
+
+    @property
+    def isotp_id(self) -> int:
+        """Id of the node's ISO-TP segments, where it sends any."""
+        if self.isotp is None or self.isotp.id is None:
+            return self.base_id + ISOTP_NUMBER
+        return self.isotp.id
+
+    @property
+    def ids(self) -> list[int]:
+        """All ids that belong to this link, ascending."""
+        ids = set(range(self.base_id, self.base_id + LAST_NUMBER + 1))
+        if self.isotp is not None:
+            ids |= {self.isotp_id, self.isotp.peer_id}
+        return sorted(ids)
+
+    @property
+    def wire_kind(self) -> LinkKind:
+        """Name of this kind of wire, as the protocol has it."""
+        return "can_fd" if self.fd else "can"
+
+    @property
+    def blocking_s(self) -> float:
+        """The longest frame under way; with Zone and Pose also what is written ahead."""
+        one_s = classic_bits(CLASSIC_BYTES, self.extended) / self.bitrate
+        if not self.fd:
+            return one_s + BULK_AHEAD_NS * 1e-9 * (self.isotp is not None)
+        frames = (
+            wire_bits(message, "can_fd", self.extended).seconds(self.bitrate, self.data_bitrate)
+            for message in BULK
+        )
+        return BULK_AHEAD_NS * 1e-9 + max(frames)
+
+    @property
+    def notes(self) -> list[str]:
+        """What ``check`` tells of this link."""
+        notes = []
+        if self.listen_only:
+            notes.append("listen_only: it takes RobotState and Acknowledge, and sends no advice")
+            if self.interface == "socketcan":
+                notes.append(
+                    "listen_only: set up the device so, or it still acknowledges: ip link set "
+                    f"{self.channel} up type can bitrate {self.bitrate} listen-only on"
+                )
+        elif self.zones and not self.fd and self.isotp is None:
+            notes.append("classic CAN without 'isotp': zones and poses are not sent on it")
+        return notes
+
+
+def id_filters(ids: Sequence[int], extended: bool, exact: bool) -> list[dict[str, Any]]:
+    """python-can's ``can_filters`` that let ``ids`` (ascending) pass.
+
+    ``exact`` they let nothing else pass, which takes several; else they are one, as most hardware
+    has no more, that lets some others pass.
+    """
+    full = 0x1FFFFFFF if extended else 0x7FF
+    if exact:
+        blocks = list(_blocks(ids, full))
+    else:
+        varying = 0
+        for identifier in ids:
+            varying |= identifier ^ ids[0]
+        blocks = [(ids[0], full & ~((1 << varying.bit_length()) - 1))]
+    return [{"can_id": i & m, "can_mask": m, "extended": extended} for i, m in blocks]
+
+
+def _blocks(ids: Sequence[int], full: int) -> Iterable[tuple[int, int]]:
+    """Ids as few aligned blocks of a power of two: (first id, mask)."""
+    there, place = set(ids), 0
+    while place < len(ids):
+        first, size = ids[place], 1
+        while first % (2 * size) == 0 and all(i in there for i in range(first, first + 2 * size)):
+            size *= 2
+        yield first, full & ~(size - 1)
+        place += size
+
+
+def check_together(links: Sequence[CanLinkSettings]) -> None:
+    """Refuse links on one bus that would disturb each other.
+
+    Raises:
+        ConfigError: names both, and what to change.
+    """
+    for a, b in combinations([link for link in links if link.simulate is None], 2):
+        if (a.interface, a.channel) != (b.interface, b.channel):
+            continue
+        both = f"links '{a.name}' and '{b.name}' are both on {a.channel}"
+        if a.interface == "slcan":
+            raise ConfigError(f"{both}, and an adapter serves one; put their robots on one link")
+        if (a.bitrate, a.fd, a.data_bitrate if a.fd else 0) != (
+            b.bitrate,
+            b.fd,
+            b.data_bitrate if b.fd else 0,
+        ):
+            raise ConfigError(f"{both}, of different bitrate, fd or data_bitrate; make them equal")
+        common = set(a.ids) & set(b.ids) if a.extended == b.extended else set()
+        if common:
+            raise ConfigError(
+                f"{both}, and both use the id {min(common):#x}; give '{b.name}' a base_id outside "
+                f"{a.ids[0] - LAST_NUMBER:#x} to {a.ids[-1]:#x}, or use one link for all robots"
+            )
