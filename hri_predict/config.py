@@ -155,6 +155,7 @@ def load(path: Path) -> Config:
         ),
     )
     _check_names(config)
+    _check_links(config)
     return config
 
 
@@ -196,3 +197,15 @@ def _check_names(config: Config) -> None:
                     f"{config.path}: links.{i}.robots: no robot '{name}'{nearest(name, robots)}; "
                     f"there are: {', '.join(robots)}"
                 )
+
+
+def _check_links(config: Config) -> None:
+    """Links of one kind that would disturb each other; the kind itself knows."""
+    for kind in dict.fromkeys(link.kind for link in config.links):
+        check = getattr(registry.load("links", kind), "check_together", None)
+        if check is None:
+            continue
+        try:
+            check([link for link in config.links if link.kind == kind])
+        except ConfigError as error:
+            raise ConfigError(f"{config.path}: {error}") from error

@@ -139,6 +139,7 @@ def _notes(config: Config) -> list[str]:
         notes.append("no links: nobody hears the advice; add 'links:'")
     if any(link.simulate for link in config.links):
         notes.append("simulated links: mock controllers, no hardware")
+    notes += [f"link {link.name}: {note}" for link in config.links for note in link.notes]
     if config.source.field_of_view is None:
         notes.append("no source.field_of_view: the whole room counts as seen")
     if unused := assemble.unused_coverage(config):
