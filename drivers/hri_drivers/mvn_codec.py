@@ -117,8 +117,9 @@ def add_segments(datagram: Datagram, pose: Pose) -> None:
     columns = ITEM_BYTES[datagram.type] // 4
     items = np.frombuffer(datagram.payload, ">u4").reshape(-1, columns)
     ids = items[:, 0].astype(np.int64)
-    numbers = np.frombuffer(datagram.payload, ">f4").reshape(-1, columns)[:, 1:].astype(np.float64)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # some bytes are signalling NaNs
+        floats = np.frombuffer(datagram.payload, ">f4").reshape(-1, columns)
+        numbers = floats[:, 1:].astype(np.float64)
         sound = np.isfinite(numbers).all(axis=1) & _rotations(datagram.type, numbers[:, 3:])
     body = (ids >= 1) & (ids <= SEGMENTS)  # an ID is the index plus one [3.1]
     index = ids[body] - 1
@@ -135,39 +136,34 @@ def _rotations(number: int, rotations: Floats) -> Bools:
 class StreamSplitter:
     """Finds datagrams in a stream of bytes (TCP); never keeps more than one.
 
-    Attributes:
-        skipped: bytes that belonged to no datagram.
+    What is between them comes out as well, for the decoder to refuse and count.
     """
 
     def __init__(self) -> None:
-        self.skipped = 0
         self._buffer = b""
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Take bytes as they come; yield the datagrams that they complete."""
         self._buffer += data
         while len(self._buffer) >= HEADER.size:
-            if not self._starts():
-                continue
-            length = HEADER.size + self._payload_bytes()
+            length = self._length() if self._starts() else self._garbage()
             if len(self._buffer) < length:
                 return
-            datagram, self._buffer = self._buffer[:length], self._buffer[length:]
-            yield datagram
+            unit, self._buffer = self._buffer[:length], self._buffer[length:]
+            yield unit
 
     def _starts(self) -> bool:
-        """Whether a datagram starts here; otherwise skip to where one may."""
-        if self._buffer.startswith(b"MXTP") and self._buffer[4:6].isdigit():
-            return True
-        at = self._buffer.find(b"MXTP", 1)
-        keep = len(self._buffer) - 3 if at < 0 else at  # 3: "MXT" may be a start
-        self.skipped += keep
-        self._buffer = self._buffer[keep:]
-        return False
+        return self._buffer.startswith(b"MXTP") and self._buffer[4:6].isdigit()
 
-    def _payload_bytes(self) -> int:
+    def _length(self) -> int:
+        """Of the datagram that starts here."""
         tag, _, _, items, _, _, _, _, _, size = HEADER.unpack_from(self._buffer)
-        return int(size or items * ITEM_BYTES.get(int(tag[4:]), 0))
+        return HEADER.size + int(size or items * ITEM_BYTES.get(int(tag[4:]), 0))
+
+    def _garbage(self) -> int:
+        """Bytes until where a datagram may start."""
+        at = self._buffer.find(b"MXTP", 1)
+        return len(self._buffer) - 3 if at < 0 else at  # 3: "MXT" may be a start
 
 
 @dataclass(slots=True)

@@ -171,12 +171,10 @@ def _plain(error: Exception) -> str:
 class LineSplitter:
     """Finds lines in a stream of bytes; never keeps more than one of ``MAX_BYTES``.
 
-    Attributes:
-        overlong: lines that were longer, and skipped to their end.
+    Of a line that is longer, the beginning comes out, too long for the reader not to refuse it.
     """
 
     def __init__(self) -> None:
-        self.overlong = 0
         self._buffer = b""
         self._skipping = False
 
@@ -184,18 +182,17 @@ class LineSplitter:
         """Take bytes as they come; yield the lines that they complete, empty ones not."""
         *ended, rest = data.split(b"\n")
         for piece in ended:
-            self._keep(piece)
+            yield from self._keep(piece)
             line, self._buffer = self._buffer.strip(), b""
             self._skipping = False
             if line:
                 yield line
-        self._keep(rest)
+        yield from self._keep(rest)
 
-    def _keep(self, piece: bytes) -> None:
+    def _keep(self, piece: bytes) -> Iterator[bytes]:
         if self._skipping:
             return
-        if len(self._buffer) + len(piece) > MAX_BYTES:
-            self.overlong += 1
-            self._buffer, self._skipping = b"", True
-            return
         self._buffer += piece
+        if len(self._buffer) > MAX_BYTES:
+            yield self._buffer[: MAX_BYTES + 1]
+            self._buffer, self._skipping = b"", True
