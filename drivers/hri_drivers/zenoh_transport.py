@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Sequence
 
 import zenoh
+from zenoh.handlers import Callback
 
 from hri_drivers.zenoh_session import (
     CONNECT_S,
@@ -37,7 +38,6 @@ class ZenohTransport:
 
     Attributes:
         overflowed: payloads lost because they were not read in time.
-        oversized: payloads that were longer than any of ours, and not looked at.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class ZenohTransport:
         prefix: str,
         subscribed: Sequence[str] = (),
     ) -> None:
-        self.overflowed = self.oversized = 0
+        self.overflowed = 0
         self._settings = settings
         self._prefix = prefix
         self._subscribed = subscribed
@@ -68,7 +68,9 @@ class ZenohTransport:
         self._session = open_session(self._settings)
         try:
             for key in self._subscribed:
-                self._session.declare_subscriber(self._prefix + key, self._hear)
+                self._session.declare_subscriber(
+                    self._prefix + key, Callback(self._hear, indirect=False)
+                )
             self._wait_for_neighbour()
         except (zenoh.ZError, LinkError) as error:
             self.close()
@@ -121,11 +123,9 @@ class ZenohTransport:
 
     def _hear(self, sample: zenoh.Sample) -> None:
         """Called by zenoh, in a thread of its own."""
-        if len(sample.payload) > MAX_PAYLOAD:
-            self.oversized += 1
-            return
-        key = str(sample.key_expr).removeprefix(self._prefix)
-        unit = Keyed(key, bytes(sample.payload))
+        payload = sample.payload
+        content = bytes(payload) if len(payload) <= MAX_PAYLOAD else b""  # none of ours; not copied
+        unit = Keyed(str(sample.key_expr).removeprefix(self._prefix), content)
         with self._arrived:
             self.overflowed += len(self._inbox) == CAPACITY
             self._inbox.append(unit)
