@@ -31,6 +31,9 @@ taken for offset: no one-way alignment can see it.
 """
 
 from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
 
 NS_PER_S = 1_000_000_000
 MAX_DRIFT_PER_MILLION = 1000
@@ -42,6 +45,26 @@ SPIKE_CONFIRMATIONS = 3
 SPIKE_WITHIN_NS = 2 * NS_PER_S
 MIN_JUMP_NS = 100_000_000
 JUMPED_SCENES = 10
+DRIFT_BUCKETS = 24
+"""Drift is the slope of the minima of so many buckets: two minutes of a steady source."""
+MIN_DRIFT_BUCKETS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEstimate:
+    """What is known of a source's clock; to be shown, nothing hangs on it.
+
+    Attributes:
+        offset_ns: capture (node's clock) minus stamp (source's clock), as believed now.
+        drift_ppm: by how much the source's clock runs fast; ``None`` until three buckets are full.
+        jumps: jumps seen since start, restarts among them.
+        spikes: stamps that were too new.
+    """
+
+    offset_ns: int
+    drift_ppm: float | None
+    jumps: int
+    spikes: int
 
 
 class ClockAlignment:
@@ -74,11 +97,18 @@ class ClockAlignment:
         self._bucket_start_ns = 0
         self._lowest = 0
         self._previous_lowest = 0
+        self._lowest_at_ns = 0
+        self._minima: deque[tuple[int, int]] = deque(maxlen=DRIFT_BUCKETS)  # receipt, seen
+        self._drift_ppm: float | None = None
 
     @property
     def offset_ns(self) -> int:
         """Capture (node's clock) minus stamp (source's clock), as believed now."""
         return self._offset_ns
+
+    def estimate(self) -> ClockEstimate:
+        """What is known of the source's clock now."""
+        return ClockEstimate(self._offset_ns, self._drift_ppm, self.jumps, self.spikes)
 
     @property
     def jumped(self) -> bool:
@@ -128,8 +158,10 @@ class ClockAlignment:
 
     def _set_offset(self, offset_ns: int, receipt_ns: int) -> None:
         self._offset_ns = self._lowest = self._previous_lowest = offset_ns
-        self._bucket_start_ns = receipt_ns
+        self._bucket_start_ns = self._lowest_at_ns = receipt_ns
         self._suspects.clear()
+        self._minima.clear()
+        self._drift_ppm = None
 
     def _follow(self, seen_ns: int, receipt_ns: int) -> None:
         """Take one more difference, ``seen_ns`` = receipt - min latency - stamp, into account."""
@@ -144,12 +176,23 @@ class ClockAlignment:
                 self._set_offset(max(seen for _, seen in self._suspects), receipt_ns)
             return
         in_bucket_ns = receipt_ns - self._bucket_start_ns
-        if in_bucket_ns < BUCKET_NS:
-            self._lowest = min(self._lowest, seen_ns)
-        else:
+        if in_bucket_ns >= BUCKET_NS:
+            self._minima.append((self._lowest_at_ns, self._lowest))
+            self._drift_ppm = self._slope_ppm()
             self._previous_lowest = self._lowest if in_bucket_ns < 2 * BUCKET_NS else seen_ns
-            self._lowest = seen_ns
             self._bucket_start_ns = receipt_ns
+        if in_bucket_ns >= BUCKET_NS or seen_ns < self._lowest:
+            self._lowest, self._lowest_at_ns = seen_ns, receipt_ns
         elapsed_ns = max(0, receipt_ns - self._last[2])
         may_rise_to = self._offset_ns + elapsed_ns * MAX_DRIFT_PER_MILLION // 1_000_000
         self._offset_ns = min(self._lowest, self._previous_lowest, may_rise_to)
+
+    def _slope_ppm(self) -> float | None:
+        """Slope of the buckets' minima, by least squares, since the last jump."""
+        if len(self._minima) < MIN_DRIFT_BUCKETS:
+            return None
+        first_at_ns, first_ns = self._minima[0]
+        seconds = np.array([(at_ns - first_at_ns) * 1e-9 for at_ns, _ in self._minima])
+        seen_us = np.array([(seen_ns - first_ns) * 1e-3 for _, seen_ns in self._minima])
+        seconds -= seconds.mean()
+        return -float(seconds @ seen_us / (seconds @ seconds))

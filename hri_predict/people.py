@@ -327,6 +327,7 @@ class People:
             lost = self._lost.growing(now_ns)
             reasons = self._reasons(now_ns)
             counters = {**self._gate.counts(), **self._counters}
+            clock = self._gate.alignment.estimate()
             newest_good_ns, captures = self._newest_good_ns, self._captures
         tracks.sort(key=lambda t: t[0])
         people, joints = len(tracks), len(JOINTS)
@@ -352,6 +353,7 @@ class People:
             newest_capture_ns=newest_good_ns,
             captures=captures,
             counters=counters,
+            clock=clock,
         )
 
     def _reasons(self, now_ns: int) -> tuple[Reason, ...]:

@@ -16,6 +16,7 @@ from hri_predict.errors import ConfigError
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.runtime import Pace, run_real_time, run_virtual, stop_on_signals
 from hri_predict.source import Source
+from hri_predict.source_report import source_report
 from hri_predict.summary import LevelCounter, Summary, summarise
 from hri_predict.tick import Listener, Tick
 
@@ -207,6 +208,9 @@ class _Session:
         result = summarise(assembly.node, pace, assembly.links, self.levels, counters)
         if self.referee is not None:
             self.referee.add_to(result)
+        result.source = source_report(
+            self.config.source.kind, assembly.source, self.levels.clock, self.clock.now_ns()
+        )
         result.controllers = [asdict(report) for report in self.reports or ()]
         return result
 

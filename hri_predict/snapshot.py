@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hri_predict.clock_alignment import ClockEstimate
 from hri_predict.reasons import Reason
 from hri_predict.scene import Bools, Floats
 
@@ -45,6 +46,7 @@ class PeopleSnapshot:
         newest_capture_ns: capture of the newest good scene (node clock); ``None`` before the first.
         captures: number of distinct good captures so far; what "release after N captures" counts.
         counters: what was dropped, repeated, out of order, ... since start.
+        clock: what is known of the source's clock; ``None`` where nobody asked.
     """
 
     now_ns: int
@@ -59,6 +61,7 @@ class PeopleSnapshot:
     newest_capture_ns: int | None
     captures: int
     counters: Mapping[str, int]
+    clock: ClockEstimate | None = None
 
     @property
     def age_s(self) -> float | None:

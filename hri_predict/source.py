@@ -72,11 +72,13 @@ class Live(Protocol):
         arrived: set when a scene has come; whoever waits for scenes clears it before polling.
         counters: see ``SourceCounters``.
         connected: whether it can hear now (a datagram socket always can).
+        stamps_utc: whether senders stamp in UTC, so that their clocks can be compared with ours.
     """
 
     arrived: threading.Event
     counters: SourceCounters
     connected: bool
+    stamps_utc: bool
 
 
 def live_part(source: object) -> Live | None:

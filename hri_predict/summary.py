@@ -11,10 +11,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from hri_predict.clock_alignment import ClockEstimate
 from hri_predict.link import Link
 from hri_predict.node import Node
 from hri_predict.protocol.messages import Level
 from hri_predict.runtime import Pace
+from hri_predict.source_report import source_table
 from hri_predict.tick import Listener, Tick
 
 
@@ -28,11 +30,13 @@ class LevelCounter(Listener):
         self.time_at: dict[str, int] = {}  # level name -> ticks
         self.unknown_because: dict[str, int] = {}  # reason name -> ticks
         self.people_counters: Mapping[str, int] = {}
+        self.clock: ClockEstimate | None = None
 
     def on_tick(self, tick: Tick) -> None:
         """Count one tick's advices."""
         if tick.snapshot is not None:
             self.people_counters = tick.snapshot.counters
+            self.clock = tick.snapshot.clock or self.clock
         for advice in tick.advices:
             was = self._levels.get(advice.robot)
             if advice.level is not was:
@@ -70,6 +74,7 @@ class Summary:
     controllers: list[dict[str, Any]] = field(default_factory=list)
     node_state: str = ""
     self_check: dict[str, Any] | None = None
+    source: dict[str, Any] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for ``--json``."""
@@ -78,6 +83,8 @@ class Summary:
     def print(self, console: Console) -> None:
         """Show it as tables."""
         console.print(self._run_table())
+        if self.source:
+            console.print(source_table(self.source))
         if self.links:
             console.print(self._link_table())
         if self.controllers:

@@ -101,11 +101,12 @@ class LiveSource:
         clock: the node's.
 
     Attributes:
-        counters, connected, arrived: see ``Live``.
+        counters, connected, arrived, stamps_utc: see ``Live``.
         live: itself.
     """
 
     settings_model: ClassVar[type[LiveSettings]] = LiveSettings
+    stamps_utc = False
 
     def __init__(
         self,

@@ -88,6 +88,7 @@ class UdpSource(LiveSource):
     """
 
     settings_model = UdpSettings
+    stamps_utc = True
 
     def __init__(
         self,

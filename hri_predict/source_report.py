@@ -1,0 +1,82 @@
+"""What a run says of its source: its clock, and of a live one what was heard and what was not."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from rich.table import Table
+
+from hri_predict.clock_alignment import ClockEstimate
+from hri_predict.source import Source, live_part
+
+_COUNTS = ("packets", "bytes_received", "scenes")  # what is no trouble
+
+
+def source_report(
+    kind: str, source: Source, clock: ClockEstimate | None, now_ns: int
+) -> dict[str, Any]:
+    """Plain data for ``--json``; its keys are a contract.
+
+    Args:
+        kind: of the source.
+        source: at the end of the run.
+        clock: what ``people`` found about its clock.
+        now_ns: the node's clock now.
+
+    Returns:
+        ``kind``; ``clock`` (``None`` if nothing came): ``offset_s``, ``drift_ppm``, ``jumps``,
+        ``spikes`` as in ``ClockEstimate``, and ``ahead_of_utc_s``, by which the sender's clock is
+        ahead of this machine's, less the least latency (``None`` where it doesn't stamp in UTC);
+        ``live`` (``None`` for others): ``connected`` and all of ``SourceCounters``.
+    """
+    live = live_part(source)
+    return {
+        "kind": kind,
+        "clock": None
+        if clock is None
+        else {
+            "offset_s": clock.offset_ns * 1e-9,
+            "ahead_of_utc_s": _ahead_of_utc_s(clock, now_ns)
+            if live is not None and live.stamps_utc
+            else None,
+            "drift_ppm": clock.drift_ppm,
+            "jumps": clock.jumps,
+            "spikes": clock.spikes,
+        },
+        "live": None if live is None else {"connected": live.connected, **asdict(live.counters)},
+    }
+
+
+def source_table(report: Mapping[str, Any]) -> Table:
+    """The report for people; trouble that there was none of is left out."""
+    table = Table(title=f"Source: {report['kind']}", title_justify="left", show_header=False)
+    clock, live = report["clock"], report["live"]
+    if clock is not None:
+        table.add_row("its clock", _clock(clock))
+    if live is not None:
+        for name in _COUNTS:
+            table.add_row(name.replace("_", " "), str(live[name]))
+        trouble = {
+            name.replace("_", " "): count
+            for name, count in live.items()
+            if name not in (*_COUNTS, "connected", "last_error") and count
+        }
+        table.add_row("trouble", ", ".join(f"{n} {c}" for n, c in trouble.items()) or "-")
+        if live["last_error"]:
+            table.add_row("the last", live["last_error"])
+    return table
+
+
+def _clock(clock: Mapping[str, Any]) -> str:
+    if clock["ahead_of_utc_s"] is not None:
+        offset = f"ahead of ours by {clock['ahead_of_utc_s'] * 1e3:.1f} ms"
+    else:
+        offset = f"behind ours by {clock['offset_s']:.3f} s"
+    drift = clock["drift_ppm"]
+    fast = "drift not yet known" if drift is None else f"fast by {drift:.1f} ppm"
+    return f"{offset}, {fast}; jumps {clock['jumps']}, spikes {clock['spikes']}"
+
+
+def _ahead_of_utc_s(clock: ClockEstimate, now_ns: int) -> float:
+    return (now_ns - clock.offset_ns - time.time_ns()) * 1e-9
