@@ -6,6 +6,7 @@ it is configured: endpoints are explicit, multicast and gossip are off, no messa
 wherever it says something.
 """
 
+import ipaddress
 import json
 import re
 from pathlib import Path
@@ -119,6 +120,15 @@ def session_config(settings: ZenohSettings) -> zenoh.Config:
     unless_said("transport/link/rx/max_message_size", MAX_MESSAGE)
     unless_said("transport/shared_memory/enabled", False)
     return config
+
+
+def is_local(endpoint: str) -> bool:
+    """Whether an endpoint is on the loopback interface, by its address."""
+    host = endpoint.partition("/")[2].split("?")[0].split("#")[0].rpartition(":")[0]
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def expects_neighbour(config: zenoh.Config) -> bool:
