@@ -27,6 +27,7 @@
 #define HRI_MAX_JOINTS 7u
 #define HRI_MAX_DELTA 5u
 #define HRI_RESYNC 3u
+#define HRI_FORGET_MS 1000u
 #define HRI_DATA_ID_16 0x4800u
 #define HRI_DATA_ID_32 0x48520000u
 #define HRI_PART_BYTES 6u
@@ -134,7 +135,6 @@
 #ifndef HRI_SENT_KEPT
 #define HRI_SENT_KEPT 32u
 #endif
-#define HRI_FORGET_MS 1000u /* silence after which another node, of another schema, may come */
 #define HRI_UNIT_BYTES 48u  /* longest frame that a controller sends */
 
 typedef struct {

@@ -12,8 +12,8 @@ import typer
 from hri_predict import registry
 from hri_predict.errors import ConfigError
 from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanReceiver
-from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, Message, Schema, Status
+from hri_predict.protocol.reception import FORGET_S, SchemaGate
 from hri_predict.protocol.serial_codec import SerialReceiver
 from hri_predict.settings import validated
 
@@ -29,6 +29,7 @@ def listen(
     bitrate: Annotated[int, typer.Option(help="CAN: bits per second.")] = 500000,
     fd: Annotated[bool, typer.Option("--fd", help="CAN: CAN FD.")] = False,
     base_id: Annotated[int, typer.Option(help="CAN: id of the first frame.")] = DEFAULT_BASE_ID,
+    extended: Annotated[bool, typer.Option("--extended", help="CAN: 29-bit ids.")] = False,
     alerts: Annotated[
         bool, typer.Option("--alerts", help="Only changes of level and of the node's state.")
     ] = False,
@@ -37,15 +38,19 @@ def listen(
 ) -> None:
     """Print what a controller would hear; nothing is sent.
 
+    Until a Schema of this program's version and hash has come, all else is unknown, and it says so.
+
     Example: hri-predict listen can:socketcan:can0 --alerts
     """
     if seconds is not None and not 0 < seconds < math.inf:
         raise ConfigError(f"--seconds {seconds}: give a number above 0")
-    cls, settings = _settings(link, baudrate, bitrate, fd, base_id)
+    cls, settings = _settings(link, baudrate, bitrate, fd, base_id, extended)
     transport = cls.make_transport(settings)
     transport.open()
-    receiver: Any = CanReceiver(fd, base_id) if settings.kind == "can" else SerialReceiver()
-    printer = _Printer(alerts, as_json)
+    receiver: Any = (
+        CanReceiver(fd, base_id, extended) if settings.kind == "can" else SerialReceiver()
+    )
+    printer = Printer(alerts, as_json)
     began = last = time.monotonic()
     silent = False
     try:
@@ -54,15 +59,20 @@ def listen(
                 for message in receiver.feed(unit):
                     printer.show(message, time.monotonic() - began)
                     last, silent = time.monotonic(), False
-            if not silent and time.monotonic() - last > SILENCE_S:
-                printer.note("silent", time.monotonic() - began)
+            silence_s = time.monotonic() - last
+            if not silent and silence_s > SILENCE_S:
+                printer.silent(time.monotonic() - began)
                 silent = True
+            if silence_s > FORGET_S:
+                printer.forget()
     finally:
         transport.close()
         printer.counters(receiver.counters)
 
 
-def _settings(link: str, baudrate: int, bitrate: int, fd: bool, base_id: int) -> tuple[Any, Any]:
+def _settings(
+    link: str, baudrate: int, bitrate: int, fd: bool, base_id: int, extended: bool
+) -> tuple[Any, Any]:
     kind, _, rest = link.partition(":")
     if kind == "serial" and rest:
         data: dict[str, Any] = {"port": rest, "baudrate": baudrate}
@@ -74,6 +84,7 @@ def _settings(link: str, baudrate: int, bitrate: int, fd: bool, base_id: int) ->
             "bitrate": bitrate,
             "fd": fd,
             "base_id": base_id,
+            "extended": extended,
         }
     else:
         raise ConfigError(f"listen {link}: give serial:PORT or can:INTERFACE:CHANNEL")
@@ -81,41 +92,68 @@ def _settings(link: str, baudrate: int, bitrate: int, fd: bool, base_id: int) ->
     return cls, validated(cls.settings_model, {"name": "listen", "kind": kind, **data}, link)
 
 
-class _Printer:
+class Printer:
+    """Prints messages as text or JSON lines; what the schema does not vouch for is unknown."""
+
     def __init__(self, alerts: bool, as_json: bool) -> None:
         self._alerts, self._json = alerts, as_json
         self._last: dict[Any, Any] = {}
+        self._gate = SchemaGate()
 
     def show(self, message: Message, seconds: float) -> None:
+        """Print a message that came after so many seconds."""
+        if isinstance(message, Schema):
+            self._gate.take(message)
         if self._alerts and not self._is_news(message):
             return
+        if isinstance(message, Schema):
+            shown = {"version": message.version, "hash": f"{message.hash:#010x}"}
+            shown |= {"matches": self._gate.open, **self._unknown()}
+        elif self._gate.open:
+            shown = self._fields(message)
+        else:
+            robot = {"robot": message.robot} if isinstance(message, Advice) else {}
+            shown = {**robot, **self._unknown()}
+        self._out(type(message).__name__.lower(), shown, seconds)
+
+    def silent(self, seconds: float) -> None:
+        """Print that nothing comes."""
+        self._out("silent", {"level": Level.UNKNOWN.name.lower()}, seconds)
+
+    def forget(self) -> None:
+        """Who comes after so long a silence must first say what it speaks."""
+        self._gate.reset()
+
+    def _unknown(self) -> dict[str, Any]:
+        if self._gate.open:
+            return {}
+        return {"level": Level.UNKNOWN.name.lower(), "why": self._gate.why}
+
+    def _fields(self, message: Message) -> dict[str, Any]:
         fields = {f.name: getattr(message, f.name) for f in dataclasses.fields(message)}
         for hidden in ("capture_ns", "detail"):
             fields.pop(hidden, None)
         shown = {k: v.name.lower() if isinstance(v, IntEnum) else v for k, v in fields.items()}
         if isinstance(message, Advice):
             shown["clears_when"] = message.reason.clears_when
-        if isinstance(message, Schema):
-            ours = (message.version, message.hash) == (SCHEMA_VERSION, SCHEMA_HASH)
-            shown["matches"] = ours
-            shown["hash"] = f"{message.hash:#010x}"
-        self._out(type(message).__name__.lower(), shown, seconds)
-
-    def note(self, what: str, seconds: float) -> None:
-        self._out(what, {"level": Level.UNKNOWN.name.lower()}, seconds)
+        return shown
 
     def counters(self, counters: Any) -> None:
+        """Print what the receiver counted."""
         self._out("counters", dataclasses.asdict(counters), None)
 
     def _is_news(self, message: Message) -> bool:
         key: tuple[str, int]
-        value: tuple[IntEnum, IntEnum]
-        if isinstance(message, Advice):
+        value: Any
+        if isinstance(message, Schema):
+            key, value = ("schema", 0), (self._gate.why,)
+        elif isinstance(message, Advice):
             key, value = ("advice", message.robot), (message.level, message.reason)
         elif isinstance(message, Status):
             key, value = ("status", 0), (message.node_state, message.reason)
         else:
             return False
+        value = value if self._gate.open else self._gate.why
         news = self._last.get(key) != value
         self._last[key] = value
         return news

@@ -1,6 +1,6 @@
 """The constants of ``drivers/c/hri_predict.h``, written from the definition.
 
-``python -m hri_predict.protocol.c_header`` renews what stands between ``/* generated: begin */`` and
+``python -m hri_predict.protocol.c_header`` renews what stands between ``/* generated: begin`` and
 ``/* generated: end */``; everything else of the C code is written by hand.
 """
 
@@ -31,6 +31,7 @@ from hri_predict.protocol.messages import (
     RobotState,
     Zone,
 )
+from hri_predict.protocol.reception import FORGET_S
 from hri_predict.protocol.serial_codec import MAX_ENCODED
 from hri_predict.reasons import Reason
 
@@ -55,6 +56,7 @@ def constants() -> dict[str, str]:
         "HRI_MAX_JOINTS": f"{MAX_JOINTS}u",
         "HRI_MAX_DELTA": f"{e2e.MAX_DELTA}u",
         "HRI_RESYNC": f"{e2e.RESYNC}u",
+        "HRI_FORGET_MS": f"{round(FORGET_S * 1000)}u",
         "HRI_DATA_ID_16": f"0x{e2e.data_id_16(0):04X}u",
         "HRI_DATA_ID_32": f"0x{e2e.data_id_32(0):08X}u",
         "HRI_PART_BYTES": f"{PART_BYTES}u",

@@ -1,8 +1,13 @@
-"""What every receiver does alike: judge counters, and count whatever is wrong."""
+"""What every receiver does alike: judge counters and the schema, and count whatever is wrong."""
 
 from dataclasses import dataclass
 
+from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.e2e import CounterCheck, Verdict
+from hri_predict.protocol.messages import Schema
+
+OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
+FORGET_S = 1.0  # silence after which another node, of another version even, may come
 
 
 @dataclass(slots=True)
@@ -36,3 +41,43 @@ def fresh(check: CounterCheck, counter: int, counters: ReceiveCounters) -> bool:
         return True
     counters.counter_errors += 1
     return False
+
+
+class SchemaGate:
+    """Whether what is heard means what this program takes it for.
+
+    Closed until a Schema of our version and hash has come, and again after one of another: the
+    bytes of other definitions pass the CRC and mean something else.
+
+    Attributes:
+        heard: the newest Schema, ``None`` if there was none.
+    """
+
+    def __init__(self) -> None:
+        self.heard: Schema | None = None
+
+    def take(self, schema: Schema) -> None:
+        """Take the Schema that has come."""
+        self.heard = schema
+
+    def reset(self) -> None:
+        """Forget it, as after a silence of ``FORGET_S``."""
+        self.heard = None
+
+    @property
+    def open(self) -> bool:
+        """Whether messages may be believed."""
+        return self.heard == OURS
+
+    @property
+    def why(self) -> str:
+        """Why not, "" if they may: which version and hash were heard, and which this is for."""
+        if self.open:
+            return ""
+        if self.heard is None:
+            return f"no Schema heard yet; this is built for {_named(OURS)}"
+        return f"heard Schema of {_named(self.heard)}; this is built for {_named(OURS)}"
+
+
+def _named(schema: Schema) -> str:
+    return f"version {schema.version}, hash {schema.hash:#010x}"

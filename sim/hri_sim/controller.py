@@ -25,7 +25,6 @@ from pydantic import Field
 
 from hri_drivers.link_codec import Codec
 from hri_predict.link import LinkCounters, LinkSettings
-from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
@@ -35,13 +34,13 @@ from hri_predict.protocol.messages import (
     RobotState,
     Schema,
 )
+from hri_predict.protocol.reception import FORGET_S, SchemaGate
 from hri_predict.scene import Floats
 from hri_predict.settings import Settings
 
 U = TypeVar("U")
 
 COUNTERS = 1 << 16  # values of RobotState's counter
-FORGET_S = 1.0  # silence after which a restarted node, of another version even, may come back
 _MOVING_LEVELS = (Level.CLEAR, Level.WARN, Level.SLOW)
 _FULL_SPEED_TOLERANCE = 0.01  # m/s: the wire's resolution is no slowdown
 _MAX_EVENTS = 1000
@@ -109,6 +108,7 @@ class ControllerReport:
         messages, bytes: received and good; received at all.
         crc_errors, counter_errors, malformed, incomplete: as the receiver counts them.
         schema_mismatches: Schema messages of another version or hash.
+        schema_trouble: which one it heard last, and which it was built for.
         timeouts: times that the node fell silent.
         stale: times that the newest advice was or grew too old.
         max_age_s: greatest age of an advice at its receipt, as carried.
@@ -133,6 +133,7 @@ class ControllerReport:
     malformed: int = 0
     incomplete: int = 0
     schema_mismatches: int = 0
+    schema_trouble: str = ""
     timeouts: int = 0
     stale: int = 0
     max_age_s: float = 0.0
@@ -196,7 +197,7 @@ class ControllerCore(Generic[U]):
         self._full_speed = full_speed_m_s
         self._counters = LinkCounters()
         self._errors: deque[int] = deque()  # when each happened
-        self._schema_matches = False
+        self._schema = SchemaGate()
         self._heard: _Heard | None = None
         self._last_advice_ns: int | None = None
         self._pending: deque[tuple[int, Permit]] = deque()  # effective from, what
@@ -305,14 +306,15 @@ class ControllerCore(Generic[U]):
 
     def _take(self, message: Message, now_ns: int) -> None:
         if isinstance(message, Schema):
-            right = (message.version, message.hash) == (SCHEMA_VERSION, SCHEMA_HASH)
-            self._report.schema_mismatches += not right
-            self._schema_matches = right
+            self._schema.take(message)
+            if not self._schema.open:
+                self._report.schema_mismatches += 1
+                self._report.schema_trouble = self._schema.why
         elif isinstance(message, Advice) and message.robot == self._robot:
             self._take_advice(message, now_ns)
 
     def _take_advice(self, advice: Advice, now_ns: int) -> None:
-        if not self._schema_matches:
+        if not self._schema.open:
             return
         if self._last_advice_ns is not None:
             gap_s = (now_ns - self._last_advice_ns) * 1e-9
@@ -363,14 +365,14 @@ class ControllerCore(Generic[U]):
         silent_ns = now_ns - self._last_advice_ns if self._last_advice_ns is not None else 0
         if silent_ns > FORGET_S * 1e9 and self._heard is not None:
             self._heard = None
-            self._schema_matches = False
+            self._schema.reset()
             self._codec.reset()
         window_ns = int(self._settings.error_window_s * 1e9)
         while self._errors and self._errors[0] <= now_ns - window_ns:
             self._errors.popleft()
         if silent_ns > self._silence_ns:
             return "silent"
-        if not self._schema_matches:
+        if not self._schema.open:
             return "schema"
         if self._heard is None:
             return "starting"

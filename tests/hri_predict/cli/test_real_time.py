@@ -206,7 +206,7 @@ def test_listen_hears_the_node_from_its_start_to_its_end(line, tmp_path):
     assert {"advice", "status", "schema", "zone", "pose", "silent", "counters"} <= set(kinds)
     assert all(x["matches"] for x in lines if x["message"] == "schema")
     advice = [x for x in lines if x["message"] == "advice"]
-    assert (advice[0]["level"], advice[0]["reason"]) == ("unknown", "starting")
+    assert advice[0]["level"] == "unknown"  # its Schema may come after it
     assert (advice[-1]["level"], advice[-1]["reason"]) == ("unknown", "stopping")
     assert all(x["age_s"] < 0.5 for x in advice if x["level"] == "clear")
     zone = next(x for x in lines if x["message"] == "zone")
