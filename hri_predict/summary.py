@@ -87,6 +87,8 @@ class Summary:
             console.print(source_table(self.source))
         if self.links:
             console.print(self._link_table())
+            for line in filter(None, map(_link_trouble, self.links)):
+                console.print(line, highlight=False, markup=False)
         if self.controllers:
             console.print(self._controller_table())
 
@@ -120,11 +122,10 @@ class Summary:
 
     def _link_table(self) -> Table:
         table = Table(title="Links", title_justify="left")
-        names = ["name", "messages", "bytes", "received", "crc_errors", "superseded", "reconnects"]
-        for name in names:
+        for name in _LINK_COLUMNS:
             table.add_column(name.replace("_", " "), justify="left" if name == "name" else "right")
         for link in self.links:
-            table.add_row(*(str(link[name]) for name in names))
+            table.add_row(*(str(link[name]) for name in _LINK_COLUMNS))
         return table
 
     def _controller_table(self) -> Table:
@@ -190,7 +191,21 @@ def _link_row(link: Link) -> dict[str, Any]:
         "crc_errors": counters.pop("crc_errors"),
         "received": counters.pop("messages_received"),
         **counters,
+        "last_error": link.last_error,
     }
+
+
+_LINK_COLUMNS = ["name", "messages", "bytes", "received", "crc_errors", "superseded", "reconnects"]
+_QUIET = {*_LINK_COLUMNS, "bytes_received"}
+
+
+def _link_trouble(link: dict[str, Any]) -> str:
+    """Whatever else was counted on a link, and the newest trouble, in a line; empty if nothing."""
+    counts = {n: c for n, c in link.items() if isinstance(c, int) and c and n not in _QUIET}
+    parts = [_counts(counts)] if counts else []
+    if link["last_error"]:
+        parts.append(f"last error: {link['last_error']}")
+    return f"{link['name']}: {'; '.join(parts)}" if parts else ""
 
 
 def _rounded(value: float | None) -> float | None:

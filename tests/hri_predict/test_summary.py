@@ -102,8 +102,13 @@ def summary_of(ticks_ms=(1.0, 2.0, 30.0), checked=None):
         state=NodeState.STOPPING,
         self_check=lambda: checked,
     )
-    counters = LinkCounters(messages_sent=5, bytes_sent=99, crc_errors=3, messages_received=7)
-    links: Any = [SimpleNamespace(name="drive", counters=counters)]
+    counters = LinkCounters(
+        messages_sent=5, bytes_sent=99, crc_errors=3, messages_received=7, bus_off=2
+    )
+    links: Any = [
+        SimpleNamespace(name="drive", counters=counters, last_error="bus-off: [can0] is gone"),
+        SimpleNamespace(name="plc", counters=LinkCounters(messages_sent=5), last_error=None),
+    ]
     levels = counted([(C,), (S,), (X,)], separations=[0.51234567])
     return summarise(node, pace, links, levels, {"stale": 4, "nothing": 0})
 
@@ -178,3 +183,15 @@ def test_the_table_shows_it():
     for part in ("frames in", "12", "3 (1)", "0.51 m", "1, 1", "drive", "crc errors", "stale 4"):
         assert part in text
     assert "contacts, moving robot" in text
+
+
+def test_what_went_wrong_on_a_link_stands_under_the_table():
+    out = io.StringIO()
+    summary = summary_of()
+    summary.print(Console(file=out, width=120))
+    assert "drive: bus_off 2; last error: bus-off: [can0] is gone\n" in out.getvalue()
+    assert "plc:" not in out.getvalue()
+    assert [link["last_error"] for link in summary.as_dict()["links"]] == [
+        "bus-off: [can0] is gone",
+        None,
+    ]
