@@ -142,13 +142,11 @@ def _parsed(data: bytes | str) -> SceneMessage:
         found = json.loads(text, object_pairs_hook=_unique_keys, parse_constant=_no_constant)
         return validated(SceneMessage, found, "scene")
     except HriPredictError as error:
-        raise SceneJsonError(_plain(error)) from None
+        raise SceneJsonError(plain(error)) from None
     except RecursionError:
         raise SceneJsonError("scene: nested too deeply; see the schema") from None
     except (ValueError, OverflowError) as error:  # JSON's and Unicode's errors are ValueErrors
-        raise SceneJsonError(
-            f"scene: not JSON in UTF-8: {_plain(error)}; mend the sender"
-        ) from None
+        raise SceneJsonError(f"scene: not JSON in UTF-8: {plain(error)}; mend the sender") from None
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -162,7 +160,7 @@ def _no_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is no JSON number; send null for what is not observed")
 
 
-def _plain(error: Exception) -> str:
+def plain(error: Exception) -> str:
     """An error's text, fit for a log whatever a sender wrote: one short line of ASCII."""
     line = " ".join(str(error).split())[:_MESSAGE_LENGTH]
     return line.encode("ascii", "backslashreplace").decode("ascii")

@@ -20,7 +20,7 @@ from websockets.server import ServerProtocol
 from websockets.sync.client import ClientConnection, connect
 
 from hri_drivers.json_source import SceneJsonSettings, SceneJsonSource
-from hri_drivers.scene_json import MAX_BYTES
+from hri_drivers.scene_json import MAX_BYTES, plain
 from hri_drivers.stream_receiver import (
     ALLOW_UNAUTHENTICATED,
     CONNECT_TIMEOUT_S,
@@ -71,25 +71,30 @@ class WebSocketSplitter:
     """The server's side of one connection: finds messages, and knows what to answer.
 
     Attributes:
-        over: the connection has come to its end.
+        trouble: why the other side does not speak the protocol, or not so as we want it.
     """
 
     def __init__(self, origins: Sequence[str]) -> None:
         known: list[Any] = [None, *origins]  # None: no web page
+        self.trouble: Exception | None = None
         self._protocol = ServerProtocol(origins=known, max_size=MAX_BYTES, logger=log)
         self._fragments = b""
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Take bytes as they come; yield the messages that they complete."""
-        self._protocol.receive_data(data)
-        for event in self._protocol.events_received():
-            if isinstance(event, Request):
-                self._protocol.send_response(self._protocol.accept(event))
-            elif isinstance(event, Frame) and event.opcode in _DATA:
-                self._fragments += event.data  # the protocol sees to it that they are not too long
-                if event.fin:
-                    message, self._fragments = self._fragments, b""
-                    yield message
+        try:
+            self._protocol.receive_data(data)
+            for event in self._protocol.events_received():
+                if isinstance(event, Request):
+                    self._protocol.send_response(self._protocol.accept(event))
+                elif isinstance(event, Frame) and event.opcode in _DATA:
+                    self._fragments += event.data  # the protocol bounds their sum
+                    if event.fin:
+                        message, self._fragments = self._fragments, b""
+                        yield message
+            self.trouble = self._protocol.handshake_exc or self._protocol.parser_exc
+        except Exception as error:  # the library asserts what a stranger need not keep to
+            self.trouble = error
 
     def answer(self) -> bytes:
         """What is to be sent: the handshake, pongs, and the end."""
@@ -98,7 +103,7 @@ class WebSocketSplitter:
     @property
     def over(self) -> bool:
         """Whether the connection has come to its end."""
-        return self._protocol.close_expected()
+        return self.trouble is not None or self._protocol.close_expected()
 
 
 class WebSocketServer(StreamServer):
@@ -118,6 +123,9 @@ class WebSocketServer(StreamServer):
             unsent = len(answer) - (connection.send(answer) if answer else 0)
         except OSError:
             unsent = 1
+        if splitter.trouble is not None:
+            self._counters.malformed += 1
+            self._counters.note(plain(splitter.trouble) or "no WebSocket")
         if unsent or splitter.over:  # who does not take our few bytes does not speak the protocol
             self._lose(connection)
         return messages
@@ -129,6 +137,7 @@ class WebSocketClient:
     def __init__(self, url: str) -> None:
         self._url = url
         self._connection: ClientConnection | None = None
+        self._context = contextlib.ExitStack()
 
     def open(self) -> None:
         """Connect.
@@ -138,14 +147,14 @@ class WebSocketClient:
         """
         self.close()
         try:
-            self._connection = connect(
+            connecting = connect(
                 self._url,
                 max_size=MAX_BYTES,
                 compression=None,
                 open_timeout=CONNECT_TIMEOUT_S,
-                close_timeout=CONNECT_TIMEOUT_S,
                 logger=log,
             )
+            self._connection = self._context.enter_context(connecting)
         except (OSError, WebSocketException, ValueError) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise SourceError(f"{self._url}: {why}; start the server, or correct 'url'") from error
@@ -171,6 +180,8 @@ class WebSocketClient:
         if connection is not None:
             with contextlib.suppress(Exception):  # whoever does not answer must not hold us up
                 connection.close_socket()
+            with contextlib.suppress(Exception):
+                self._context.close()
 
 
 class WebSocketSource(SceneJsonSource):
