@@ -96,7 +96,7 @@ static uint32_t crc32(uint32_t start, const uint8_t *data, uint32_t length)
 
 static uint8_t crc_classic(const uint8_t *frame, uint32_t number)
 {
-    uint8_t data_id = (uint8_t)((((uint32_t)frame[1] & 15u) + 1u) * (number + 1u) % 251u);
+    uint8_t data_id = (uint8_t)(number + 1u);
     return crc8(crc8(0xFFu, &frame[1], CLASSIC_BYTES - 1u), &data_id, 1u) ^ 0xFFu;
 }
 

@@ -100,7 +100,7 @@ def frame_comment(definition: Definition, number: int, part: int, fd: bool) -> s
     text = definition.text + "." + (of if definition.parts > 1 and not fd else "")
     if fd:
         return f"{text} E2E profile 5, data id {data_id_16(number):#06x}."
-    return f"{text} E2E profile 2, data ids {' '.join(map(str, data_id_list(number)))}."
+    return f"{text} E2E profile 2, data id {data_id_list(number)[0]} at every counter."
 
 
 def dbc_text(fd: bool) -> str:

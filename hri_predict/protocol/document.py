@@ -166,13 +166,13 @@ def data_ids() -> str:
         if robot == 0:
             wide = f"`16#{e2e.data_id_16(number):04X}`" if part == 0 else ""
             serial = f"`16#{e2e.data_id_32(number):08X}`" if part == 0 else ""
-            listed = " ".join(str(i) for i in e2e.data_id_list(number))
-            rows.append((frame_name(d, 0, part, False), f"{number:#04x}", listed, wide, serial))
+            narrow = f"`16#{e2e.data_id_list(number)[0]:02X}`"
+            rows.append((frame_name(d, 0, part, False), f"{number:#04x}", narrow, wide, serial))
     for d in DEFINITIONS:
         if not d.classic:
             ids = (f"`16#{e2e.data_id_16(d.number):04X}`", f"`16#{e2e.data_id_32(d.number):08X}`")
             rows.append((frame_name(d, 0, 0, True), f"{d.number:#04x}", "", *ids))
-    head = ("frame", "number", "profile 2, counter 0..15", "profile 5", "profile 4")
+    head = ("frame", "number", "profile 2", "profile 5", "profile 4")
     return table(head, rows)
 
 

@@ -45,11 +45,7 @@ def test_every_single_bit_error_of_an_advice_is_refused(fd: bool) -> None:
 
 
 def test_double_and_triple_bit_errors_of_a_classic_frame_are_refused() -> None:
-    """CRC-8 0x2F detects all of up to three wrong bits in the 8 bytes and the data id.
-
-    Errors in the counter's nibble also change the data id, which is another pattern; those that
-    pass the CRC come under a wrong counter, and the message is not completed.
-    """
+    """CRC-8 0x2F detects all of up to three wrong bits; the C decoder's test tries every triple."""
     frames = CanSender().encode(ADVICE)
     rng = np.random.default_rng(5)
     doubles = list(combinations(range(64), 2))
@@ -58,8 +54,7 @@ def test_double_and_triple_bit_errors_of_a_classic_frame_are_refused() -> None:
         receiver = CanReceiver()
         broken = CanFrame(frames[0].arbitration_id, flipped(frames[0].data, bits))
         assert [m for f in (broken, *frames[1:]) for m in receiver.feed(f)] == []
-        if not any(8 <= bit < 12 for bit in bits):
-            assert receiver.counters.crc_errors == 1, bits
+        assert receiver.counters.crc_errors == 1, bits
 
 
 @settings(max_examples=300)

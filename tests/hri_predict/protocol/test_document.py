@@ -48,7 +48,7 @@ def test_classic_example_follows_the_words_alone() -> None:
     assert len(frames) == 3
     for part, frame in enumerate(frames):
         number = 8 * EXAMPLE.robot + part
-        data_id = (1 * (number + 1)) % 251
+        data_id = number + 1
         want = crc(frame[1:] + bytes((data_id,)), 8, 0x2F, 0xFF) ^ 0xFF
         assert frame[0] == want
         assert frame[1] == 0
