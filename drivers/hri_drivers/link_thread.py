@@ -34,6 +34,7 @@ BUSY_LIMIT_NS = 1_000_000_000  # busy for longer (bus-off, nobody reads): re-ope
 SETTLED_NS = 1_000_000_000  # a connection that lived so long starts the back-off afresh
 FLUSH_NS = 200_000_000  # how long a stop may take to write the last messages
 BULK_AHEAD_NS = 2_000_000  # how far ahead of the wire bulk is written
+BULK_WAIT_S = 0.001  # at least, so that a fast wire does not wake its writer for every frame
 READS_PER_SERVICE = 1024
 
 
@@ -186,7 +187,9 @@ class SupervisedLink(Generic[U]):
         if self._busy_since_ns is not None:
             return BUSY_RETRY_S
         if self._bulk_waits:
-            return max(0.0005, (self._wire_free_ns - self._clock.now_ns()) * 1e-9)
+            # not until the wire is free: waking up takes time too, in which it would be idle
+            ahead_ns = self._wire_free_ns - self._clock.now_ns() - BULK_AHEAD_NS
+            return max(BULK_WAIT_S, ahead_ns * 1e-9)
         return self._bulk.patience_s()
 
     def _read_loop(self, hang_up: threading.Event) -> None:
