@@ -301,7 +301,7 @@ def resolve_bvh_map(joint_names: Sequence[str]) -> JointMap:
     missing = [joint for joint in table.required if found.get(joint) is None]
     if missing:
         raise ConfigError(
-            f"BVH: no joint is known as {', '.join(missing)} (the file has: "
+            f"no joint is known as {', '.join(missing)} (the file has: "
             f"{_shortened(joint_names)}); rename the joints, e.g. as Mixamo does (LeftArm, LeftLeg)"
         )
     weights = np.zeros((len(CANONICAL.joints), len(joint_names)))

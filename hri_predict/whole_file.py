@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 
@@ -13,12 +14,23 @@ def write_whole(path: Path, data: bytes) -> None:
     Raises:
         OSError: it cannot be written; a file that was there is as it was.
     """
+    with whole_file(path) as partial:
+        partial.write_bytes(data)
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a file to write, which takes the place of ``path`` unless something is raised.
+
+    Raises:
+        OSError: it cannot be written; a file that was there is as it was.
+    """
     partial = path.with_name(path.name + ".partial")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        partial.write_bytes(data)
+        yield partial
         os.replace(partial, path)
-    except OSError:
+    except BaseException:
         with contextlib.suppress(OSError):
             partial.unlink()
         raise

@@ -2,7 +2,18 @@
 
 import typer
 
-from hri_predict.cli import bench, calibrate, check, evaluate, listen, run, simulate, train
+from hri_predict.cli import (
+    bench,
+    calibrate,
+    check,
+    convert,
+    evaluate,
+    fleet,
+    listen,
+    run,
+    simulate,
+    train,
+)
 
 app = typer.Typer(
     help="Predicts where people near a robot will be, and advises the robot's controller in time.",
@@ -16,9 +27,11 @@ app.command()(run.run)
 app.command()(check.check)
 app.command()(run.replay)
 app.command()(listen.listen)
+app.command()(fleet.fleet)
 app.command()(check.predictors)
 app.command()(train.train)
 app.command()(evaluate.evaluate)
 app.command()(calibrate.calibrate)
 app.command()(simulate.simulate)
+app.command()(convert.convert)
 app.add_typer(bench.app, name="bench")

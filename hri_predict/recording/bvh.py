@@ -1,5 +1,7 @@
 """BVH files, read with ``bvhio``; the forward kinematics of all frames at once is ours.
 
+``bvh_writer`` writes them.
+
 BVH: each joint has an offset from its parent, and channels per frame. World pose of a joint:
 ``G_j = G_parent R_j``, ``p_j = p_parent + G_parent t_j``, where ``R_j`` is the product of its axis
 rotations in the order of its channels and ``t_j`` its offset, or its position channels.
@@ -12,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import resolve_bvh_map
+from hri_predict.joint_map import JointMap, resolve_bvh_map
+from hri_predict.recording.bvh_writer import AXES, CM_PER_M
+from hri_predict.recording.naming import unknown_map
 from hri_predict.recording.recording import Recording, check_rate, recording_of_one
 from hri_predict.scene import Floats
 
@@ -22,7 +26,7 @@ MAX_FRAMES = 10_000_000
 def read_bvh(
     path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
 ) -> Recording:
-    """Read a BVH file whose joints have usual names.
+    """Read a BVH file; its joints' names are known if they are usual ones, see ``check_known``.
 
     Args:
         path: the file.
@@ -31,8 +35,7 @@ def read_bvh(
         axes: the file's axes that are forward, left and up; default y up (BVH does not say).
 
     Raises:
-        RecordingError: the reader is not installed; the file is truncated, empty, or not BVH; its
-            joints have names that are not known.
+        RecordingError: the reader is not installed; the file is truncated, empty, or not BVH.
     """
     try:
         import bvhio
@@ -55,13 +58,17 @@ def read_bvh(
         )
     rate_hz = 1.0 / max(bvh.FrameTime, 1e-100)  # no overflow: it is refused all the same
     check_rate(path, "'Frame Time'", rate_hz)
-    try:
-        joint_map = resolve_bvh_map(names)
-        joint_map = joint_map if unit_m is None else joint_map.with_units(unit_m)
-        joint_map = joint_map if axes is None else joint_map.with_axes(axes)
-    except ConfigError as error:
-        raise RecordingError(f"recording {path}: {error}") from error
+    joint_map = _map(names)
+    joint_map = joint_map if unit_m is None else joint_map.with_units(unit_m)
+    joint_map = joint_map if axes is None else joint_map.with_axes(axes)
     return recording_of_one(path, "bvh", joint_map, raw, rate_hz, person)
+
+
+def _map(names: Sequence[str]) -> JointMap:
+    try:
+        return resolve_bvh_map(names)
+    except ConfigError:
+        return unknown_map(names).with_units(1 / CM_PER_M).with_axes(AXES)
 
 
 def _check_complete(path: Path) -> bool:

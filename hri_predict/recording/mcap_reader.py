@@ -1,6 +1,5 @@
 """Reads the node's own recordings back, the cut ones up to the cut."""
 
-import itertools
 import json
 import struct
 import zlib
@@ -21,10 +20,9 @@ from hri_predict.recording.mcap_format import (
     received_from_dict,
     scene_from_dict,
 )
-from hri_predict.recording.recording import Recording
+from hri_predict.recording.recording import Recording, check_gaps
 from hri_predict.scene import Scene
 
-MAX_GAP_S = 3600.0  # between two scenes; a node that waits longer seems to hang
 _RECORD_LIMIT = 64 * 1024 * 1024  # ours are of 64 KiB; a damaged length must not fill the memory
 # What a cut or damaged file can raise.
 _CUT: tuple[type[Exception], ...] = (EndOfFile, EOFError, McapError, CRCValidationError)
@@ -76,7 +74,7 @@ def read_mcap(path: Path) -> Recording:
     if not scenes:
         how = "truncated before its first scene" if note else "is empty (no scenes)"
         raise RecordingError(f"recording {path}: {how}; record it again")
-    _check_times(path, arrivals)
+    check_gaps(path, arrivals)
     return Recording(
         path=path,
         kind="mcap",
@@ -89,17 +87,6 @@ def read_mcap(path: Path) -> Recording:
         note=note,
         config=info.config,
     )
-
-
-def _check_times(path: Path, arrivals: list[int]) -> None:
-    """Refuse scenes that a replay would never come to, or would give in another order."""
-    for k, (before, after) in enumerate(itertools.pairwise(arrivals), start=1):
-        if not 0 <= after - before <= MAX_GAP_S * 1e9:
-            seconds = (after - before) / 1e9
-            raise RecordingError(
-                f"recording {path}: scene {k + 1} arrives {seconds:.6g} s after the one before it; "
-                f"expected 0 to {MAX_GAP_S:g} s; its times are damaged, record it again"
-            )
 
 
 def _records(file: Any) -> Iterator[Any]:

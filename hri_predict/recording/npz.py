@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.errors import RecordingError
+from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.recording import Recording, check_rate, recording_of_one
 from hri_predict.scene import Floats
 
@@ -160,3 +161,35 @@ def _number(path: Path, arrays: Mapping[str, Any], key: str, default: float | No
     if not math.isfinite(value):
         raise RecordingError(f"recording {path}: '{key}' is not one finite number")
     return value
+
+
+def write_pack(path: Path, recording: Recording) -> Written:
+    """Write one person in one of the two layouts, by the names of the joints, in any order.
+
+    Raises:
+        ConfigError: the joints are those of neither layout.
+    """
+    frames = frames_of_one(recording)
+    names = [name for name in ("cmu38", "assembly_arms") if _same(name, frames.joints)]
+    if not names:
+        raise ConfigError(
+            "the data pack's layouts hold the 38 joints of cmu38 or the 6 of assembly_arms, not "
+            f"{', '.join(frames.joints[:4])}, ...; take --to amass, which holds any"
+        )
+    joint_map = load_joint_map(names[0])
+    order = [frames.joints.index(joint) for joint in joint_map.source_joints]
+    positions = (frames.positions[:, 0, order] @ joint_map.rotation).astype(np.float32)
+    fps = np.float32(frames.rate_hz)
+    arrays: dict[str, Any]
+    if names[0] == "cmu38":
+        ok = ~np.isnan(positions).all(axis=(1, 2))
+        arrays = {"positions_world": positions, "world_ok": ok, "floor_height": np.array(0.0)}
+    else:
+        arrays = {"positions": positions, "joint_names": np.array(joint_map.source_joints)}
+    with path.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, fps=fps, **arrays)
+    return frames.written
+
+
+def _same(map_name: str, joints: Collection[str]) -> bool:
+    return sorted(joints) == sorted(load_joint_map(map_name).source_joints)

@@ -1,16 +1,37 @@
 """Opens a recording of any kind that is known."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hri_predict.errors import RecordingError
+from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.recording.amass import is_amass, read_amass
 from hri_predict.recording.bvh import read_bvh
+from hri_predict.recording.c3d import read_c3d
+from hri_predict.recording.csv_table import read_csv
 from hri_predict.recording.mcap_reader import read_mcap
+from hri_predict.recording.naming import check_known
 from hri_predict.recording.npz import read_npz
 from hri_predict.recording.recording import Recording
+from hri_predict.recording.sniffing import ending_of, seems
+from hri_predict.recording.trc import read_trc
 
-ACCEPTED = "accepted are .npz (the data pack's layouts), .bvh, and .mcap (recorded by this node)"
+ACCEPTED = (
+    "accepted are .npz (the data pack's layouts, AMASS with joints), .bvh, .c3d, .trc, .csv, and "
+    ".mcap (recorded by this node)"
+)
+
+_Reader = Callable[[Path, int, float | None, Sequence[str] | None], Recording]
+_READERS: dict[str, _Reader] = {
+    ".bvh": read_bvh,
+    ".c3d": read_c3d,
+    ".trc": read_trc,
+    ".csv": read_csv,
+    ".npz": lambda path, person, unit_m, axes: (
+        read_amass(path, person, unit_m, axes) if is_amass(path) else read_npz(path, person)
+    ),
+    ".mcap": lambda path, person, unit_m, axes: read_mcap(path),
+}
 
 
 def open_recording(
@@ -19,14 +40,16 @@ def open_recording(
     person: int = 1,
     unit_m: float | None = None,
     axes: Sequence[str] | None = None,
+    any_joints: bool = False,
 ) -> Recording:
     """Read a recording; its kind follows from the file's ending.
 
     Args:
         path: the file.
         person: the id of the body, for files that know but one.
-        unit_m: metres per unit of a BVH file; default 0.01, centimetres.
-        axes: a BVH file's axes that are forward, left and up; default y up.
+        unit_m: metres per unit of a motion file; default as it says, or as its format has it.
+        axes: a motion file's axes that are forward, left and up; default as its format has it.
+        any_joints: read it even if no canonical joint follows from the joints' names.
 
     Raises:
         RecordingError: missing, truncated, empty, of unknown kind, or with unknown joint names; one
@@ -42,13 +65,34 @@ def open_recording(
     try:
         if path.stat().st_size == 0:
             raise RecordingError(f"recording {path}: is empty (0 bytes); copy it again")
-        if ending == ".npz":
-            return read_npz(path, person)
-        if ending == ".bvh":
-            return read_bvh(path, person, unit_m, axes)
-        if ending == ".mcap":
-            return read_mcap(path)
+        if ending not in _READERS:
+            raise RecordingError(f"recording {path}: {_unknown(path, ending)}")
+        try:
+            recording = _READERS[ending](path, person, unit_m, axes)
+        except RecordingError as error:
+            raise RecordingError(f"{error}{_but(path, ending)}") from error
+        if not any_joints:
+            check_known(recording.joint_map)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"recording {path}: cannot be read: {reason}") from error
-    raise RecordingError(f"recording {path}: unknown kind '{ending or 'no ending'}'; {ACCEPTED}")
+    except ConfigError as error:
+        raise RecordingError(f"recording {path}: {error}") from error
+    return recording
+
+
+def _unknown(path: Path, ending: str) -> str:
+    """Why a file of this ending is not opened, and what it seems to be."""
+    what = seems(path)
+    if ending_of(what):
+        return f"seems to be {what}; name it so (its ending is '{ending}')"
+    seeming = f", and its content seems to be {what}" if what else ""
+    return f"unknown kind '{ending or 'no ending'}'{seeming}; {ACCEPTED}"
+
+
+def _but(path: Path, ending: str) -> str:
+    """What the file seems to be, if that is not what its name says."""
+    what = seems(path)
+    if not what or ending_of(what) == ending:
+        return ""
+    return f" (its content seems to be {what})"

@@ -1,6 +1,7 @@
 """What every motion file becomes: scenes, in time, and how they are put into the room."""
 
 import hashlib
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from hri_predict.skeleton import JOINTS
 # Heading of a recording's start: the way first travelled, if it is long enough to be one.
 HEADING_WINDOW_S = 1.0
 HEADING_TRAVEL_M = 0.3
+MAX_GAP_S = 3600.0  # between two scenes; a node that waits longer seems to hang
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,21 @@ def check_rate(path: Path, what: str, rate_hz: float) -> None:
         )
 
 
+def check_gaps(path: Path, arrivals: Sequence[int]) -> None:
+    """Refuse scenes that a replay would never come to, or would give in another order.
+
+    Raises:
+        RecordingError: two arrivals (ns) are more than ``MAX_GAP_S`` apart, or go back.
+    """
+    for k, (before, after) in enumerate(itertools.pairwise(arrivals), start=1):
+        if not 0 <= after - before <= MAX_GAP_S * 1e9:
+            seconds = (after - before) / 1e9
+            raise RecordingError(
+                f"recording {path}: scene {k + 1} arrives {seconds:.6g} s after the one before it; "
+                f"expected 0 to {MAX_GAP_S:g} s; its times are damaged, record it again"
+            )
+
+
 def recording_of_one(
     path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, person: int
 ) -> Recording:
@@ -110,6 +127,11 @@ def recording_of(
     note = f"in {poor} of {len(scenes)} frames {what}" if poor else ""
     times = [scene.capture_ns for scene in scenes]
     return Recording(path, kind, joint_map, rate_hz, scenes, times, note=note)
+
+
+def noted(recording: Recording, note: str) -> Recording:
+    """The recording with one more thing that the user should know; "" is nothing."""
+    return replace(recording, note="; ".join(n for n in (recording.note, note) if n))
 
 
 def placed(

@@ -7,7 +7,6 @@ received: several people, their ids, blind scenes, late ones and lost ones.
 import bisect
 import itertools
 import logging
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,9 +16,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.link import Received
 from hri_predict.recording import Recording, open_recording, placed
+from hri_predict.recording.cutting import between, decimated
 from hri_predict.scene import Bools, Floats, Scene
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose, Vector3
 from hri_predict.source import SourceSettings
@@ -32,7 +32,7 @@ class RecordingSettings(SourceSettings):
 
     kind: Literal["recording"]
     room_from_source: Pose = Pose()
-    path: str = Field(min_length=1, description=".npz, .bvh or .mcap")
+    path: str = Field(min_length=1, description=".npz, .bvh, .c3d, .trc, .csv or .mcap")
     place: Vector3 | None = Field(
         None, description="[x, y, yaw] in the room of the recording's start"
     )
@@ -52,10 +52,10 @@ class RecordingSettings(SourceSettings):
     noise_m: float = Field(0.0, ge=0, le=0.2, description="added; standard deviation per axis")
     seed: int = Field(0, ge=0, description="of the noise")
     unit_m: float | None = Field(
-        None, gt=0, le=1000, description="metres per unit of a BVH; default 0.01"
+        None, gt=0, le=1000, description="metres per unit of a motion file"
     )
     axes: Annotated[list[str], Field(min_length=3, max_length=3)] | None = Field(
-        None, description="a BVH's axes that are forward, left, up; default [z, x, y]"
+        None, description="a motion file's axes that are forward, left, up"
     )
 
 
@@ -227,40 +227,19 @@ def _true_times(recording: Recording) -> list[int]:
 
 def _part(recording: Recording, settings: RecordingSettings) -> Recording:
     """The part from ``start_s`` to ``end_s``."""
-    begin_ns = recording.arrival_ns[0] + round(settings.start_s * 1e9)
-    end_s = math.inf if settings.end_s is None else settings.end_s
-    end_ns = recording.arrival_ns[0] + end_s * 1e9
-    kept = [k for k, ns in enumerate(recording.arrival_ns) if begin_ns <= ns <= end_ns]
-    if not kept:
-        raise ConfigError(
-            f"source: nothing of {recording.path} is between start_s {settings.start_s:g} and "
-            f"end_s {end_s:g}; it lasts {recording.duration_s:.1f} s"
-        )
-    return _chosen(recording, kept)
+    try:
+        return between(recording, settings.start_s, settings.end_s)
+    except RecordingError as error:
+        raise ConfigError(f"source.start_s, source.end_s: {error}") from None
 
 
 def _decimated(recording: Recording, settings: RecordingSettings) -> Recording:
     """Frames left out so that those that remain come at ``rate_hz``, as near as they can."""
-    rate_hz = settings.rate_hz
-    if rate_hz is None or math.isclose(rate_hz, recording.rate_hz, rel_tol=1e-6):
+    if settings.rate_hz is None:
         return recording
-    if recording.kind == "mcap":
+    if recording.kind == "mcap" and settings.rate_hz != recording.rate_hz:
         raise ConfigError("source.rate_hz: an MCAP recording plays as it was received; remove it")
-    if rate_hz > recording.rate_hz:
-        raise ConfigError(
-            f"source.rate_hz: {rate_hz:g} is above the recording's own {recording.rate_hz:g}; "
-            f"frames are left out, never invented"
-        )
-    count = 1 + math.floor((len(recording.scenes) - 1) * rate_hz / recording.rate_hz + 1e-9)
-    kept = [round(i * recording.rate_hz / rate_hz) for i in range(count)]
-    chosen = _chosen(recording, [k for k in kept if k < len(recording.scenes)])
-    numbered = [replace(scene, sequence=i) for i, scene in enumerate(chosen.scenes)]
-    return replace(chosen, scenes=numbered, rate_hz=rate_hz)
-
-
-def _chosen(recording: Recording, kept: list[int]) -> Recording:
-    return replace(
-        recording,
-        scenes=[recording.scenes[k] for k in kept],
-        arrival_ns=[recording.arrival_ns[k] for k in kept],
-    )
+    try:
+        return decimated(recording, settings.rate_hz)
+    except RecordingError as error:
+        raise ConfigError(f"source.rate_hz: {error}") from None

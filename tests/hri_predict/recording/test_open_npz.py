@@ -134,8 +134,8 @@ def _error(path: Path) -> str:
 def test_missing_and_unknown_kinds_say_what_is_accepted(tmp_path: Path) -> None:
     assert "no such file" in _error(tmp_path / "gone.npz")
     assert ".bvh" in _error(tmp_path)
-    (tmp_path / "a.c3d").write_bytes(b"x")
-    assert ".mcap" in _error(tmp_path / "a.c3d")
+    (tmp_path / "a.fbx").write_bytes(b"x")
+    assert ".mcap" in _error(tmp_path / "a.fbx")
     (tmp_path / "a.npz").write_bytes(b"")
     assert "empty" in _error(tmp_path / "a.npz")
 

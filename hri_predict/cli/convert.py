@@ -1,0 +1,147 @@
+"""``convert``: a recording from one format to another."""
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hri_predict.cli.common import one_of, without_effect
+from hri_predict.errors import ConfigError
+from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.recording.converting import ENDINGS, WRITERS, write_recording
+from hri_predict.recording.cutting import between, decimated, of_person, people_of
+from hri_predict.recording.frames import Written
+from hri_predict.recording.opening import open_recording
+from hri_predict.recording.recording import Recording
+from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
+
+SELF_EXPLAINED = ("cmu", "assembly", "mcap")  # units and axes of these are fixed
+MANY_PEOPLE = ("csv", "c3d", "trc", "mcap")
+
+
+def convert(
+    source: Annotated[
+        Path, typer.Argument(metavar="INPUT", help=".npz, .bvh, .c3d, .trc, .csv or .mcap")
+    ],
+    output: Annotated[Path, typer.Argument(help="The file to write; its ending says the format.")],
+    to: Annotated[
+        str | None,
+        typer.Option(help=f"Write this format: {', '.join(WRITERS)} (amass and pack are .npz)."),
+    ] = None,
+    person: Annotated[
+        int | None,
+        typer.Option(help="Only this person; of a file that names none, the id.", min=0, max=65535),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Leave frames out, down to so many per second.")
+    ] = None,
+    start: Annotated[float, typer.Option(help="Skip what is before, seconds.", min=0)] = 0.0,
+    end: Annotated[float | None, typer.Option(help="Skip what is after, seconds.")] = None,
+    units: Annotated[
+        str | None, typer.Option(help="Of INPUT: m, cm, mm, inch, ft, or metres per unit.")
+    ] = None,
+    axes: Annotated[
+        str | None,
+        typer.Option(help="Of INPUT: which are forward, left and up, such as z,x,y for y up."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
+) -> None:
+    """A recording in another format. What that cannot hold is counted, and said.
+
+    Written are: csv metres, z up; c3d millimetres, z up; trc millimetres, y up; bvh centimetres, y
+    up; amass metres, z up; mcap for replay.
+
+    Example: hri-predict convert walk.c3d walk.csv --rate 30 --person 1
+    """
+    kind = _format(output, to)
+    recording = open_recording(
+        source,
+        person=1 if person is None else person,
+        unit_m=None if units is None else _unit(units),
+        axes=None if axes is None else axes.split(","),
+        any_joints=True,
+    )
+    if recording.kind in SELF_EXPLAINED:
+        without_effect({"--units": units, "--axes": axes}, f"on {source}, which states its own")
+    recording, others = _chosen(recording, person, rate, start, end)
+    written = write_recording(recording, output, kind, force=force)
+    written.dropped["other people"] += others
+    _tell(_summary(recording, output, kind, written), as_json)
+
+
+def _format(output: Path, to: str | None) -> str:
+    if to is not None:
+        return str(one_of("--to", to, list(WRITERS)))
+    if output.suffix.lower() not in ENDINGS:
+        raise ConfigError(
+            f"{output}: unknown ending '{output.suffix}'; use {', '.join(ENDINGS)}, or --to"
+        )
+    return ENDINGS[output.suffix.lower()]
+
+
+def _unit(text: str) -> float:
+    try:
+        unit_m = METRES_PER_UNIT[text] if text in METRES_PER_UNIT else float(text)
+    except ValueError:
+        unit_m = math.nan
+    if not 0 < unit_m <= 1000:
+        raise ConfigError(
+            f"--units {text}: use one of {', '.join(METRES_PER_UNIT)}, or metres per unit"
+        )
+    return unit_m
+
+
+def _chosen(
+    recording: Recording, person: int | None, rate: float | None, start: float, end: float | None
+) -> tuple[Recording, int]:
+    """The part that is asked for, and how many people are not in it."""
+    if end is not None and not end > start:
+        raise ConfigError(f"--end {end:g}: must be after --start {start:g}")
+    if rate is not None and not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+        raise ConfigError(f"--rate {rate:g}: must be {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}")
+    recording = between(recording, start, end)
+    others = 0
+    if person is not None:
+        recording, others = of_person(recording, person)
+    return recording if rate is None else decimated(recording, rate), others
+
+
+def _summary(recording: Recording, output: Path, kind: str, written: Written) -> dict[str, Any]:
+    ids = people_of(recording)
+    notes = [recording.note] if recording.note else []
+    notes += written.notes
+    if kind not in MANY_PEOPLE and ids and ids[0] != 1 and len(ids) == 1:
+        notes.append(f"the file does not say that this is person {ids[0]}; --person says it again")
+    if not recording.joint_map.mapped.any():
+        notes.append("no canonical joint follows from the joints' names: it cannot be replayed")
+    return {
+        "input": str(recording.path),
+        "from": recording.kind,
+        "output": str(output),
+        "to": kind,
+        "frames": written.frames,
+        "rate_hz": recording.rate_hz,
+        "seconds": recording.duration_s,
+        "people": ids,
+        "joints": len(recording.joint_map.source_joints),
+        "dropped": {what: count for what, count in written.dropped.items() if count},
+        "notes": notes,
+    }
+
+
+def _tell(summary: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(summary))
+        return
+    print(
+        "{output}: {frames} frames, {seconds:.2f} s at {rate_hz:g} per second, people "
+        "{people}, {joints} joints".format(**summary | {"people": summary["people"] or "none"})
+    )
+    for what, count in summary["dropped"].items():
+        print(f"dropped: {count} {what}", file=sys.stderr)
+    for note in summary["notes"]:
+        print(f"note: {note}", file=sys.stderr)

@@ -1,0 +1,56 @@
+"""From one kind of recording to another."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.recording.amass import write_amass
+from hri_predict.recording.bvh_writer import write_bvh
+from hri_predict.recording.c3d import write_c3d
+from hri_predict.recording.csv_table import write_csv
+from hri_predict.recording.frames import Written
+from hri_predict.recording.mcap_writer import write_mcap
+from hri_predict.recording.npz import write_pack
+from hri_predict.recording.recording import Recording
+from hri_predict.recording.trc import write_trc
+from hri_predict.whole_file import whole_file
+
+WRITERS: dict[str, Callable[[Path, Recording], Written]] = {
+    "amass": write_amass,
+    "bvh": write_bvh,
+    "c3d": write_c3d,
+    "csv": write_csv,
+    "mcap": write_mcap,
+    "pack": write_pack,
+    "trc": write_trc,
+}
+ENDINGS = {".npz": "amass", **{f".{kind}": kind for kind in ("bvh", "c3d", "csv", "mcap", "trc")}}
+
+
+def write_recording(recording: Recording, output: Path, to: str, *, force: bool = False) -> Written:
+    """Write ``output`` whole or not at all.
+
+    Args:
+        recording: what to write.
+        output: the file.
+        to: one of ``WRITERS``.
+        force: replace a file that is there; never the one that is read.
+
+    Raises:
+        RecordingError: it cannot be written; the recording is not for this format.
+        ConfigError: a file is there; the format cannot hold the joints' names.
+    """
+    if output.exists():
+        if output.is_dir():
+            raise ConfigError(f"{output}: is a folder; name a file in it")
+        if recording.path.exists() and output.samefile(recording.path):
+            raise ConfigError(f"{output}: is the recording that is read; name another file")
+        if not force:
+            raise ConfigError(f"{output}: is there already; --force replaces it")
+    try:
+        with whole_file(output) as partial:
+            return WRITERS[to](partial, recording)
+    except OSError as error:
+        raise RecordingError(
+            f"{output}: cannot be written: {error.strerror or error}; name another file"
+        ) from error

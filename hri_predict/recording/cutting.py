@@ -1,0 +1,102 @@
+"""Parts of recordings: a time, a rate, a person. Frames are left out, never invented."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from hri_predict.errors import RecordingError
+from hri_predict.recording.recording import Recording
+from hri_predict.scene import Scene
+
+
+def between(recording: Recording, start_s: float, end_s: float | None) -> Recording:
+    """The part from ``start_s`` to ``end_s`` after the first arrival; its messages, too.
+
+    Raises:
+        RecordingError: there is nothing in it.
+    """
+    if start_s == 0 and end_s is None:
+        return recording
+    begin_ns = recording.arrival_ns[0] + round(start_s * 1e9)
+    until_s = math.inf if end_s is None else end_s
+    end_ns = recording.arrival_ns[0] + until_s * 1e9
+    kept = [k for k, ns in enumerate(recording.arrival_ns) if begin_ns <= ns <= end_ns]
+    if not kept:
+        raise RecordingError(
+            f"recording {recording.path}: nothing of it is from {start_s:g} s to {until_s:g} s; "
+            f"it lasts {recording.duration_s:.1f} s"
+        )
+    told = [(link, r) for link, r in recording.received if begin_ns <= r.received_ns <= end_ns]
+    return replace(_chosen(recording, kept), received=told)
+
+
+def decimated(recording: Recording, rate_hz: float) -> Recording:
+    """Scenes left out so that those that remain come at ``rate_hz``, as near as they can.
+
+    Of each 1 / ``rate_hz`` the scene nearest to its middle remains; sequences count those spans.
+
+    Raises:
+        RecordingError: the recording's own rate is lower.
+    """
+    if math.isclose(rate_hz, recording.rate_hz, rel_tol=1e-6):
+        return recording
+    if rate_hz > recording.rate_hz:
+        raise RecordingError(
+            f"recording {recording.path}: {rate_hz:g} per second is above its own "
+            f"{recording.rate_hz:g}; frames are left out, never invented"
+        )
+    nearest: dict[int, tuple[float, int]] = {}
+    times_ns = true_times(recording)
+    for k, ns in enumerate(times_ns):
+        place = (ns - times_ns[0]) * 1e-9 * rate_hz
+        away = abs(place - round(place))
+        if away < nearest.get(round(place), (math.inf, 0))[0]:
+            nearest[round(place)] = away, k
+    kept = sorted((k, slot) for slot, (_, k) in nearest.items())
+    chosen = _chosen(recording, [k for k, _ in kept])
+    numbered = [
+        replace(scene, sequence=slot) for scene, (_, slot) in zip(chosen.scenes, kept, strict=True)
+    ]
+    return replace(chosen, scenes=numbered, rate_hz=rate_hz)
+
+
+def of_person(recording: Recording, person: int) -> tuple[Recording, int]:
+    """Only this person, and how many others were left out.
+
+    Raises:
+        RecordingError: the person is in no scene.
+    """
+    ids = people_of(recording)
+    if person not in ids:
+        there = ", ".join(map(str, ids)) or "nobody"
+        raise RecordingError(f"recording {recording.path}: has no person {person}; has {there}")
+    scenes = [_only(scene, person) for scene in recording.scenes]
+    return replace(recording, scenes=scenes), len(ids) - 1
+
+
+def people_of(recording: Recording) -> list[int]:
+    """The ids of everybody in any scene, in order of their numbers."""
+    return sorted({person.id for scene in recording.scenes for person in scene.people})
+
+
+def true_times(recording: Recording) -> Sequence[int]:
+    """When each scene was true, ns: its capture, if the source's clock ran as the node's did."""
+    captures = [scene.capture_ns for scene in recording.scenes]
+    in_order = all(a < b for a, b in itertools.pairwise(captures))
+    span_ns = captures[-1] - captures[0]
+    arrived_ns = recording.arrival_ns[-1] - recording.arrival_ns[0]
+    fits = abs(span_ns - arrived_ns) < 1_000_000_000
+    return captures if in_order and fits else recording.arrival_ns
+
+
+def _only(scene: Scene, person: int) -> Scene:
+    return replace(scene, people=tuple(p for p in scene.people if p.id == person))
+
+
+def _chosen(recording: Recording, kept: Sequence[int]) -> Recording:
+    return replace(
+        recording,
+        scenes=[recording.scenes[k] for k in kept],
+        arrival_ns=[recording.arrival_ns[k] for k in kept],
+    )

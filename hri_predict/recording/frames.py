@@ -1,0 +1,117 @@
+"""A recording as arrays at one rate, for formats that hold nothing but joints in frames.
+
+Such formats cannot say "nobody is here" or "I cannot see": both become joints that are not
+observed, which is the careful reading, and are counted.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from hri_predict.errors import RecordingError
+from hri_predict.recording.bounded import check_joints
+from hri_predict.recording.cutting import of_person, people_of, true_times
+from hri_predict.recording.recording import Recording
+from hri_predict.scene import Floats
+
+
+@dataclass(frozen=True)
+class Written:
+    """What came of writing a recording.
+
+    Attributes:
+        frames: that were written.
+        dropped: what the format cannot hold: a plural noun, and how many.
+        notes: what else the user should know, a line each.
+    """
+
+    frames: int
+    dropped: Counter[str] = field(default_factory=Counter)
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames at an even rate.
+
+    Attributes:
+        rate_hz: frames per second.
+        ids: of the people.
+        joints: names.
+        positions: (F, P, J, 3) metres, x forward, y left, z up; NaN where not observed.
+        written: what is lost already.
+    """
+
+    rate_hz: float
+    ids: tuple[int, ...]
+    joints: tuple[str, ...]
+    positions: Floats
+    written: Written
+
+
+def frames_of(recording: Recording) -> Frames:
+    """All people of a recording in even frames; frames that are missing there have no joints.
+
+    Raises:
+        RecordingError: there is nobody in it, or it is too long to hold.
+    """
+    ids = people_of(recording)
+    if not ids:
+        raise RecordingError(
+            f"recording {recording.path}: nobody is in it; this format holds people alone, take "
+            f".csv or .mcap"
+        )
+    slots, rate_hz = _slots(recording)
+    joints = recording.joint_map.source_joints
+    check_joints(recording.path, slots[-1] + 1, len(ids), len(joints))
+    positions = np.full((slots[-1] + 1, len(ids), len(joints), 3), np.nan)
+    written = Written(slots[-1] + 1)
+    column = {person: k for k, person in enumerate(ids)}
+    for slot, scene in zip(slots, recording.scenes, strict=True):
+        for person in scene.people:
+            seen = person.observed & np.isfinite(person.positions).all(axis=-1)
+            positions[slot, column[person.id]] = np.where(seen[:, None], person.positions, np.nan)
+        if scene.sees_room:
+            written.dropped["absences of a person"] += len(ids) - len(scene.people)
+        else:
+            written.dropped["scenes of a blind source"] += 1
+    empty = slots[-1] + 1 - len(slots)
+    if empty:
+        written.notes.append(f"{empty} frames are missing in the recording; there no joint is seen")
+    written.dropped["messages of controllers"] += len(recording.received)
+    return Frames(rate_hz, tuple(ids), joints, positions, written)
+
+
+def frames_of_one(recording: Recording) -> Frames:
+    """As ``frames_of``, for formats of one person: whoever is in the most scenes.
+
+    Raises:
+        RecordingError: see ``frames_of``.
+    """
+    counts = Counter(person.id for scene in recording.scenes for person in scene.people)
+    others = 0
+    if counts:
+        recording, others = of_person(recording, min(counts, key=lambda n: (-counts[n], n)))
+    frames = frames_of(recording)
+    if others:
+        frames.written.dropped["other people"] += others
+        frames.written.notes.append(
+            f"one person in such a file: {frames.ids[0]} is written; choose by --person"
+        )
+    return frames
+
+
+def _slots(recording: Recording) -> tuple[list[int], float]:
+    """Of each scene the number of its frame, rising, and the frames per second."""
+    times_ns = true_times(recording)
+    nominal = recording.rate_hz
+    steps = [max(1, round((b - a) * 1e-9 * nominal)) for a, b in pairwise(times_ns)]
+    counted = [0, *np.cumsum(steps, dtype=np.int64).tolist()]
+    even = [round((ns - times_ns[0]) * 1e-9 * nominal) for ns in times_ns]
+    if all(a < b for a, b in pairwise(even)) and abs(even[-1] - counted[-1]) < 1:
+        return even, nominal
+    # The source's true rate is not quite what it says: go by the number of periods in each step.
+    span_s = (times_ns[-1] - times_ns[0]) * 1e-9
+    return counted, counted[-1] / span_s if span_s > 0 else nominal

@@ -1,0 +1,102 @@
+"""Labels of markers that may name a person, too: ``Anna:LeftWrist``.
+
+Motion capture programs put the subject's name and a colon before a marker's; the node writes the
+person's id there. Files of one person have bare names.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.scene import Floats
+
+MAX_ID = 65535
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """Whose which marker is.
+
+    Attributes:
+        ids: of the people.
+        joints: names, the same for all people.
+        columns: (P, J) index of the label; -1 where a person has no such marker.
+        note: what was left out, and who is who; "" if nothing.
+    """
+
+    ids: tuple[int, ...]
+    joints: tuple[str, ...]
+    columns: NDArray[np.intp]
+    note: str
+
+    def people(self, points: Floats) -> Floats:
+        """(F, labels, 3) to (F, P, J, 3); NaN where a person has no such marker."""
+        found: Floats = points[:, self.columns]
+        found[:, self.columns < 0] = np.nan
+        return found
+
+
+def split_labels(labels: Sequence[str], person: int, left_out: Sequence[str] = ()) -> Labelled:
+    """Sort labels by person.
+
+    Left out, and counted in the note: what has no name or an automatic one (``*12``), those of
+    ``left_out``, markers of nobody beside those of somebody, and all but the first of one name.
+
+    Args:
+        labels: of the file, in order.
+        person: the id of those whom the file gives no number: the first; the next gets the next.
+        left_out: labels of what is no position.
+    """
+    named = [split_label(label) for label in labels]
+    several = any(who for who, _ in named)
+    ids: dict[str, int] = {}
+    joints: dict[str, int] = {}
+    found: dict[tuple[str, str], int] = {}
+    skipped = 0
+    for k, (label, (who, joint)) in enumerate(zip(labels, named, strict=True)):
+        automatic = not joint or joint.startswith("*")
+        if automatic or (several and not who) or label in left_out or (who, joint) in found:
+            skipped += 1
+            continue
+        found[who, joint] = k
+        joints.setdefault(joint, len(joints))
+        ids.setdefault(who, 0)
+    _number(ids, person)
+    columns = np.full((len(ids), len(joints)), -1, dtype=np.intp)
+    row = {who: k for k, who in enumerate(ids)}
+    for (who, joint), k in found.items():
+        columns[row[who], joints[joint]] = k
+    notes = [f"{skipped} of {len(labels)} labels are no markers of a person"] if skipped else []
+    notes += [f"'{who}' is person {number}" for who, number in ids.items() if who != str(number)]
+    note = "; ".join(notes) if several or skipped else ""
+    return Labelled(tuple(ids.values()), tuple(joints), columns, note)
+
+
+def split_label(label: str) -> tuple[str, str]:
+    """``Anna:LeftWrist`` to ``("Anna", "LeftWrist")``; the first is "" where nobody is named."""
+    who, _, joint = label.strip().rpartition(":")
+    return who, joint
+
+
+def joined_labels(ids: Sequence[int], joints: Sequence[str]) -> list[str]:
+    """Labels of people in order, and of each the joints; bare ones of one person."""
+    if len(ids) == 1:
+        return list(joints)
+    return [f"{person}:{joint}" for person in ids for joint in joints]
+
+
+def _number(ids: dict[str, int], person: int) -> None:
+    """Give everybody an id: their own number, or the next that is free."""
+    own = {who: int(who) for who in ids if who.isascii() and who.isdigit() and len(who) < 6}
+    own = {who: number for who, number in own.items() if number <= MAX_ID}
+    taken = set(own.values())
+    following = person
+    for who in ids:
+        if who not in own:
+            while following in taken:
+                following = (following + 1) % (MAX_ID + 1)
+            own[who] = following
+            taken.add(following)
+        ids[who] = own[who]

@@ -1,0 +1,95 @@
+"""What a file seems to be, from its first bytes: for explanations, never to read it as that."""
+
+import zipfile
+from pathlib import Path
+
+HEAD_BYTES = 4096
+# First bytes, and what begins so; of kinds that are read, the ending that they should have first.
+_MAGIC: tuple[tuple[bytes, str], ...] = (
+    (b"\x89MCAP0\r\n", ".mcap, MCAP"),
+    (b"HIERARCHY", ".bvh, BVH"),
+    (b"PathFileType", ".trc, markers as OpenSim's TRC"),
+    (b"\x93NUMPY", "a single NumPy array (.npy)"),
+    (b"\x89HDF\r\n\x1a\n", "HDF5, or MATLAB 7.3"),
+    (b"MATLAB 5.0 MAT-file", "MATLAB"),
+    (b"Kaydara FBX Binary", "FBX"),
+    (b"; FBX", "FBX as text"),
+    (b"glTF", "glTF, or VRM"),
+    (b"#ROSBAG", "a bag of ROS 1"),
+    (b"SQLite format 3\0", "SQLite, such as a bag of ROS 2"),
+    (b"LOGG", "Vector's BLF: bus traffic, not motion"),
+    (b";$FILEVERSION", "PEAK's trace of a CAN bus: bus traffic, not motion"),
+    (b"date ", "Vector's ASC: bus traffic, not motion"),
+    (b":ASF", "Acclaim's skeleton (ASF)"),
+    (b"# AST/ASF", "Acclaim's skeleton (ASF)"),
+    (b"#!OML:ASF", "Acclaim's motion (AMC)"),
+    (b":FULLY-SPECIFIED", "Acclaim's motion (AMC)"),
+    (b"PAR1", "Parquet"),
+    (b"ARROW1", "Arrow"),
+    (b"PXR-USDC", "USD"),
+    (b"\x1f\x8b", "gzip: unpack it"),
+    (b"7z\xbc\xaf\x27\x1c", "7-Zip: unpack it"),
+    (b"Rar!", "RAR: unpack it"),
+    (b"BZh", "bzip2: unpack it"),
+    (b"\xfd7zXZ", "xz: unpack it"),
+    (b"\x28\xb5\x2f\xfd", "Zstandard: unpack it"),
+    (b"\x80\x04", "a Python pickle, which could run anything: never opened here"),
+    (b"\x80\x05", "a Python pickle, which could run anything: never opened here"),
+    (b"\x80\x02", "a Python pickle, which could run anything: never opened here"),
+    (b"\x89PNG", "an image (PNG)"),
+    (b"\xff\xd8\xff", "an image (JPEG)"),
+    (b"%PDF", "PDF"),
+    (b"\x7fELF", "a program"),
+    (b"version https://git-lfs", "a Git LFS pointer: fetch the file itself by git lfs pull"),
+)
+
+
+def seems(path: Path) -> str:
+    """What the file seems to be, such as ".bvh, BVH" or "FBX"; "" where nothing tells.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    if head.startswith(b"PK\x03\x04"):
+        return _zip(path)
+    if head[4:8] == b"ftyp":
+        return "a film (MP4)"
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    for magic, what in _MAGIC:
+        if head.startswith(magic) or (magic.isascii() and text.startswith(magic)):
+            return what
+    if len(head) >= 512 and head[1] == 0x50 and head[0] > 1:
+        return ".c3d, C3D"
+    if b"\0" in head:
+        return ""
+    return _text(text)
+
+
+def ending_of(what: str) -> str:
+    """The ending that ``seems`` calls for; "" where it is nothing that is read."""
+    return what.split(",")[0] if what.startswith(".") else ""
+
+
+def _zip(path: Path) -> str:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        return "a damaged zip archive"
+    if names and all(name.endswith(".npy") for name in names):
+        return ".npz, NumPy"
+    if "[Content_Types].xml" in names:
+        return "an Office document: save it as CSV"
+    return "a zip archive: unpack it"
+
+
+def _text(text: bytes) -> str:
+    if text.startswith((b"{", b"[")):
+        return "JSON"
+    if text.startswith(b"<"):
+        return "Xsens MVNX" if b"<mvnx" in text else "XML"
+    first = text.split(b"\n", 1)[0]
+    separators = max(first.count(b","), first.count(b";"), first.count(b"\t"))
+    return ".csv, a table as text" if separators >= 2 else ""
