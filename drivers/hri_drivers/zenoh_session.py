@@ -114,6 +114,7 @@ def session_config(settings: ZenohSettings) -> zenoh.Config:
     unless_said("connect/retry", {"period_init_ms": 100, "period_max_ms": 1000})
     unless_said("scouting/multicast/enabled", False)
     unless_said("scouting/gossip/enabled", False)
+    unless_said("scouting/delay", 0)  # a router waits so long for what it finds: nothing
     unless_said("transport/link/tx/lease", LEASE_MS)
     congestion = "transport/link/tx/queue/congestion_control/block/wait_before_close"
     unless_said(congestion, BLOCK_US)

@@ -1,0 +1,204 @@
+"""``fleet``: all cells live, over zenoh."""
+
+import json
+import math
+import sys
+import threading
+import time
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from hri_predict import registry
+from hri_predict.cli.terminal_view import COLOURS
+from hri_predict.errors import ConfigError, HriPredictError, LinkError
+from hri_predict.fleet import SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
+from hri_predict.protocol.messages import Level
+from hri_predict.settings import validated
+
+READ_S = 0.1
+RETRY_S = 0.5
+REDRAW_HZ = 4
+_STATES = {"running": "green", "degraded": "yellow", "fault": "white on red", SILENT: "bold red"}
+
+
+def fleet(
+    site: Annotated[str | None, typer.Option(help="This site alone.")] = None,
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(help="A router or peer, as tcp/127.0.0.1:7447 (default). Repeatable."),
+    ] = None,
+    listen: Annotated[
+        list[str] | None,
+        typer.Option(help="Be the router that cells connect to, here. Repeatable."),
+    ] = None,
+    zenoh_config: Annotated[
+        str | None, typer.Option(help="A file of zenoh's own: TLS, access control.")
+    ] = None,
+    silent: Annotated[float, typer.Option(help="Seconds of silence until *silent*.")] = SILENT_S,
+    seconds: Annotated[float | None, typer.Option(help="Stop after this many seconds.")] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="A JSON line each second, and at the end.")
+    ] = False,
+) -> None:
+    """Show all cells live: node, level of each robot, people, age. Needs the extra 'fleet'.
+
+    Example: hri-predict fleet --connect tcp/127.0.0.1:7447
+    """
+    for flag, value in (("--seconds", seconds), ("--silent", silent)):
+        if value is not None and not 0 < value < math.inf:
+            raise ConfigError(f"{flag} {value}: give a number above 0")
+    watch = _Watch(_observer(site, connect, listen, zenoh_config), Fleet(silent))
+    watch.start()
+    try:
+        if as_json:
+            watch.print_lines(seconds)
+        else:
+            watch.show(seconds)
+    finally:
+        watch.stop()
+    if not watch.ever_connected:
+        raise LinkError(f"fleet: {watch.trouble}")
+
+
+def _observer(
+    site: str | None,
+    connect: list[str] | None,
+    listen: list[str] | None,
+    zenoh_config: str | None,
+) -> Any:
+    cls = registry.load("links", "zenoh")
+    several = connect is not None and len(connect) > 1
+    mode = "router" if listen else "peer" if several else None
+    data = {"mode": mode, "connect": connect, "listen": listen, "zenoh_config": zenoh_config}
+    data |= {"name": "fleet", "cell": "none"} | ({"site": site} if site is not None else {})
+    return cls.observer(validated(cls.settings_model, data, "fleet"), site)
+
+
+class _Watch:
+    """Hears in a thread of its own; whoever shows asks for the rows whenever it likes."""
+
+    def __init__(self, observer: Any, fleet: Fleet) -> None:
+        self.ever_connected = False
+        self.trouble = ""
+        self._observer = observer
+        self._fleet = fleet
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._hear, name="fleet", daemon=True)
+
+    def start(self) -> None:
+        """Connect once here, so that a wrong setting ends the command; then hear.
+
+        Raises:
+            ConfigError: a file or setting of zenoh's is wrong.
+        """
+        self._connect()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and the session."""
+        self._stop.set()
+        self._thread.join(timeout=2.0)
+        self._observer.close()
+
+    def _connect(self) -> None:
+        try:
+            self._observer.open()
+        except ConfigError:
+            raise
+        except HriPredictError as error:
+            self.trouble = str(error)
+        else:
+            self.ever_connected, self.trouble = True, ""
+
+    def _hear(self) -> None:
+        while not self._stop.is_set():
+            try:
+                if self.trouble:
+                    self._stop.wait(RETRY_S)
+                    self._connect()
+                    continue
+                for unit in self._observer.read(READ_S):
+                    self._fleet.take(unit._replace(key=f"hri/{unit.key}"), time.monotonic_ns())
+            except Exception as error:  # what was heard turns silent by itself
+                self.trouble = str(error).splitlines()[0] if str(error) else type(error).__name__
+
+    def rows(self) -> list[CellRow]:
+        """What is known now."""
+        return self._fleet.rows(time.monotonic_ns())
+
+    def print_lines(self, seconds: float | None) -> None:
+        """A JSON object each second, the last at the end."""
+        began = time.monotonic()
+        while True:
+            passed = time.monotonic() - began
+            left = math.inf if seconds is None else seconds - passed
+            time.sleep(max(0.0, min(1.0, left)))
+            line = {
+                "time_s": round(time.monotonic() - began, 3),
+                "connected": not self.trouble,
+                "trouble": self.trouble or None,
+                "left_out": self._fleet.left_out,
+                "cells": [row.as_dict() for row in self.rows()],
+            }
+            print(json.dumps(line), flush=True)
+            if left <= 1.0:
+                return
+
+    def show(self, seconds: float | None) -> None:
+        """A table: redrawn in a terminal, else printed once at the end."""
+        console = Console()
+        end = math.inf if seconds is None else time.monotonic() + seconds
+        if not sys.stdout.isatty():
+            while time.monotonic() < end:
+                time.sleep(min(1.0, max(0.0, end - time.monotonic())))
+            console.print(self._page())
+            return
+        with Live(
+            get_renderable=self._page, console=console, refresh_per_second=REDRAW_HZ, screen=False
+        ):
+            while time.monotonic() < end:
+                time.sleep(min(1.0, max(0.0, end - time.monotonic())))
+
+    def _page(self) -> RenderableType:
+        rows = self.rows()
+        parts: list[RenderableType] = [_table(rows)]
+        if not rows:
+            parts.append(Text("no cell heard yet"))
+        if self.trouble:
+            parts.append(Text(f"not connected: {self.trouble}", style="bold red"))
+        if self._fleet.left_out:
+            parts.append(Text(f"{self._fleet.left_out} messages left out: too many cells"))
+        return Group(*parts)
+
+
+def _table(rows: list[CellRow]) -> Table:
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("cell", "node", "robots", "people", "age", "heard", "lost", "because"):
+        table.add_column(name, no_wrap=name != "because")
+    for row in rows:
+        robots = Text(" ").join(
+            Text.assemble(f"{r.robot}:", (r.level.upper(), _colour(r.level))) for r in row.robots
+        )
+        table.add_row(
+            Text(f"{row.site}/{row.cell}"),
+            Text(row.state, style=_STATES.get(row.state, "magenta")),
+            robots,
+            "-" if row.people is None else str(row.people),
+            "-" if row.age_s is None else f"{row.age_s * 1e3:.0f} ms" if row.age_s < 10 else "old",
+            "-" if row.heard_s is None else f"{row.heard_s:.1f} s ago",
+            f"{row.lost + row.refused}",
+            Text(row.why),
+        )
+    return table
+
+
+def _colour(level: str) -> str:
+    if level == SILENT:
+        return "bold red"
+    return COLOURS[Level[level.upper()]] if level != UNKNOWN else COLOURS[Level.UNKNOWN]
