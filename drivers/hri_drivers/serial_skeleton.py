@@ -114,6 +114,7 @@ class SerialSkeletonSource(LiveSource):
     """See ``hri_predict.source.Source``."""
 
     settings_model = SerialSkeletonSettings
+    stamps_utc = True
 
     def __init__(
         self,

@@ -3,7 +3,10 @@
 import contextlib
 import json
 import random
+import re
+import time
 from math import inf, nan
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +14,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_drivers.scene_json import MAX_BYTES, LineSplitter, SceneJsonError, SceneReader
+from hri_drivers.scene_json import (
+    MAX_BYTES,
+    LineSplitter,
+    PersonMessage,
+    SceneJsonError,
+    SceneMessage,
+    SceneReader,
+)
 from hri_predict.joint_map import load_joint_map
 from hri_predict.scene import Person, Scene
 from hri_predict.source import SourceCounters
@@ -206,3 +216,30 @@ def test_a_line_that_does_not_end_is_skipped_and_the_next_one_found() -> None:
     pieces = [piece for _ in range(100) for piece in splitter.feed(b"x" * 10_000)]
     assert [len(piece) for piece in pieces] == [MAX_BYTES + 1]  # which the reader refuses
     assert list(splitter.feed(b"\n{}\n")) == [b"{}"]
+
+
+PAGE = (Path(__file__).parents[2] / "drivers" / "SCENE_JSON.md").read_text(encoding="utf-8")
+
+
+def test_the_example_of_the_page_is_what_the_page_says() -> None:
+    example = re.search(r"```json\n(.*)\n```", PAGE)
+    assert example
+    scene = reader().read(example[1])
+    assert (scene.sequence, scene.capture_ns, scene.sees_room) == (1201, 48_033_000_000, True)
+    (person,) = scene.people
+    assert person.id == 7
+    assert joint(person, "l_wrist") == pytest.approx([1.8, -0.25, 0.12])
+    assert joint(person, "r_wrist") == pytest.approx([1.79, 0.26, 0.1])
+    assert joint(person, "head") is None
+
+
+def test_the_page_names_every_key() -> None:
+    rows = set(re.findall(r"^\| `(?:people\[\]\.)?(\w+)` \|", PAGE, re.MULTILINE))
+    assert rows == {*SceneMessage.model_fields, *PersonMessage.model_fields}
+
+
+def test_the_program_of_the_page_sends_scenes() -> None:
+    program = re.search(r"scene = (\{.*?\n        \})", PAGE, re.DOTALL)
+    assert program
+    names = {"sequence": 5, "time": time, "True": True}
+    assert reader().read(json.dumps(eval(program[1], names))).sequence == 5
