@@ -7,7 +7,7 @@ each time. The node's death (``kill -9``) runs in real time, in processes of its
 
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from math import inf
 from typing import Any, Literal
 
@@ -20,13 +20,11 @@ from hri_predict.reasons import Reason
 from hri_predict.session import Options, View, run
 from hri_predict.tick import Tick
 from hri_sim.baseline_demo import baseline_demo
+from hri_sim.fault_outcome import MOVING, RECOVERY_S, Expected, Outcome
+from hri_sim.live_faults import run_live_faults
 from hri_sim.node_death import How, die
 
 START_S, LENGTH_S, AFTER_S = 5.0, 2.0, 7.0
-RECOVERY_S = 6.0  # from the fault's end until the advice is again what it was
-MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
-
-Expected = Literal["unknown", "stop", "stays stopped", "not clear", "degraded", "count only"]
 
 
 @dataclass(frozen=True)
@@ -64,22 +62,6 @@ class Case:
     def end_s(self) -> float:
         """When the fault is over, what it delayed included."""
         return START_S + self.length_s + self.drain_s
-
-
-@dataclass
-class Outcome:
-    """What was measured of one fault."""
-
-    fault: str
-    expected: str
-    acts: str
-    limit_ms: float | None
-    measured_ms: float | None
-    reason: str
-    clear_while_near: int
-    recovered_ms: float | None
-    fine: bool
-    counted: dict[str, int] = field(default_factory=dict)
 
 
 def _raises(_: Forecast) -> Forecast:
@@ -183,6 +165,8 @@ def run_table(only: str | None = None) -> Iterator[dict[str, Any]]:
     for name, how, limit_ms in DEATHS:
         if only is None or only in name:
             yield asdict(_death(name, how, limit_ms))
+    for outcome in run_live_faults(only):
+        yield asdict(outcome)
 
 
 def _death(name: str, how: How, limit_ms: float | None) -> Outcome:

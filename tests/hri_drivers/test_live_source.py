@@ -14,6 +14,8 @@ from hri_predict.scene import Person, Scene
 from hri_predict.settings import validated
 from hri_predict.source import NOT_KNOWN_NS, SourceCounters
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 20.0
 
 

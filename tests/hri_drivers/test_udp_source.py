@@ -14,6 +14,8 @@ from hri_predict.settings import validated
 from hri_predict.skeleton import CANONICAL
 from tests.hri_drivers.scene_streaming import KEY, SECRET, hri_sender, person, scene
 
+pytestmark = pytest.mark.realtime
+
 POSE = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
 JOINTS = list(CANONICAL.joints)
 

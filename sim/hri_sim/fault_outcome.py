@@ -1,0 +1,27 @@
+"""What a fault must lead to, and what came of it: a row of the fault table."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from hri_predict.protocol.messages import Level
+
+MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
+RECOVERY_S = 6.0  # from the fault's end until the advice is again what it was
+
+Expected = Literal["unknown", "stop", "stays stopped", "not clear", "degraded", "count only"]
+
+
+@dataclass
+class Outcome:
+    """What was measured of one fault."""
+
+    fault: str
+    expected: str
+    acts: str
+    limit_ms: float | None
+    measured_ms: float | None
+    reason: str
+    clear_while_near: int
+    recovered_ms: float | None
+    fine: bool
+    counted: dict[str, int] = field(default_factory=dict)
