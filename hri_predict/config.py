@@ -9,6 +9,7 @@ from pydantic import Field
 
 from hri_predict import registry
 from hri_predict.alerts import AlertSettings
+from hri_predict.discovery.services import DiscoverySettings
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.link import LinkSettings
 from hri_predict.people import PeopleSettings
@@ -37,6 +38,9 @@ class NodeSettings(Settings):
     links: list[dict[str, Any]] = []
     alerts: AlertSettings = AlertSettings()
     record: str | None = Field(None, description="file to record into (MCAP)")
+    discovery: DiscoverySettings | None = Field(
+        None, description="announce the node by DNS-SD; absent: nothing is announced"
+    )
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,10 @@ class LinkError(HriPredictError):
     """A link cannot be opened or cannot carry what it is asked to."""
 
 
+class DiscoveryError(HriPredictError):
+    """A service cannot be searched for, or does not answer."""
+
+
 class PredictorError(HriPredictError):
     """A predictor cannot be built, or gave a forecast that breaks its contract."""
 

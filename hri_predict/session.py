@@ -12,6 +12,7 @@ from hri_predict import assemble, registry
 from hri_predict.alerts import Alerts
 from hri_predict.clock import Clock, MonotonicClock, VirtualClock
 from hri_predict.config import Config
+from hri_predict.discovery.announcer import Announcer, node_properties
 from hri_predict.errors import ConfigError
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.runtime import Pace, run_real_time, run_virtual, stop_on_signals
@@ -114,6 +115,7 @@ class _Session:
         )
         self.reports: Sequence[Any] | None = None
         self.recorder: Recorder | None = None
+        self.announcer: Announcer | None = None
         self.referee: _Referee | None = None
 
     def build(self, **ends: Any) -> assemble.Assembly:
@@ -179,6 +181,10 @@ class _Session:
         ports = self.cell.start() if self.cell is not None else {}
         assembly = self.build(ports=ports)
         self.alerts.start()
+        if self.config.node.discovery is not None:
+            said = node_properties(self.config)
+            self.announcer = Announcer(self.config.node.discovery, said)
+            self.announcer.start()
         pace = run_real_time(
             assembly,
             stop,
@@ -216,6 +222,8 @@ class _Session:
 
     def close(self) -> None:
         """End what was started; safe to call twice."""
+        if self.announcer is not None:
+            self.announcer.stop()
         if self.cell is not None and self.reports is None:
             self.reports = self.cell.stop()
         self.alerts.stop()

@@ -7,6 +7,7 @@ from hri_predict.cli import (
     calibrate,
     check,
     convert,
+    discover,
     evaluate,
     fleet,
     listen,
@@ -28,6 +29,7 @@ app.command()(check.check)
 app.command()(run.replay)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
+app.command()(discover.discover)
 app.command()(check.predictors)
 app.command()(train.train)
 app.command()(evaluate.evaluate)

@@ -193,9 +193,14 @@ def _table(rows: list[CellRow]) -> Table:
             "-" if row.age_s is None else f"{row.age_s * 1e3:.0f} ms" if row.age_s < 10 else "old",
             "-" if row.heard_s is None else f"{row.heard_s:.1f} s ago",
             f"{row.lost + row.refused}",
-            Text(row.why),
+            Text(row.why or _because(row)),
         )
     return table
+
+
+def _because(row: CellRow) -> str:
+    """Why the robots that may not move freely may not."""
+    return "; ".join(dict.fromkeys(r.reason for r in row.robots if r.level != "clear"))
 
 
 def _colour(level: str) -> str:

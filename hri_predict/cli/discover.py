@@ -1,0 +1,64 @@
+"""``discover``: who is there to talk to."""
+
+import json
+import math
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from hri_predict.discovery.services import LOOPBACK, DiscoverySettings, Service
+from hri_predict.errors import ConfigError
+from hri_predict.settings import validated
+
+MAX_SECONDS = 3600.0
+_SHOWN = {"node": ("node", "predictor", "rate", "links", "schema", "version")}
+
+
+def discover(
+    seconds: Annotated[float, typer.Option(help="How long to search.")] = 3.0,
+    interface: Annotated[
+        list[str] | None,
+        typer.Option(help="Address of an interface to search on; default 127.0.0.1. Repeatable."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.")] = False,
+) -> None:
+    """List nodes, sources and controllers that announce themselves. A hint: only data are alive.
+
+    Example: hri-predict discover --seconds 3
+    """
+    if not 0 < seconds <= MAX_SECONDS or math.isnan(seconds):
+        raise ConfigError(f"--seconds {seconds}: give a number above 0, up to {MAX_SECONDS:g}")
+    settings = validated(DiscoverySettings, {"interfaces": interface or LOOPBACK}, "--interface")
+    from hri_predict.discovery import browser  # loads zeroconf
+
+    services = browser.discover(seconds, settings.interfaces)
+    if as_json:
+        print(json.dumps([service.as_dict() for service in services]))
+        return
+    console = Console()
+    if not services:
+        where = ", ".join(settings.interfaces)
+        console.print(f"nothing announces itself on {where}; see 'discovery:' in the README")
+        return
+    console.print(_table(services))
+    console.print("A hint: whether something is alive, its data alone tell.", highlight=False)
+
+
+def _table(services: list[Service]) -> Table:
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("kind", "name", "at", "liveness", "says"):
+        table.add_column(name, overflow="fold")
+    names = [s.properties.get("node") for s in services if s.kind == "node"]
+    for s in services:
+        at = ", ".join(s.addresses) + (f" port {s.port}" if s.port else "")
+        says = {k: v for k, v in s.properties.items() if k in _SHOWN.get(s.kind, (k,))}
+        text = Text("  ".join(f"{k}={v}" for k, v in says.items()))
+        if s.kind == "node" and names.count(s.properties.get("node")) > 1:
+            text.append("  (not the only one of this name)", style="bold yellow")
+        style = "green" if s.liveness == "answers" else "bold red"
+        table.add_row(s.kind, Text(s.name), Text(at), Text(s.liveness, style=style), text)
+    return table
