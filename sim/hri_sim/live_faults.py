@@ -168,6 +168,8 @@ class _Watch(View):
     def on_tick(self, tick: Tick) -> None:
         """Note the advice for the robot."""
         advice, state = tick.advices[0], tick.status.node_state
+        if state is NodeState.STOPPING:  # the last word, when all is over
+            return
         self._ticks.append((tick.now_ns, advice.level, advice.reason, state))
         if not _well(advice.level, state):
             self.well_since_ns = None
@@ -182,12 +184,12 @@ class _Watch(View):
             return None, "the node never settled", None, 0
         ticks = [tick for tick in self._ticks if tick[0] >= start_ns]
         clear = sum(level is Level.CLEAR for _, level, *_ in ticks)
-        again = (t for t, level, _, state in ticks if t >= end_ns and _well(level, state))
-        back_ns = next(again, None)
-        for t, level, reason, state in ticks:
-            if t < (back_ns or end_ns) and _is_outcome(case, level, reason, state):
-                return _ms(t - start_ns), reason.name, _ms(back_ns, end_ns), clear
-        return None, "", _ms(back_ns, end_ns), clear
+        outcome = next((t for t in ticks if _is_outcome(case, *t[1:])), None)
+        back_ns = self.well_since_ns
+        recovered = None if back_ns is None else max(0.0, (back_ns - end_ns) * 1e-6)
+        if outcome is None:
+            return None, "", recovered, clear
+        return (outcome[0] - start_ns) * 1e-6, outcome[2].name, recovered, clear
 
 
 def _well(level: Level, state: NodeState) -> bool:
@@ -198,10 +200,6 @@ def _is_outcome(case: LiveCase, level: Level, reason: Reason, state: NodeState) 
     if case.expected == "unknown":
         return level is Level.UNKNOWN and (not case.reasons or reason in case.reasons)
     return not _well(level, state)
-
-
-def _ms(at_ns: int | None, since_ns: int = 0) -> Any:
-    return None if at_ns is None else (at_ns - since_ns) * 1e-6
 
 
 class _Sending(threading.Thread):
