@@ -1,7 +1,9 @@
 # make demo: the whole cell, simulated.  make test: lint, types, tests, and the built wheel.
-# Each makes its own .venv; PIP_FLAGS goes to pip (an index with the CPU build of torch, say).
+# Each makes its own .venv; PIP_FLAGS goes to pip (an index with the CPU build of torch, say);
+# JOBS is how many tests run at once: a number, or all the machine's cores.
 PYTHON ?= python3
 PIP_FLAGS ?=
+JOBS ?= logical
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) -c constraints.txt
@@ -23,7 +25,8 @@ types: $(VENV)/.dev
 	$(BIN)/mypy
 
 pytest: $(VENV)/.dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime"
+	$(BIN)/python -m pytest -m realtime
 
 # The built wheel, installed alone, runs the demo's configuration from an empty folder.
 wheel: $(VENV)/.dev
