@@ -1,7 +1,8 @@
-"""The constants of ``drivers/c/hri_predict.h``, written from the definition.
+"""What the C code in ``drivers/c`` takes from the definition: constants, and seeds for its fuzzer.
 
 ``python -m hri_predict.protocol.c_header`` renews what stands between ``/* generated: begin`` and
-``/* generated: end */``; everything else of the C code is written by hand.
+``/* generated: end */`` in ``hri_predict.h``, and writes ``fuzz/corpus.txt``; everything else there
+is written by hand.
 """
 
 import re
@@ -22,6 +23,7 @@ from hri_predict.protocol.definition import (
     SCHEMA_HASH,
     SCHEMA_VERSION,
 )
+from hri_predict.protocol.examples import EXAMPLES, encodings
 from hri_predict.protocol.messages import (
     Advice,
     Level,
@@ -85,10 +87,23 @@ def renewed(text: str) -> str:
     return _BLOCK.sub(lambda match: match[1] + lines(constants().items()) + match[2], text)
 
 
+def corpus() -> str:
+    """Return the worked examples of what the node sends, one unit a line, for the fuzzer."""
+    rows = ["# KIND [ID] BYTES; renew: python -m hri_predict.protocol.c_header"]
+    for message in EXAMPLES:
+        if BY_TYPE[type(message)].sender == "node":
+            for link, identifier, data in encodings(message):
+                where = "" if identifier is None else f"{identifier:x} "
+                rows.append(f"{link.lower()} {where}{data.hex()}")
+    return "\n".join(rows) + "\n"
+
+
 def main() -> None:
-    """Renew the header named on the command line."""
-    path = Path(sys.argv[1] if len(sys.argv) > 1 else "drivers/c/hri_predict.h")
-    path.write_text(renewed(path.read_text(encoding="ascii")), encoding="ascii")
+    """Renew header and seeds in the folder named on the command line."""
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "drivers/c")
+    header = folder / "hri_predict.h"
+    header.write_text(renewed(header.read_text(encoding="ascii")), encoding="ascii")
+    (folder / "fuzz" / "corpus.txt").write_text(corpus(), encoding="ascii")
 
 
 if __name__ == "__main__":

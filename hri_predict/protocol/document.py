@@ -12,8 +12,8 @@ from pathlib import Path
 
 from hri_predict.errors import ConfigError
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanSender
-from hri_predict.protocol.dbc import choices, frame_name
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID
+from hri_predict.protocol.dbc import frame_name
 from hri_predict.protocol.definition import (
     BY_TYPE,
     DEFINITIONS,
@@ -26,26 +26,12 @@ from hri_predict.protocol.definition import (
     frame_number,
     frame_table,
 )
-from hri_predict.protocol.messages import Advice, Level, Message, NodeState, RobotMode
-from hri_predict.protocol.serial_codec import MAX_DECODED, MAX_ENCODED, SerialSender
+from hri_predict.protocol.examples import EXAMPLES, encodings, fields_of, meaning
+from hri_predict.protocol.messages import Level, Message, NodeState, RobotMode
+from hri_predict.protocol.serial_codec import MAX_DECODED, MAX_ENCODED
 from hri_predict.protocol.wire import wire_bits
 from hri_predict.reasons import Reason
 from hri_predict.skeleton import CANONICAL
-
-# The example of the documents: the first Advice after a start, robot 1.
-EXAMPLE = Advice(
-    robot=1,
-    level=Level.SLOW,
-    reason=Reason.PERSON_APPROACHING,
-    separation_m=1.234,
-    predicted_separation_m=0.415,
-    time_to_breach_s=0.32,
-    speed_limit_m_s=0.75,
-    body_part=6,
-    robot_link=5,
-    echo=4711,
-    age_s=0.041,
-)
 
 _BLOCK = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -186,30 +172,26 @@ def sizes() -> str:
     return table(("message", "classic", "FD, nominal + data", "serial"), rows)
 
 
-def example_fields() -> str:
-    """Return the example's payload, field by field."""
-    payload = CanSender(fd=True).encode(EXAMPLE)[0].data[e2e.PROFILE_5_HEADER :]
-    rows, start = [], 0
-    for f in BY_TYPE[Advice].fields:
-        raw = payload[start // 8 : (start + f.bits) // 8]
-        value = int.from_bytes(raw, "little", signed=f.signed)
-        named = choices(f).get(value)
-        meaning = named or (f"{value / f.scale:g} {f.unit}" if f.scale else str(value))
-        rows.append((f.signal, hexadecimal(raw), value, meaning))
-        start += f.bits
-    return table(("signal", "bytes as sent", "raw", "means"), rows)
-
-
-def example_frames() -> str:
-    """Return the example as it goes over each kind of link."""
+def example(message: Message) -> str:
+    """Return one message's worked example: its units as sent, then its payload field by field."""
+    units = []
+    for link, identifier, data in encodings(message):
+        name = link if identifier is None else f"{link}, id `{identifier:#05x}`"
+        units.append((name, hexadecimal(data)))
     rows = [
-        (f"classic, id `{f.arbitration_id:#05x}`", hexadecimal(f.data))
-        for f in CanSender().encode(EXAMPLE)
+        (f.signal, _bytes(start, f.bits), f"`16#{raw:0{(f.bits + 3) // 4}X}`", meaning(f, raw))
+        for f, start, raw in fields_of(message)
     ]
-    (fd,) = CanSender(fd=True).encode(EXAMPLE)
-    rows.append((f"FD, id `{fd.arbitration_id:#05x}`", hexadecimal(fd.data)))
-    rows.append(("serial", hexadecimal(SerialSender().encode(EXAMPLE))))
-    return table(("link", "bytes in the order sent"), rows)
+    return (
+        table(("link", "bytes in the order sent"), units)
+        + "\n"
+        + table(("signal", "payload byte", "raw", "means"), rows)
+    )
+
+
+def example_block(message: Message) -> Callable[[], str]:
+    """Return what writes the example of one message."""
+    return lambda: example(message)
 
 
 def schema() -> str:
@@ -240,8 +222,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "schema": schema,
     "segments": lambda: names_of(s.name for s in CANONICAL.segments),
     "joints": lambda: names_of(CANONICAL.joints),
-    "example fields": example_fields,
-    "example frames": example_frames,
+    **{f"{BY_TYPE[type(m)].name} example": example_block(m) for m in EXAMPLES},
     "limits": lambda: table(
         ("constant", "value"),
         (

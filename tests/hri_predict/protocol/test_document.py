@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from hri_predict.errors import ConfigError
-from hri_predict.protocol.document import BLOCKS, EXAMPLE, renewed
-from hri_predict.protocol.messages import Level
-from hri_predict.protocol.serial_codec import SerialReceiver
+from hri_predict.protocol.document import BLOCKS, renewed
+from hri_predict.protocol.examples import EXAMPLES
+from hri_predict.protocol.messages import Advice, Level
 
+EXAMPLE = next(m for m in EXAMPLES if isinstance(m, Advice))
 DOCUMENT = Path(__file__).resolve().parents[3] / "drivers" / "PROTOCOL.md"
 
 
@@ -27,7 +28,8 @@ def crc(data: bytes, width: int, polynomial: int, start: int) -> int:
 
 
 def example_bytes(link: str) -> list[bytes]:
-    text = DOCUMENT.read_text(encoding="utf-8").partition("## Worked example")[2]
+    text = DOCUMENT.read_text(encoding="utf-8").partition("<!-- table: Advice example -->")[2]
+    text = text.partition("<!-- end -->")[0]
     rows = re.findall(rf"^\| {link}[^|]*\| `([0-9A-F ]+)` \|$", text, re.MULTILINE)
     return [bytes.fromhex(row) for row in rows]
 
@@ -63,8 +65,3 @@ def test_fd_example_follows_the_words_alone() -> None:
     body = frame[2:] + bytes((data_id & 0xFF, data_id >> 8))
     assert int.from_bytes(frame[:2], "little") == crc(body, 16, 0x1021, 0xFFFF)
     assert frame[3:21] == b"".join(f[2:] for f in example_bytes("classic"))
-
-
-def test_serial_example_is_the_example() -> None:
-    (line,) = example_bytes("serial")
-    assert SerialReceiver().feed(line) == [EXAMPLE]

@@ -1,0 +1,151 @@
+"""Every worked example of PROTOCOL.md, decoded by all that can: Python, the C code, cantools."""
+
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import cantools
+import pytest
+
+from hri_predict.protocol import c_header
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver
+from hri_predict.protocol.dbc import FILES
+from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS
+from hri_predict.protocol.examples import EXAMPLES
+from hri_predict.protocol.messages import Acknowledge, Message, RobotState
+from hri_predict.protocol.serial_codec import SerialReceiver
+
+ROOT = Path(__file__).resolve().parents[3]
+C = ROOT / "drivers" / "c"
+LINKS = ("classic", "FD", "serial")
+NODE = [m for m in EXAMPLES if BY_TYPE[type(m)].sender == "node"]
+CONTROLLER = [m for m in EXAMPLES if BY_TYPE[type(m)].sender == "controller"]
+
+
+class Example:
+    """What the document prints of one message: units by kind of link, fields by signal."""
+
+    def __init__(self, message: Message):
+        text = (ROOT / "drivers" / "PROTOCOL.md").read_text(encoding="utf-8")
+        name = type(message).__name__
+        block = text.partition(f"<!-- table: {name} example -->")[2].partition("<!-- end -->")[0]
+        units = re.findall(r"^\| (\w+)(?:, id `0x(\w+)`)? \| `([0-9A-F ]+)` \|$", block, re.M)
+        self.units: dict[str, list[tuple[int, bytes]]] = {link: [] for link in LINKS}
+        for link, number, data in units:
+            self.units[link].append((int(number or "0", 16), bytes.fromhex(data)))
+        self.classic = BY_TYPE[type(message)].classic
+        rows = re.findall(r"^\| (\w+) \| \d[^|]*\| `16#([0-9A-F]+)` \| (.+) \|$", block, re.M)
+        self.raw = {signal: int(raw, 16) for signal, raw, _ in rows}
+        self.meaning = {signal: text for signal, _, text in rows}
+
+    def links(self) -> list[str]:
+        return [link for link in LINKS if self.units[link]]
+
+    def frames(self, link: str) -> list[CanFrame]:
+        return [CanFrame(number, data, link == "FD") for number, data in self.units[link]]
+
+
+def ids(message: Message) -> str:
+    return type(message).__name__
+
+
+def test_there_is_an_example_of_every_message_in_every_encoding() -> None:
+    assert {type(m) for m in EXAMPLES} == {d.type for d in DEFINITIONS}
+    for message in EXAMPLES:
+        example = Example(message)
+        assert example.links() == list(LINKS if example.classic else LINKS[1:])
+        definition = BY_TYPE[type(message)]
+        assert len(example.units["classic"]) == (definition.parts if definition.classic else 0)
+        assert set(example.raw) >= {f.signal for f in definition.fields}
+
+
+@pytest.mark.parametrize("message", EXAMPLES, ids=ids)
+def test_python_decodes_it(message: Message) -> None:
+    example = Example(message)
+    for link in example.links():
+        receiver: Any = SerialReceiver() if link == "serial" else CanReceiver(link == "FD")
+        if link == "serial":
+            got = receiver.feed(example.units[link][0][1])
+        else:
+            got = [m for frame in example.frames(link) for m in receiver.feed(frame)]
+        assert got == [message], link
+
+
+@pytest.mark.parametrize("message", EXAMPLES, ids=ids)
+def test_cantools_decodes_it(message: Message) -> None:
+    example = Example(message)
+    for fd, link in ((False, "classic"), (True, "FD")):
+        database: Any = cantools.database.load_file(ROOT / "drivers" / "dbc" / FILES[fd])
+        raw: dict[str, int] = {}
+        named: dict[str, Any] = {}
+        for frame in example.frames(link):
+            what = database.get_message_by_frame_id(frame.arbitration_id)
+            how = {"allow_truncated": True}
+            raw |= what.decode(frame.data, decode_choices=False, scaling=False, **how)
+            named |= what.decode(frame.data, **how)
+        for signal in example.raw if raw else ():
+            bits = max(8, 4 * len(f"{example.raw[signal]:X}"))
+            assert raw[signal] & ((1 << bits) - 1) == example.raw[signal], signal
+            meaning = example.meaning[signal].split()[0]
+            if isinstance(named[signal], int | float):
+                assert float(meaning) == pytest.approx(named[signal], rel=1e-5), signal
+            else:
+                assert meaning == str(named[signal]), signal
+
+
+@pytest.mark.parametrize("message", NODE, ids=ids)
+def test_the_c_code_decodes_it(build: Any, message: Message) -> None:
+    program = build(C / "examples" / "decode.c")
+    example = Example(message)
+    for link in example.links():
+        lines = [
+            data.hex() if link == "serial" else f"{number:x} {data.hex()}"
+            for number, data in example.units[link]
+        ]
+        done = subprocess.run(
+            [program, link.lower(), "0", "7"],
+            input="\n".join(lines) + "\n",
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        *_, heard, counts = done.stdout.splitlines()
+        kind, *pairs = heard.split()
+        values = {k: int(v) for k, v in (pair.split("=") for pair in pairs)}
+        assert kind == type(message).__name__
+        assert values.pop("ROBOT", 1) == 1
+        assert set(values) == set(example.raw)
+        for signal, value in values.items():
+            assert value & 0xFFFFFFFF in (example.raw[signal], example.raw[signal] | 0xFFFF0000)
+        assert "crc_errors=0 counter_errors=0 malformed=0" in counts
+
+
+@pytest.mark.parametrize("message", CONTROLLER, ids=ids)
+def test_the_c_code_encodes_it(build: Any, message: Message) -> None:
+    if isinstance(message, RobotState):
+        micro = [round(1e6 * v) for v in (*message.positions, *message.velocities)]
+        joints = len(message.positions)
+        line = " ".join(map(str, ("state", int(message.mode), joints, *micro)))
+    else:
+        assert isinstance(message, Acknowledge)
+        line = f"ack {message.latch_id} {message.ack_id}"
+    first = message.counter - 1 if isinstance(message, RobotState) else 0
+    program = build(Path(__file__).with_name("driver.c"))
+    for code, link in enumerate(LINKS):
+        begin = f"init {code} 1 {DEFAULT_BASE_ID} 0 150 400 0 500 {first}"
+        done = subprocess.run(
+            [program], input=f"{begin}\n{line}\n", capture_output=True, text=True, check=True
+        )
+        ready, sent = done.stdout.splitlines()
+        assert ready == "1"
+        want = [f"{number:x}:{data.hex()}" for number, data in Example(message).units[link]]
+        assert sent.split() == want, link
+
+
+def test_the_generated_parts_of_the_c_code_are_those_of_the_definition() -> None:
+    hint = "run: python -m hri_predict.protocol.c_header"
+    header = (C / "hri_predict.h").read_text(encoding="ascii")
+    assert c_header.renewed(header) == header, hint
+    assert "#define HRI_SCHEMA_HASH" in header
+    assert (C / "fuzz" / "corpus.txt").read_text(encoding="ascii") == c_header.corpus(), hint
