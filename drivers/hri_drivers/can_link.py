@@ -174,7 +174,7 @@ class CanLink(SupervisedLink[CanFrame]):
             settings.fd,
             settings.data_bitrate,
             options,
-            filters=id_filters(settings.ids, settings.extended, exact),
+            filters=id_filters(settings.heard_ids, settings.extended, exact),
             listen_only=settings.listen_only,
         )
 
@@ -217,7 +217,7 @@ class CanLink(SupervisedLink[CanFrame]):
     @staticmethod
     def receiver(settings: CanLinkSettings) -> CanReceiver:
         """What decodes this link's units, for whoever only listens."""
-        if settings.fd or not is_available():
+        if not (settings.hears_isotp and is_available()):
             return CanReceiver(settings.fd, settings.base_id, settings.extended)
         return IsoTpReceiver(settings.base_id, settings.extended, settings.isotp_id)
 

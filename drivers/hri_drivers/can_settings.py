@@ -83,8 +83,8 @@ class CanLinkSettings(LinkSettings):
         if self.listen_only or not self.zones:
             why = "listen_only: true" if self.listen_only else "zones: false"
             raise ValueError(f"isotp sends Zone and Pose, {why} forbids it; remove one of the two")
-        highest = 0x1FFFFFFF if self.extended else 0x7FF
         ours = range(self.base_id, self.base_id + LAST_NUMBER + 1)
+        highest = self._highest
         for name, identifier in (("id", self.isotp_id), ("peer_id", isotp.peer_id)):
             if identifier > highest or identifier in ours:
                 raise ValueError(
@@ -109,6 +109,20 @@ class CanLinkSettings(LinkSettings):
         if self.isotp is not None:
             ids |= {self.isotp_id, self.isotp.peer_id}
         return sorted(ids)
+
+    @property
+    def heard_ids(self) -> list[int]:
+        """All ids that whoever listens on this link wants to pass, ascending."""
+        return sorted({*self.ids, self.isotp_id}) if self.hears_isotp else self.ids
+
+    @property
+    def hears_isotp(self) -> bool:
+        """Whether Zone and Pose may come by ISO-TP; a base id at the very end has no id for it."""
+        return not self.fd and self.isotp_id <= self._highest
+
+    @property
+    def _highest(self) -> int:
+        return 0x1FFFFFFF if self.extended else 0x7FF
 
     @property
     def wire_kind(self) -> LinkKind:

@@ -11,10 +11,9 @@ import typer
 
 from hri_predict import registry
 from hri_predict.errors import ConfigError
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanReceiver
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID
 from hri_predict.protocol.messages import Advice, Level, Message, Schema, Status
 from hri_predict.protocol.reception import FORGET_S, SchemaGate
-from hri_predict.protocol.serial_codec import SerialReceiver
 from hri_predict.settings import validated
 
 READ_TIMEOUT_S = 0.2
@@ -30,6 +29,12 @@ def listen(
     fd: Annotated[bool, typer.Option("--fd", help="CAN: CAN FD.")] = False,
     base_id: Annotated[int, typer.Option(help="CAN: id of the first frame.")] = DEFAULT_BASE_ID,
     extended: Annotated[bool, typer.Option("--extended", help="CAN: 29-bit ids.")] = False,
+    isotp_id: Annotated[
+        int | None, typer.Option(help="CAN: id of zones by ISO-TP; default: base id + 70.")
+    ] = None,
+    listen_only: Annotated[
+        bool, typer.Option("--listen-only", help="CAN: not even acknowledge what is heard.")
+    ] = False,
     alerts: Annotated[
         bool, typer.Option("--alerts", help="Only changes of level and of the node's state.")
     ] = False,
@@ -44,12 +49,17 @@ def listen(
     """
     if seconds is not None and not 0 < seconds < math.inf:
         raise ConfigError(f"--seconds {seconds}: give a number above 0")
-    cls, settings = _settings(link, baudrate, bitrate, fd, base_id, extended)
+    can: dict[str, Any] = {"bitrate": bitrate, "fd": fd, "base_id": base_id, "extended": extended}
+    if isotp_id is not None:
+        can["isotp"] = {"id": isotp_id, "peer_id": isotp_id ^ 1}  # whoever answers, it is not us
+    cls, settings = _settings(link, {"baudrate": baudrate}, can)
+    if listen_only:
+        if settings.kind != "can":
+            raise ConfigError(f"--listen-only is for CAN; {link} never acknowledges; remove it")
+        settings = settings.model_copy(update={"listen_only": True})
     transport = cls.make_transport(settings)
     transport.open()
-    receiver: Any = (
-        CanReceiver(fd, base_id, extended) if settings.kind == "can" else SerialReceiver()
-    )
+    receiver = cls.receiver(settings)
     printer = Printer(alerts, as_json)
     began = last = time.monotonic()
     silent = False
@@ -70,22 +80,14 @@ def listen(
         printer.counters(receiver.counters)
 
 
-def _settings(
-    link: str, baudrate: int, bitrate: int, fd: bool, base_id: int, extended: bool
-) -> tuple[Any, Any]:
+def _settings(link: str, serial: dict[str, Any], can: dict[str, Any]) -> tuple[Any, Any]:
+    """The link's class, and its settings from what the options say of a link of its kind."""
     kind, _, rest = link.partition(":")
     if kind == "serial" and rest:
-        data: dict[str, Any] = {"port": rest, "baudrate": baudrate}
+        data: dict[str, Any] = {"port": rest, **serial}
     elif kind == "can" and ":" in rest:
         interface, _, channel = rest.partition(":")
-        data = {
-            "interface": interface,
-            "channel": channel,
-            "bitrate": bitrate,
-            "fd": fd,
-            "base_id": base_id,
-            "extended": extended,
-        }
+        data = {"interface": interface, "channel": channel, **can}
     else:
         raise ConfigError(f"listen {link}: give serial:PORT or can:INTERFACE:CHANNEL")
     cls = registry.load("links", kind)
