@@ -15,7 +15,9 @@ from rich.table import Table
 
 from hri_predict import assemble, registry
 from hri_predict import config as configuration
+from hri_predict.cli.bench_links import links
 from hri_predict.cli.bench_risk import PEOPLE, SEGMENTS, TITLE, risk_calls
+from hri_predict.cli.bench_soak import soak
 from hri_predict.clock import VirtualClock
 from hri_predict.errors import ConfigError
 from hri_predict.protocol import messages as m
@@ -31,6 +33,7 @@ from hri_predict.skeleton import JOINTS
 from hri_predict.tick import Tick
 
 app = typer.Typer(invoke_without_command=True)
+app.command()(links)
 
 # Until then buffers of bounded size (ticks' durations, round trips, history) are still filling up.
 WARM_UP_MINUTES = 6
@@ -40,7 +43,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON alone.")]
 
 @app.callback()
 def bench(context: typer.Context, as_json: Json = False) -> None:
-    """What the node costs: times of its parts; memory over an hour; reactions to faults.
+    """What the node costs: times of its parts and links; memory over an hour; reactions to faults.
 
     Example: hri-predict bench
     """
@@ -271,3 +274,6 @@ def memory(
         return
     for name, value in result.items():
         print(f"{name.replace('_', ' ')}: {value}")
+
+
+app.command()(soak)

@@ -17,7 +17,7 @@ SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 DEMO = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
 COMMANDS = [
     "demo", "run", "check", "replay", "listen", "predictors",
-    "bench", "bench faults", "bench memory",
+    "bench", "bench faults", "bench links", "bench memory",
 ]  # fmt: skip
 
 
@@ -127,6 +127,8 @@ def test_every_command_is_listed(cli):
         (["listen", "serial:/dev/ttyS0", "--baudrate", "0"], ["baudrate"]),
         (["bench", "faults", "--only", "no such"], ["--only no such"]),
         (["bench", "memory", "--hours", "0"], ["--hours 0"]),
+        (["bench", "links", "--only", "no such"], ["--only no such", "serial pty 115200"]),
+        (["bench", "links", "--seconds", "nan"], ["--seconds nan"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )

@@ -1,0 +1,250 @@
+"""How long a scene takes through the node and onto a wire, in real time.
+
+The whole node runs: two people near a moving robot, zones and poses on the links, a baseline for a
+predictor, whose time is taken out. The other end of a serial line is a process that takes bytes at
+the line's rate (``hri_sim.far_end``). Scenes come once a second more often than the node ticks, so
+that every phase between the two occurs.
+"""
+
+import bisect
+import contextlib
+import itertools
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from hri_drivers.can_link import CanLink, CanLinkSettings
+from hri_drivers.can_transport import CanTransport
+from hri_drivers.serial_link import SerialLink, SerialLinkSettings
+from hri_drivers.transport import Transport
+from hri_predict import assemble
+from hri_predict import config as configuration
+from hri_predict.clock import MonotonicClock
+from hri_predict.config import Config
+from hri_predict.link import LinkSettings
+from hri_predict.protocol.messages import Status
+from hri_predict.risk.robot import TrajectoryMotion
+from hri_predict.runtime import run_real_time
+from hri_predict.scene import Scene
+from hri_predict.tick import Listener, Tick
+from hri_sim.far_end import far_end
+
+U = TypeVar("U")
+
+WARM_UP_S = 1.0  # people need a history, and every module its first call
+CYCLES = 256  # Status counts modulo so many
+_CHANNELS = itertools.count()
+_PEOPLE = [
+    {"start": at, "script": [{"do": "wait", "seconds": 3600.0}]} for at in ([1.3, 0.3], [2.0, -1.0])
+]
+
+Wire = tuple[LinkSettings, Transport[Any]]
+
+
+@contextlib.contextmanager
+def _serial(baudrate: int) -> Iterator[Wire]:
+    with far_end("serial", str(baudrate / 10)) as (path, _):
+        settings = SerialLinkSettings(name="bench", port=path, baudrate=baudrate)
+        yield settings, SerialLink.make_transport(settings)
+
+
+@contextlib.contextmanager
+def _slcan(fd: bool) -> Iterator[Wire]:
+    with far_end("slcan") as (path, _):
+        settings = CanLinkSettings(
+            name="bench", interface="slcan", channel=path, fd=fd, options={"sleep_after_open": 0}
+        )
+        yield settings, CanLink.make_transport(settings)
+
+
+@contextlib.contextmanager
+def _bus(interface: str, channel: str, fd: bool) -> Iterator[Wire]:
+    """A bus of the process's own, with another node that hears what passes."""
+    settings = CanLinkSettings(name="bench", interface=interface, channel=channel, fd=fd)
+    other, ended = CanTransport(interface, channel, fd=fd), threading.Event()
+    other.open()
+
+    def hear() -> None:
+        while not ended.is_set():
+            other.read(0.1)
+
+    thread = threading.Thread(target=hear, daemon=True)
+    thread.start()
+    try:
+        yield settings, CanLink.make_transport(settings)
+    finally:
+        ended.set()
+        thread.join()
+        other.close()
+
+
+KINDS: dict[str, Callable[[], contextlib.AbstractContextManager[Wire]]] = {
+    "serial pty 115200": lambda: _serial(115_200),
+    "serial pty 921600": lambda: _serial(921_600),
+    "CAN virtual": lambda: _bus("virtual", f"bench-{next(_CHANNELS)}", fd=False),
+    "CAN FD virtual": lambda: _bus("virtual", f"bench-{next(_CHANNELS)}", fd=True),
+    "CAN slcan pty": lambda: _slcan(fd=False),
+    "CAN FD slcan pty": lambda: _slcan(fd=True),
+    "CAN FD udp_multicast": lambda: _bus("udp_multicast", "239.74.163.2", fd=True),
+}
+
+
+class _Timed(Generic[U]):
+    """A transport that notes when each unit was written."""
+
+    def __init__(self, inner: Transport[U]) -> None:
+        self._inner = inner
+        self.open, self.read, self.close = inner.open, inner.read, inner.close
+        self.written: list[tuple[int, U]] = []
+
+    def write(self, unit: U) -> None:
+        """Write, then look at the clock."""
+        self._inner.write(unit)
+        self.written.append((time.monotonic_ns(), unit))
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A tick, as its listener saw it; ``posted_ns``: when its Status was handed to the link."""
+
+    cycle: int
+    began_ns: int
+    inference_ns: int
+    posted_ns: int
+
+
+@dataclass
+class _Watch(Listener):
+    """Notes when scenes came, when ticks began, and how long each tick's inference took."""
+
+    inference_ns: int = 0
+    posted_ns: int = 0
+    arrived_ns: list[int] = field(default_factory=list)
+    ticks: list[_Seen] = field(default_factory=list)
+
+    def on_scene(self, scene: Scene, receipt_ns: int) -> None:
+        """Note when it came."""
+        self.arrived_ns.append(receipt_ns)
+
+    def on_tick(self, tick: Tick) -> None:
+        """Note the tick."""
+        seen = _Seen(tick.status.cycle, tick.now_ns, self.inference_ns, self.posted_ns)
+        self.ticks.append(seen)
+        self.inference_ns = 0
+
+
+def latency(kind: str, rate_hz: float, seconds: float) -> dict[str, Any]:
+    """Run the node on a wire of this kind.
+
+    Returns:
+        Milliseconds, p50 and p99: ``wait`` from a scene's arrival until the next tick begins;
+        ``node`` from there until that tick's Advice and Status are posted, without inference;
+        ``link`` from there until their last byte was written; ``total`` is all three. ``scenes``
+        tells how many were measured, ``missed`` how many ticks' Status was never written, as a
+        newer one took its place.
+
+    Raises:
+        LinkError: there is no such wire on this machine.
+    """
+    watch = _Watch()
+    with KINDS[kind]() as (settings, transport):
+        timed = _Timed(transport)
+        config = _config(settings, rate_hz)
+        assembly = assemble.build(
+            config, MonotonicClock(), transports={settings.name: timed}, listeners=[watch]
+        )
+        _time_inference(assembly.prediction.predictor, watch)
+        _time_posting(assembly.links[0], watch)
+        run_real_time(assembly, threading.Event(), duration_s=WARM_UP_S + seconds)
+        receiver = type(assembly.links[0]).receiver(settings)  # type: ignore[attr-defined]
+    written = _status_times(receiver, timed.written)
+    return {"link": kind, "rate_hz": rate_hz} | _figures(watch, written)
+
+
+def _config(settings: LinkSettings, rate_hz: float) -> Config:
+    """The demo's cell with this link alone, and with a robot that needs no controller."""
+    demo = configuration.load(configuration.shipped("demo.yaml")).quiet()
+    robot = demo.node.robots[0].model_copy(
+        update={"motion": TrajectoryMotion(kind="trajectory", file="pick_and_place")}
+    )
+    config = demo.with_predictor("zero_velocity").with_source(
+        {
+            "kind": "procedural",
+            "room_from_source": demo.source.room_from_source.model_dump(),
+            "rate_hz": rate_hz + 1.0,
+            "noise_m": 0.004,
+            "people": _PEOPLE,
+        }
+    )
+    node = demo.node.model_copy(update={"rate_hz": rate_hz, "robots": [robot]})
+    return replace(config, node=node, links=(settings,))
+
+
+def _time_inference(predictor: Any, watch: _Watch) -> None:
+    predict = predictor.predict
+
+    def timed(*arguments: Any) -> Any:
+        began_ns = time.monotonic_ns()
+        try:
+            return predict(*arguments)
+        finally:
+            watch.inference_ns += time.monotonic_ns() - began_ns
+
+    predictor.predict = timed
+
+
+def _time_posting(link: Any, watch: _Watch) -> None:
+    post = link.post
+
+    def timed(message: Any) -> None:
+        if isinstance(message, Status):
+            watch.posted_ns = time.monotonic_ns()
+        post(message)
+
+    link.post = timed
+
+
+def _status_times(receiver: Any, written: Sequence[tuple[int, Any]]) -> list[tuple[int, int]]:
+    """(time, cycle) of each Status, as whoever decodes the units finds them."""
+    return [
+        (written_ns, message.cycle)
+        for written_ns, unit in written
+        for message in receiver.feed(unit)
+        if isinstance(message, Status)
+    ]
+
+
+def _figures(watch: _Watch, written: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """The newest scene of each tick, and the first Status of its cycle written after it began."""
+    start_ns = watch.ticks[0].began_ns + int(WARM_UP_S * 1e9)
+    waiting, rows, missed = deque(written), [], 0
+    scenes_before = 0
+    for tick in watch.ticks[:-1]:  # the last one says that the node stops
+        while waiting and waiting[0][0] < tick.began_ns:
+            waiting.popleft()
+        scenes = bisect.bisect_right(watch.arrived_ns, tick.began_ns)
+        is_new, scenes_before = scenes > scenes_before, scenes
+        if tick.began_ns < start_ns or not is_new:
+            continue
+        soon = itertools.islice(waiting, CYCLES // 2)
+        written_ns = next((at for at, cycle in soon if cycle == tick.cycle % CYCLES), None)
+        if written_ns is None:
+            missed += 1
+            continue
+        node_ns = tick.posted_ns - tick.began_ns - tick.inference_ns
+        wait_ns = tick.began_ns - watch.arrived_ns[scenes - 1]
+        rows.append((wait_ns, node_ns, written_ns - tick.posted_ns))
+    spans_ms = np.array(rows, dtype=np.float64).reshape(-1, 3) * 1e-6
+    columns = dict(zip(("wait_ms", "node_ms", "link_ms"), spans_ms.T, strict=True))
+    columns["total_ms"] = spans_ms.sum(axis=1)
+    figures = {
+        name: {f"p{q}": round(float(np.percentile(column, q)), 3) for q in (50, 99)}
+        for name, column in columns.items()
+        if len(column)
+    }
+    return {"scenes": len(rows), "missed": missed} | figures
