@@ -1,0 +1,112 @@
+/* A controller on a serial line (POSIX): says where its robot is, and obeys.
+ *
+ *   serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS]]]
+ *
+ * Robot 0 of the node stands still here; a real controller fills in what it measures. A line is
+ * printed whenever what is permitted changes:
+ *
+ *   TIME_MS clear|warn|slow|stop SPEED_MM_S VERDICT REASON
+ */
+#define _DEFAULT_SOURCE /* termios speeds above 38400 */
+#define _POSIX_C_SOURCE 200809L
+#include "../hri_predict.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <termios.h>
+#include <time.h>
+#include <unistd.h>
+
+#define STATE_PERIOD_MS 20u /* RobotState at 50 Hz */
+#define CYCLE_MS 5u
+
+static uint32_t now_ms(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint32_t)((uint64_t)t.tv_sec * 1000u + (uint64_t)t.tv_nsec / 1000000u);
+}
+
+/* Raw, 8 bits, no parity, 1 stop bit. */
+static int open_port(const char *path)
+{
+    struct termios raw;
+    int port = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK);
+    if (port < 0 || tcgetattr(port, &raw) != 0) {
+        return -1;
+    }
+    raw.c_iflag = 0;
+    raw.c_oflag = 0;
+    raw.c_lflag = 0;
+    raw.c_cflag = CS8 | CREAD | CLOCAL;
+    raw.c_cc[VMIN] = 0;
+    raw.c_cc[VTIME] = 0;
+    if (cfsetspeed(&raw, B115200) != 0 || tcsetattr(port, TCSANOW, &raw) != 0) {
+        return -1;
+    }
+    return port;
+}
+
+static const char *word(const hri_receiver *r, unsigned speed)
+{
+    static const char *const levels[] = {"stop", "clear", "warn", "slow", "stop", "stop"};
+    return speed == 0 ? "stop" : levels[r->message.advice.level];
+}
+
+int main(int argc, char **argv)
+{
+    static hri_receiver receiver; /* the only memory that the library needs */
+    hri_settings settings = {.link = HRI_SERIAL, .robot = 0, .silence_timeout_ms = 150};
+    hri_robot_state state = {.mode = HRI_MODE_AUTOMATIC, .joints = 6};
+    /* upright, elbow bent: microradians */
+    static const int32_t posture[6] = {0, -1570796, 1570796, -1570796, -1570796, 0};
+    uint32_t state_due = now_ms();
+    char shown[64] = "";
+    int port;
+    settings.silence_timeout_ms = (uint16_t)(argc > 2 ? atoi(argv[2]) : 150);
+    settings.max_age_ms = (uint16_t)(argc > 3 ? atoi(argv[3]) : 330);
+    settings.tolerated_errors = (uint16_t)(argc > 4 ? atoi(argv[4]) : 0);
+    settings.error_window_ms = 500;
+    settings.first_state_counter = (uint16_t)(state_due / STATE_PERIOD_MS);
+    if (argc < 2 || (port = open_port(argv[1])) < 0 || !hri_init(&receiver, &settings)) {
+        fprintf(stderr, "usage: serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS]]]\n");
+        return 2;
+    }
+    memcpy(state.position_urad, posture, sizeof posture);
+    for (;;) {
+        struct pollfd readable = {.fd = port, .events = POLLIN};
+        uint8_t bytes[256];
+        ssize_t count;
+        uint32_t now;
+        unsigned speed;
+        char line[64];
+        poll(&readable, 1, CYCLE_MS);
+        now = now_ms();
+        while ((count = read(port, bytes, sizeof bytes)) > 0) {
+            for (ssize_t i = 0; i < count; i++) {
+                hri_receive_serial_byte(&receiver, bytes[i], now);
+            }
+        }
+        if ((readable.revents & (POLLHUP | POLLERR)) != 0) { /* unplugged: do not spin */
+            nanosleep(&(struct timespec){.tv_nsec = CYCLE_MS * 1000000}, NULL);
+        }
+        if (now - state_due < 0x80000000u) { /* due; the tick may wrap */
+            hri_unit units[HRI_PARTS_STATE];
+            state_due = now + STATE_PERIOD_MS;
+            hri_send_robot_state(&receiver, &state, now, units);
+            /* what does not fit now is lost: the next state is newer */
+            count = write(port, units[0].data, units[0].length);
+        }
+        speed = hri_permitted_speed(&receiver, now);
+        snprintf(line, sizeof line, "%s %u %s %u", word(&receiver, speed), speed,
+                 hri_verdict_name(receiver.verdict), receiver.message.advice.reason);
+        if (strcmp(line, shown) != 0) {
+            memcpy(shown, line, sizeof shown);
+            printf("%lu %s\n", (unsigned long)now, line);
+            fflush(stdout);
+        }
+    }
+}
