@@ -49,22 +49,21 @@ def source_report(
 
 
 def source_table(report: Mapping[str, Any]) -> Table:
-    """The report for people; trouble that there was none of is left out."""
+    """The report of a live source for people; trouble that there was none of is left out."""
     table = Table(title=f"Source: {report['kind']}", title_justify="left", show_header=False)
     clock, live = report["clock"], report["live"]
     if clock is not None:
         table.add_row("its clock", _clock(clock))
-    if live is not None:
-        for name in _COUNTS:
-            table.add_row(name.replace("_", " "), str(live[name]))
-        trouble = {
-            name.replace("_", " "): count
-            for name, count in live.items()
-            if name not in (*_COUNTS, "connected", "last_error") and count
-        }
-        table.add_row("trouble", ", ".join(f"{n} {c}" for n, c in trouble.items()) or "-")
-        if live["last_error"]:
-            table.add_row("the last", live["last_error"])
+    for name in _COUNTS:
+        table.add_row(name.replace("_", " "), str(live[name]))
+    trouble = {
+        name.replace("_", " "): count
+        for name, count in live.items()
+        if name not in (*_COUNTS, "connected", "last_error") and count
+    }
+    table.add_row("trouble", ", ".join(f"{n} {c}" for n, c in trouble.items()) or "-")
+    if live["last_error"]:
+        table.add_row("the newest", live["last_error"])
     return table
 
 

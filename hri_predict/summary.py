@@ -83,7 +83,7 @@ class Summary:
     def print(self, console: Console) -> None:
         """Show it as tables."""
         console.print(self._run_table())
-        if self.source:
+        if self.source.get("live") is not None:
             console.print(source_table(self.source))
         if self.links:
             console.print(self._link_table())

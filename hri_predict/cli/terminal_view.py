@@ -19,6 +19,7 @@ from hri_predict.assemble import Assembly
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.risk.types import Capsules
 from hri_predict.session import View
+from hri_predict.source import live_part
 from hri_predict.tick import Tick
 
 COLOURS = {
@@ -111,6 +112,13 @@ class TerminalView(View):
     def _side(self, tick: Tick, assembly: Assembly) -> Group:
         parts = [self._advice_panel(tick, advice, assembly) for advice in tick.advices]
         links = Table.grid(padding=(0, 2))
+        live = live_part(assembly.source)
+        if live is not None:
+            links.add_row(
+                Text("source", style="green" if live.connected else "red"),
+                f"{live.counters.scenes} scenes",
+                f"{live.counters.lost} lost",
+            )
         for link in assembly.links:
             links.add_row(
                 Text(link.name, style="green" if link.connected else "red"),

@@ -85,6 +85,28 @@ def test_drift_is_followed(sender, parts_per_million):
     assert sender.alignment.jumps == 0
 
 
+@pytest.mark.parametrize("parts_per_million", [-200, -20, 0, 20, 200])
+def test_drift_is_estimated_through_jitter(sender, parts_per_million):
+    rng = np.random.default_rng(0)
+    for i in range(25 * 120):
+        gained = i * PERIOD * parts_per_million // 1_000_000
+        sender.send(latency=int(rng.uniform(5 * MS, 25 * MS)), stamp_error=gained)
+    estimate = sender.alignment.estimate()
+    assert estimate.drift_ppm == pytest.approx(parts_per_million, abs=5)
+    assert estimate.offset_ns == sender.alignment.offset_ns
+    assert (estimate.jumps, estimate.spikes) == (0, 0)
+
+
+def test_drift_is_not_known_before_a_quarter_of_a_minute_nor_across_a_jump(sender):
+    sender.send_many(25 * 10)
+    assert sender.alignment.estimate().drift_ppm is None
+    sender.send_many(25 * 10)
+    assert sender.alignment.estimate().drift_ppm == pytest.approx(0, abs=1e-6)
+    sender.send(stamp_error=3600 * S)
+    estimate = sender.alignment.estimate()
+    assert (estimate.drift_ppm, estimate.jumps) == (None, 1)
+
+
 @pytest.mark.parametrize("jump", [-3600 * S, -5 * S, -150 * MS, 150 * MS, 5 * S, 10**6 * S])
 def test_a_jump_is_recognised_counted_and_carried_across(sender, jump):
     sender.send_many(100)

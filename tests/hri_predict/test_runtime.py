@@ -18,6 +18,7 @@ from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.errors import LinkError
 from hri_predict.protocol.messages import NodeState
 from hri_predict.runtime import run_real_time, run_virtual, stop_on_signals
+from hri_predict.source import NOT_KNOWN_NS
 
 MS = 1_000_000
 
@@ -173,6 +174,56 @@ def test_a_source_that_has_nothing_yet_does_not_keep_a_core_busy():
     source.poll = count_polls(source)  # type: ignore[method-assign]
     run_real_time(make(source=source), threading.Event(), duration_s=0.3)
     assert 1 < source.polls < 1000
+
+
+class LiveSource(Source):
+    """Has a scene when the test says so, and then says so itself."""
+
+    def __init__(self):
+        super().__init__(count=10**6)
+        self.live = SimpleNamespace(arrived=threading.Event())
+        self.waiting = 0
+
+    def next_ns(self):
+        return 0 if self.waiting else NOT_KNOWN_NS
+
+    def poll(self, now_ns):
+        self.polls += 1
+        if not self.waiting:
+            return None
+        self.waiting -= 1
+        self.k += 1
+        return self.k
+
+    def give(self, count):
+        self.waiting = count
+        self.live.arrived.set()
+
+
+def test_a_live_source_wakes_the_node_and_is_hardly_asked_otherwise():
+    source = LiveSource()
+    assembly = make(source=source)
+    stop = threading.Event()
+    loop = threading.Thread(target=run_real_time, args=(assembly, stop))
+    loop.start()
+    time.sleep(0.5)
+    silent = source.polls
+    assert silent < 50  # a poll each 0.1 s; one each millisecond would be 500
+    for seen in (3, 5):
+        source.give(seen - len(assembly.node.scenes))
+        deadline = time.monotonic() + 20
+        while len(assembly.node.scenes) < seen:
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+    stop.set()
+    loop.join()
+    assert [scene for scene, _ in assembly.node.scenes] == [1, 2, 3, 4, 5]
+
+
+def test_on_the_virtual_clock_a_live_source_holds_nothing_up():
+    assembly = make(source=LiveSource(), virtual=True)
+    pace = run_virtual(assembly, duration_s=1.0)
+    assert pace.ticks == 50
 
 
 def count_polls(source):
