@@ -5,6 +5,7 @@ import os
 import re
 import shlex
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hri_drivers.scene_codec import SEES_ROOM, open_datagram
 from hri_predict.predictors.base import checked
 from hri_predict.risk.robot_file import read_robot_file
 
@@ -25,6 +27,7 @@ COMMANDS = [
     for block in re.findall(r"```console\n(.*?)```", README, re.DOTALL)
     for line in block.splitlines()
 ]
+SENDER = ROOT / "drivers" / "python" / "hri_sender.py"
 RUN_BY_CI = {"make demo", "make test"}  # .ci/run runs both, from a clean clone
 RECORDINGS = {
     "walking_1.npz": SHARED / "cmu_mocap" / "test" / "walking_1.npz",
@@ -82,7 +85,7 @@ def test_ci_runs_the_two_commands():
     assert all(command in ci for command in RUN_BY_CI)
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c not in RUN_BY_CI])
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c not in RUN_BY_CI], ids=str)
 def test_command(command, folder):
     words = shlex.split(command.replace("can:socketcan:can0", "can:virtual:readme"))
     module = "hri_predict"
@@ -107,7 +110,10 @@ def test_command(command, folder):
         make = ["calibrate", "--predictor", "constant_velocity", "--data", "recordings"]
         make += ["--out", "mine.calibration.json"]
         subprocess.run([sys.executable, "-m", "hri_predict", *make], cwd=folder, check=True)
-    daemon = words[1] == "run"
+    daemon = words[1] == "run" and "--duration" not in words
+    sender = None
+    if "live_udp.yaml" in words and words[1] == "run":
+        sender = subprocess.Popen([sys.executable, SENDER, "--seconds", "120"], cwd=folder)
     process = subprocess.Popen(
         [sys.executable, "-m", module, *words[1:]],
         cwd=folder,
@@ -115,16 +121,23 @@ def test_command(command, folder):
         stderr=subprocess.PIPE,
         text=True,
     )
-    if daemon:
-        time.sleep(4.0)
+    if daemon:  # it is up when it has alerted somebody
+        end = time.monotonic() + 120
+        while not (folder / "alerts.jsonl").exists() and process.poll() is None:
+            assert time.monotonic() < end, "no alert"
+            time.sleep(0.1)
+        time.sleep(1.0)
         process.send_signal(signal.SIGTERM)
     out, err = process.communicate(timeout=150)
+    if sender is not None:
+        sender.kill()
+        sender.wait()
+        assert int(re.findall(r"scenes *│ *(\d+)", out)[0]) > 10
     assert process.returncode == 0, err
     assert "Traceback" not in err
     assert "were calibrated on" not in err
     if daemon:
         assert "Summary" in out
-        assert (folder / "alerts.jsonl").exists()
     if "--out" in words and module != "hri_predict":
         assert read_robot_file(words[words.index("--out") + 1], folder).joints
     if "--record" in words:
@@ -160,6 +173,22 @@ def test_the_predictor_that_the_readme_shows_keeps_the_contract():
     forecast = mine.predict(history, np.ones(history.shape[:3], bool))
     checked(forecast, 2, mine)
     np.testing.assert_array_equal(forecast.positions[:, -1], history[:, -1])
+
+
+def test_the_tracker_that_the_readme_shows_is_heard(monkeypatch):
+    code = re.search(r"```python\n# tracker.py\n(.*?)```", README, re.DOTALL)
+    assert code
+    monkeypatch.syspath_prepend(SENDER.parent)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as node:
+        node.bind(("127.0.0.1", 0))
+        node.settimeout(20)
+        names: dict[str, Any] = {}
+        exec(code[1].replace("47800", str(node.getsockname()[1])), names)
+        headers = [open_datagram(node.recv(2000))[0] for _ in range(3)]
+        names["sender"].close()
+    assert [(h.sequence, h.people, h.flags & SEES_ROOM) for h in headers] == [
+        (0, 1, 1), (1, 0, 1), (2, 0, 0),
+    ]  # fmt: skip
 
 
 def test_the_readme_names_only_files_that_are_there():

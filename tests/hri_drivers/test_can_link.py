@@ -67,6 +67,7 @@ class Controller:
         self.adapter.close()
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("fd", [[], ["fd"]], ids=["classic", "fd"])
 def test_cantools_in_another_process_decodes_what_the_node_sent(fd):
     """Slcan over a pseudo-terminal, both ways, random messages, the shipped DBC."""

@@ -197,6 +197,7 @@ while True:
 """
 
 
+@pytest.mark.realtime
 def test_a_controller_in_another_process_answers_every_advice():
     master, path = open_pty()
     child = subprocess.Popen([sys.executable, "-c", CHILD, path], stdout=subprocess.PIPE, text=True)

@@ -34,6 +34,7 @@ def why_not() -> str | None:
     return None
 
 
+@pytest.mark.realtime
 def test_cantools_in_another_process_decodes_fd_frames_over_udp_multicast():
     reason = why_not()
     if reason:

@@ -61,6 +61,7 @@ def in_own_network(command):
     )
 
 
+@pytest.mark.realtime
 def test_a_drive_on_a_shared_fd_bus_hears_and_answers():
     for tool in ("unshare", "ip"):
         if shutil.which(tool) is None:

@@ -36,6 +36,7 @@ DRIVE = {"role": "drive", "robot": "arm", "trajectory": "pick_and_place", **PATI
 MONITOR = {"role": "monitor", "robot": "arm", **PATIENT}
 GO = Advice(0, Level.CLEAR, Reason.NONE, speed_limit_m_s=1.0, echo=0, age_s=0.03)
 WAIT_S = 20.0
+pytestmark = pytest.mark.realtime
 
 
 class PlayedNode:

@@ -79,6 +79,7 @@ def test_no_row_of_that_name_gives_no_row():
     assert list(run_table("no such fault")) == []
 
 
+@pytest.mark.realtime
 def test_the_node_is_killed_while_the_robot_moves():
     """Real processes: the robot stops, and goes on when the node is back."""
     death = die("kill", NEAR)

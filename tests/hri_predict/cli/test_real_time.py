@@ -26,6 +26,7 @@ from hri_sim.cell import MockCell
 from hri_sim.node_death import write_config
 from hri_sim.pty import open_pty
 
+pytestmark = pytest.mark.realtime
 WAIT_S = 60.0
 HRI_PREDICT = [sys.executable, "-m", "hri_predict"]
 FAR = [{"start": [4.0, 3.0], "script": [{"do": "wait", "seconds": 60.0}]}]
