@@ -43,6 +43,8 @@ MAX_DEGREES = 360.5
 
 LATE_SAMPLES = 64
 """A sample that is older by no more arrived late; by more, the sender began anew."""
+LATE_RUN = 10
+"""Datagrams in a row that are late mean that the sender began anew soon after it had begun."""
 GONE_AFTER = 3
 """A character that is missing in so many samples in a row has left the stream."""
 _HALF = 1 << 31  # of the sample counter's range
@@ -206,6 +208,7 @@ class Assembler:
         self._sample: int | None = None
         self._parts: dict[int, _Part] = {}
         self._given = False  # the sample under way was whole and is given already
+        self._late = 0  # datagrams in a row
 
     def reset(self) -> None:
         """Forget everything but the counters, as after a reconnection."""
@@ -246,20 +249,25 @@ class Assembler:
 
     def _reach(self, sample: int) -> bool:
         """Go on to ``sample``; false if it is over already."""
-        if sample == self._sample:
-            return True
-        if self._sample is not None:
+        if self._sample is not None and sample != self._sample:
             ahead = (sample - self._sample) & 0xFFFFFFFF
-            if -ahead & 0xFFFFFFFF <= LATE_SAMPLES * self._step:
-                return False
-            if ahead >= _HALF:
-                self.reset()
-                self.session += 1
-            else:
+            if ahead < _HALF:
                 self._leave()
                 self._counters.lost += max(0, round(ahead / self._step) - 1)
+            elif self._is_late(-ahead & 0xFFFFFFFF):
+                return False
+            else:
+                self.reset()
+                self.session += 1
+        self._late = 0
+        if sample == self._sample:
+            return True
         self._sample, self._parts, self._given = sample, {}, False
         return True
+
+    def _is_late(self, behind: int) -> bool:
+        self._late += 1
+        return behind <= LATE_SAMPLES * self._step and self._late < LATE_RUN
 
     def _leave(self) -> None:
         """The next sample begins: whoever is missing in this one may have gone."""

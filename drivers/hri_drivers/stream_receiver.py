@@ -85,10 +85,10 @@ class StreamServer:
         ready, _, _ = select.select([self._listener, *self._senders], [], [], timeout_s)
         units: list[bytes] = []
         for connection in ready:
-            if connection is self._listener:
-                self._accept()
-            elif connection in self._senders:  # not one that has just lost its place
+            if connection is not self._listener:
                 units += self._receive(connection)
+        if self._listener in ready:  # last: one that hangs up leaves its place to the next
+            self._accept()
         return units
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ import secrets
 import socket
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,6 +17,7 @@ from hri_drivers import scene_codec
 from hri_drivers.key_file import read_key
 from hri_predict.scene import Scene
 from hri_predict.skeleton import CANONICAL
+from hri_sim.stream_ends import JsonEnd, MvnTcpEnd, MvnUdpEnd, SerialEnd, WebSocketEnd
 
 
 class LiveEnd(Protocol):
@@ -100,4 +102,10 @@ def free_udp_port() -> int:
 LIVE_ENDS: dict[str, Callable[[Path], LiveEnd]] = {
     "udp": UdpEnd,
     "udp with a key": lambda folder: UdpEnd(folder, keyed=True),
+    "serial": SerialEnd,
+    "mvn": MvnUdpEnd,
+    "mvn over tcp": MvnTcpEnd,
+    "json": JsonEnd,
 }
+if find_spec("websockets") is not None:
+    LIVE_ENDS["websocket"] = WebSocketEnd

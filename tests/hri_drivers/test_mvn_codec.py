@@ -169,6 +169,15 @@ def test_the_counter_may_wrap_and_may_begin_anew() -> None:
     assert hearing.assembler.session == 1
 
 
+def test_a_sender_may_begin_anew_soon_after_it_had_begun() -> None:
+    hearing = Hearing()
+    hearing.add(body(0), body(1), body(2), body(3))
+    heard = hearing.add(*(body(n) for n in range(3)), *(body(n) for n in range(3)))
+    assert not heard  # a few may just be late
+    assert hearing.add(*(body(n % 3) for n in range(4)))
+    assert hearing.assembler.session == 1
+
+
 def test_types_that_place_nobody_are_counted_alone() -> None:
     hearing = Hearing()
     others = [mvn_sender.meta_data(1, 0, 0, "Ann"), mvn_sender.time_code(1, 0)]
