@@ -1,9 +1,9 @@
 """cantools, the C code and ``hri-predict listen`` on the same random messages.
 
 Not a test itself: ``python agree.py --messages 100000`` prints on how many messages of each kind of
-link all agree, and fails at the first on which they do not. What the node sends, the C code decodes;
-what the controller sends, it encodes. There is no cantools for serial lines: there the same messages
-must be read as over FD.
+link all agree, and fails at the first on which they do not. What the node sends, the C code
+decodes; what the controller sends, it encodes. There is no cantools for serial lines: there the
+same messages must be read as over FD.
 """
 
 import argparse
