@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from hri_drivers.live_source import LiveSettings, LiveSource, Receiver, sender_joints
 from hri_drivers.scene_inbox import Heard
 from hri_drivers.scene_json import LineSplitter, SceneJsonError, SceneReader
+from hri_drivers.service_client import ServiceClient
 from hri_drivers.stream_receiver import (
     ALLOW_UNAUTHENTICATED,
     StreamClient,
@@ -19,6 +20,7 @@ from hri_drivers.stream_receiver import (
     check_exposure,
 )
 from hri_predict.clock import Clock
+from hri_predict.discovery.services import ServiceSettings
 from hri_predict.source import SourceCounters
 
 DEFAULT_PORT = 9871
@@ -41,12 +43,19 @@ class JsonSettings(SceneJsonSettings):
     )
     host: str = Field("127.0.0.1", min_length=1, description="where to listen, or to connect to")
     port: int = Field(DEFAULT_PORT, ge=0, le=65535)
+    service: ServiceSettings | None = Field(
+        None, description="client: the name that the sender announces, instead of host and port"
+    )
     allow_unauthenticated: bool = ALLOW_UNAUTHENTICATED
 
     @model_validator(mode="after")
     def _protected(self) -> Self:
         if self.role == "server":
             check_exposure(self.host, self.allow_unauthenticated)
+        if self.service is not None and self.role == "server":
+            raise ValueError("a service is connected to; set 'role: client'")
+        for address in self.service.interfaces if self.service is not None else ():
+            check_exposure(address, self.allow_unauthenticated)  # whoever takes the name is heard
         return self
 
 
@@ -114,6 +123,8 @@ class JsonSource(SceneJsonSource):
         receiver: StreamServer | StreamClient
         if settings.role == "server":
             receiver = StreamServer(settings.host, settings.port, LineSplitter, 1, counters)
+        elif settings.service is not None:
+            receiver = ServiceClient(settings.service, LineSplitter)
         else:
             receiver = StreamClient(settings.host, settings.port, LineSplitter)
         self.receiver = receiver
