@@ -13,7 +13,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -23,16 +24,16 @@ from hri_drivers.can_transport import CanTransport
 from hri_drivers.serial_link import SerialLink, SerialLinkSettings
 from hri_drivers.transport import Transport
 from hri_predict import assemble
-from hri_predict import config as configuration
 from hri_predict.clock import MonotonicClock
-from hri_predict.config import Config
+from hri_predict.config import Config, NodeSettings
 from hri_predict.link import LinkSettings
+from hri_predict.predictors.baselines import ZeroVelocity
 from hri_predict.protocol.messages import Status
-from hri_predict.risk.robot import TrajectoryMotion
 from hri_predict.runtime import run_real_time
 from hri_predict.scene import Scene
 from hri_predict.tick import Listener, Tick
 from hri_sim.far_end import far_end
+from hri_sim.procedural import ProceduralSettings
 
 U = TypeVar("U")
 
@@ -167,22 +168,29 @@ def latency(kind: str, rate_hz: float, seconds: float) -> dict[str, Any]:
 
 
 def _config(settings: LinkSettings, rate_hz: float) -> Config:
-    """The demo's cell with this link alone, and with a robot that needs no controller."""
-    demo = configuration.load(configuration.shipped("demo.yaml")).quiet()
-    robot = demo.node.robots[0].model_copy(
-        update={"motion": TrajectoryMotion(kind="trajectory", file="pick_and_place")}
+    """A cell with this link alone, and with a robot that needs no controller.
+
+    No file is read: the demo's would load its network, which takes no part.
+    """
+    robot = {
+        "name": "arm",
+        "model": "ur5e",
+        "room_from_robot": {},
+        "payload_kg": 2.0,
+        "max_speed_m_s": 1.0,
+        "motion": {"kind": "trajectory", "file": "pick_and_place"},
+    }
+    source = {"kind": "procedural", "rate_hz": rate_hz + 1.0, "noise_m": 0.004, "people": _PEOPLE}
+    predictor = {"name": "zero_velocity", "horizon_s": 1.2}
+    node = {"rate_hz": rate_hz, "source": source, "predictor": predictor, "robots": [robot]}
+    return Config(
+        path=Path("bench links"),
+        text="",
+        node=NodeSettings.model_validate(node),
+        source=ProceduralSettings.model_validate(source),
+        predictor=ZeroVelocity.settings_model.model_validate(predictor),
+        links=(settings,),
     )
-    config = demo.with_predictor("zero_velocity").with_source(
-        {
-            "kind": "procedural",
-            "room_from_source": demo.source.room_from_source.model_dump(),
-            "rate_hz": rate_hz + 1.0,
-            "noise_m": 0.004,
-            "people": _PEOPLE,
-        }
-    )
-    node = demo.node.model_copy(update={"rate_hz": rate_hz, "robots": [robot]})
-    return replace(config, node=node, links=(settings,))
 
 
 def _time_inference(predictor: Any, watch: _Watch) -> None:
