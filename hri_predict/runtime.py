@@ -21,7 +21,7 @@ from hri_predict.clock import VirtualClock
 from hri_predict.link import Link
 from hri_predict.protocol.messages import NodeState
 from hri_predict.reasons import Reason
-from hri_predict.source import live_part
+from hri_predict.source import NOT_KNOWN_NS, live_part, wait_for
 
 log = logging.getLogger(__name__)
 
@@ -145,18 +145,14 @@ def _feed(
 ) -> None:
     """The source's thread: delivers scenes as they arrive; a failing source is asked again."""
     source, clock = assembly.source, assembly.clock
-    live = live_part(source)
+    longest_ns = NOT_KNOWN_NS if live_part(source) is None else SOURCE_WAIT_NS
     while not stop.is_set():
         try:
             due_ns = source.next_ns()
             if due_ns is None:
                 exhausted.set()
                 return
-            if live is None:
-                clock.wait_until(due_ns, stop)
-            else:
-                clock.wait_until(min(due_ns, clock.now_ns() + SOURCE_WAIT_NS), live.arrived)
-                live.arrived.clear()
+            wait_for(source, min(due_ns, clock.now_ns() + longest_ns), clock, stop)
             delivered = False
             while not stop.is_set() and (scene := source.poll(clock.now_ns())) is not None:
                 assembly.node.receive(scene, clock.now_ns())

@@ -16,7 +16,7 @@ from hri_predict.discovery.announcer import Announcer, node_properties
 from hri_predict.errors import ConfigError
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.runtime import Pace, run_real_time, run_virtual, stop_on_signals
-from hri_predict.source import Source
+from hri_predict.source import Source, live_part
 from hri_predict.source_report import source_report
 from hri_predict.summary import LevelCounter, Summary, summarise
 from hri_predict.tick import Listener, Tick
@@ -137,7 +137,7 @@ class _Session:
         )
         if self.options.view is not None:
             self.options.view.bind(assembly)
-        if self.cell is not None:
+        if self.cell is not None and live_part(source) is None:  # of live people nobody has a copy
             self.referee = _Referee(self.config, assembly, self.cell)
         if path is not None:
             self.recorder = Recorder(path, self._recording_info(source), threaded=not virtual)

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 from pydantic import Field
 
+from hri_predict.clock import Clock
 from hri_predict.joint_map import JointMap
 from hri_predict.scene import Scene
 from hri_predict.settings import Pose, Region, Settings
@@ -85,6 +86,21 @@ def live_part(source: object) -> Live | None:
     """``source.live`` where the source hears a sender; ``None`` for all others."""
     live: Live | None = getattr(source, "live", None)
     return live
+
+
+def wait_for(
+    source: "Source", due_ns: int, clock: Clock, wake: threading.Event | None = None
+) -> None:
+    """Return at ``due_ns``, or sooner: when a live source has heard something, or at ``wake``.
+
+    ``wake`` is not looked at where the source is live.
+    """
+    live = live_part(source)
+    if live is None:
+        clock.wait_until(due_ns, wake)
+    else:
+        clock.wait_until(due_ns, live.arrived)
+        live.arrived.clear()
 
 
 class Source(Protocol):

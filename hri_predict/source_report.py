@@ -69,7 +69,7 @@ def source_table(report: Mapping[str, Any]) -> Table:
 
 def _clock(clock: Mapping[str, Any]) -> str:
     if clock["ahead_of_utc_s"] is not None:
-        offset = f"ahead of ours by {clock['ahead_of_utc_s'] * 1e3:.1f} ms"
+        offset = f"stamps ahead of our UTC by {clock['ahead_of_utc_s'] * 1e3:.1f} ms"
     else:
         offset = f"behind ours by {clock['offset_s']:.3f} s"
     drift = clock["drift_ppm"]

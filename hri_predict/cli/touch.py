@@ -12,7 +12,7 @@ from hri_predict.config import Config
 from hri_predict.errors import ConfigError
 from hri_predict.scene import Floats
 from hri_predict.skeleton import CANONICAL
-from hri_predict.source import Source
+from hri_predict.source import Source, wait_for
 
 WATCH_S = 3.0
 LEAST_SIGHTS = 10
@@ -91,8 +91,8 @@ def _sights(source: Source, joint: int) -> Floats:
     source.open(start_ns)
     seen = []
     try:
-        while (due_ns := source.next_ns()) is not None and due_ns < end_ns:
-            clock.wait_until(due_ns)
+        while (due_ns := source.next_ns()) is not None and clock.now_ns() < end_ns:
+            wait_for(source, min(due_ns, end_ns), clock)
             while (scene := source.poll(clock.now_ns())) is not None:
                 if len(scene.people) > 1:
                     raise ConfigError("--touched: more than one person is in view; leave one there")
