@@ -5,7 +5,7 @@
  * Robot 0 of the node stands still here; a real controller fills in what it measures. A line is
  * printed whenever what is permitted changes:
  *
- *   TIME_MS clear|warn|slow|stop SPEED_MM_S VERDICT REASON
+ *   TIME_MS clear|warn|slow|stop SPEED_MM_S REASON VERDICT
  */
 #define _DEFAULT_SOURCE /* termios speeds above 38400 */
 #define _POSIX_C_SOURCE 200809L
@@ -101,8 +101,8 @@ int main(int argc, char **argv)
             count = write(port, units[0].data, units[0].length);
         }
         speed = hri_permitted_speed(&receiver, now);
-        snprintf(line, sizeof line, "%s %u %s %u", word(&receiver, speed), speed,
-                 hri_verdict_name(receiver.verdict), receiver.message.advice.reason);
+        snprintf(line, sizeof line, "%s %u %u %s", word(&receiver, speed), speed,
+                 receiver.message.advice.reason, hri_verdict_name(receiver.verdict));
         if (strcmp(line, shown) != 0) {
             memcpy(shown, line, sizeof shown);
             printf("%lu %s\n", (unsigned long)now, line);
