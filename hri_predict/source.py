@@ -28,6 +28,11 @@ class SourceSettings(Settings):
     )
     faults: list[dict[str, Any]] = Field([], description="faults to inject; see hri_sim.faults")
 
+    @property
+    def notes(self) -> list[str]:
+        """What whoever checks the configuration should know of this source, one line each."""
+        return []
+
 
 NOT_KNOWN_NS = 2**62
 """``next_ns`` of a live source that has nothing now: ``arrived`` says when it has."""

@@ -54,6 +54,14 @@ class LiveSettings(SourceSettings):
         False, description="start although the device or server is not there yet, and go on trying"
     )
 
+    @property
+    def notes(self) -> list[str]:
+        """That the network is heard without a key, where it is."""
+        open_to_all = getattr(self, "allow_unauthenticated", False)
+        if not open_to_all or getattr(self, "key_file", None) is not None:
+            return []
+        return ["allow_unauthenticated, no key: whoever reaches the source is believed"]
+
 
 class Receiver(Protocol):
     """Where bytes come from; every ``Transport[bytes]`` is one. One thread uses it."""

@@ -140,6 +140,7 @@ def _notes(config: Config) -> list[str]:
     if any(link.simulate for link in config.links):
         notes.append("simulated links: mock controllers, no hardware")
     notes += [f"link {link.name}: {note}" for link in config.links for note in link.notes]
+    notes += [f"source {config.source.kind}: {note}" for note in config.source.notes]
     if config.source.field_of_view is None:
         notes.append("no source.field_of_view: the whole room counts as seen")
     if unused := assemble.unused_coverage(config):

@@ -165,7 +165,9 @@ def test_a_wrong_configuration_is_refused_in_one_line(settings, why):
 )  # fmt: skip
 def test_a_right_configuration_is_accepted(settings):
     data = {"kind": "udp", "room_from_source": POSE, "rate_hz": 30} | settings
-    validated(UdpSettings, data, "cell.yaml: source")
+    accepted = validated(UdpSettings, data, "cell.yaml: source")
+    warned = bool(accepted.notes)  # shown by ``check``
+    assert warned == ("allow_unauthenticated" in settings)
 
 
 def test_a_port_that_is_taken_is_named(hear):
