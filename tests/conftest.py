@@ -1,6 +1,12 @@
-"""For all tests: every process computes on one core, so that tests can run side by side."""
+"""For all tests: they run side by side, and on machines that are busy with other things."""
 
 import os
 
-# before torch and numpy are imported; processes that tests start inherit it
+from hypothesis import settings
+
+# each process computes on one core; before torch and numpy are imported, and inherited
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# how long an example takes says nothing about the code here
+settings.register_profile("patient", settings(), deadline=None)
+settings.load_profile("patient")
