@@ -11,6 +11,7 @@ from hri_predict.joint_map import JointMap
 from hri_predict.scene import Person, Scene
 
 ROOT = Path(__file__).resolve().parents[2]
+CORPUS = ROOT / "tests" / "corpus" / "scene_stream"
 SECRET = b"0123456789abcdef0123456789abcdef"
 KEY = Key(SECRET, "test.key")
 UTC = 1_767_225_600_000_000_000  # 2026-01-01

@@ -17,7 +17,17 @@ from hri_drivers.scene_codec import (
     open_datagram,
 )
 from hri_predict.scene import Person, Scene
-from tests.hri_drivers.scene_streaming import KEY, ROOT, SECRET, UTC, hri_sender, names, same, scene
+from tests.hri_drivers.scene_streaming import (
+    CORPUS,
+    KEY,
+    ROOT,
+    SECRET,
+    UTC,
+    hri_sender,
+    names,
+    same,
+    scene,
+)
 
 COORDINATE = st.floats(-1000, 1000, width=32)
 
@@ -141,7 +151,7 @@ def test_another_version_is_named():
 
 
 def test_the_corpus_is_refused_or_a_scene():
-    seeds = sorted((ROOT / "tests" / "corpus" / "scene_stream").iterdir())
+    seeds = sorted(CORPUS.iterdir())
     outcomes = {seed.stem: _outcome(seed.read_bytes()) for seed in seeds}
     assert {"one_person", "nobody", "blind", "first_of_three"} <= {
         name for name, outcome in outcomes.items() if outcome == "taken"
