@@ -44,12 +44,17 @@ class Stepped(Protocol):
 
 
 class Pace:
-    """What became of the loop's deadlines. ``tick_ms`` is wall-clock milliseconds of the newest."""
+    """What became of the loop's deadlines, and of the links until its end.
+
+    ``tick_ms`` is wall-clock milliseconds of the newest ticks; ``connected`` link name -> whether
+    its device was open when the run ended.
+    """
 
     def __init__(self) -> None:
         self.ticks = self.late_ticks = self.missed_ticks = 0
         self.tick_ms: deque[float] = deque(maxlen=PACE_TICKS)
         self.source_failures = 0
+        self.connected: dict[str, bool] = {}
 
     def note(self, seconds: float) -> None:
         """Note one tick's duration."""
@@ -95,6 +100,7 @@ def run_real_time(
         stop.set()
         with contextlib.suppress(Exception):
             node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
+        pace.connected = {link.name: link.connected for link in started}
         for link in started:
             link.stop()
         assembly.prediction.stop()
@@ -188,6 +194,7 @@ def step_all(
 ) -> None:
     """What ``run_virtual`` does, for who runs many and looks after the collector alone."""
     _steps(assembly, pace, beside, duration_s, each_tick)
+    pace.connected = {link.name: link.connected for link in assembly.links}
     for link in assembly.links:
         link.stop()
     assembly.source.close()

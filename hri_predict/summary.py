@@ -168,7 +168,7 @@ def summarise(
             "p99": round(float(np.percentile(ticks, 99)), 3),
             "max": round(float(ticks.max()), 3),
         },
-        links=[_link_row(link) for link in links],
+        links=[_link_row(link, pace.connected.get(link.name, False)) for link in links],
         min_separation_m=_rounded(levels.min_separation_m),
         slowdowns=levels.slowdowns,
         stops=levels.stops,
@@ -182,7 +182,8 @@ def summarise(
     )
 
 
-def _link_row(link: Link) -> dict[str, Any]:
+def _link_row(link: Link, connected: bool) -> dict[str, Any]:
+    """``connected``: when the run ended."""
     counters = asdict(link.counters)
     return {
         "name": link.name,
@@ -191,18 +192,20 @@ def _link_row(link: Link) -> dict[str, Any]:
         "crc_errors": counters.pop("crc_errors"),
         "received": counters.pop("messages_received"),
         **counters,
+        "connected": connected,
         "last_error": link.last_error,
     }
 
 
 _LINK_COLUMNS = ["name", "messages", "bytes", "received", "crc_errors", "superseded", "reconnects"]
-_QUIET = {*_LINK_COLUMNS, "bytes_received"}
+_QUIET = {*_LINK_COLUMNS, "bytes_received", "connected"}
 
 
 def _link_trouble(link: dict[str, Any]) -> str:
     """Whatever else was counted on a link, and the newest trouble, in a line; empty if nothing."""
     counts = {n: c for n, c in link.items() if isinstance(c, int) and c and n not in _QUIET}
-    parts = [_counts(counts)] if counts else []
+    parts = [] if link["connected"] else ["not connected at the end"]
+    parts += [_counts(counts)] if counts else []
     if link["last_error"]:
         parts.append(f"last error: {link['last_error']}")
     return f"{link['name']}: {'; '.join(parts)}" if parts else ""

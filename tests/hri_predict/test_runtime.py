@@ -74,6 +74,7 @@ class Node:
 class Link:
     def __init__(self, name, absent=False):
         self.name, self.absent, self.log = name, absent, []
+        self.connected = not absent
 
     def start(self):
         if self.absent:

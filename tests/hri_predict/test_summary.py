@@ -93,6 +93,7 @@ def summary_of(ticks_ms=(1.0, 2.0, 30.0), checked=None):
     for ms in ticks_ms:
         pace.note(ms * 1e-3)
     pace.late_ticks = 1
+    pace.connected = {"drive": False, "plc": True}
     node: Any = SimpleNamespace(
         frames_in=12,
         assess_failures=0,
@@ -189,7 +190,9 @@ def test_what_went_wrong_on_a_link_stands_under_the_table():
     out = io.StringIO()
     summary = summary_of()
     summary.print(Console(file=out, width=120))
-    assert "drive: bus_off 2; last error: bus-off: [can0] is gone\n" in out.getvalue()
+    told = "drive: not connected at the end; bus_off 2; last error"
+    assert f"{told}: bus-off: [can0] is gone\n" in out.getvalue()
+    assert [link["connected"] for link in summary.as_dict()["links"]] == [False, True]
     assert "plc:" not in out.getvalue()
     assert [link["last_error"] for link in summary.as_dict()["links"]] == [
         "bus-off: [can0] is gone",
