@@ -1,0 +1,202 @@
+"""Every decoder of bytes from outside, each with its seeds and a way to repair its checksum.
+
+Most mutations die at a checksum; every other input has it repaired, so that what is behind is
+reached as well. Decoders live as long as the run: what one input leaves behind meets the next.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from cobs import cobs
+
+from hri_drivers import scene_codec
+from hri_drivers.can_isotp import IsoTpReceiver
+from hri_drivers.json_source import JsonDecoder
+from hri_drivers.mvn_codec import StreamSplitter
+from hri_drivers.mvn_source import MvnDecoder, MvnSettings
+from hri_drivers.scene_json import LineSplitter, SceneReader
+from hri_drivers.scene_stream import SceneStream
+from hri_drivers.serial_skeleton import FramedStream, framed
+from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.protocol import e2e
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver
+from hri_predict.protocol.definition import frame_table
+from hri_predict.protocol.profile4_codec import Profile4Receiver
+from hri_predict.protocol.serial_codec import SerialReceiver
+from hri_predict.source import SourceCounters
+from tests.hri_drivers.scene_streaming import KEY, joint_map, names
+
+ROOT = Path(__file__).resolve().parents[2]
+CORPUS = ROOT / "tests" / "corpus"
+C_CORPUS = ROOT / "drivers" / "c" / "fuzz" / "corpus.txt"
+ID_BYTES = 4
+ISOTP_ID = DEFAULT_BASE_ID + 0x46
+
+
+@dataclass(frozen=True)
+class Target:
+    """A decoder.
+
+    Attributes:
+        name: on the command line.
+        seeds: inputs that it knows.
+        feed: takes an input, and fails by any exception.
+        repaired: the same input with a right checksum.
+    """
+
+    name: str
+    seeds: Sequence[bytes]
+    feed: Callable[[bytes], None]
+    repaired: Callable[[bytes], bytes] | None = None
+
+
+def targets() -> list[Target]:
+    """All of them, each with a decoder of its own."""
+    return [
+        _can("classic", CanReceiver(fd=False), _repaired_classic),
+        _can("fd", CanReceiver(fd=True), _repaired_fd),
+        Target(
+            "isotp", _isotp_seeds(), _feed_isotp(IsoTpReceiver(DEFAULT_BASE_ID, False, ISOTP_ID))
+        ),
+        Target("serial", _seeds_of_c("serial"), _ignoring(SerialReceiver().feed)),
+        _profile4(),
+        _scene_stream("scene_stream", 21, with_key=False),
+        _scene_stream("scene_stream_long", 100, with_key=False),
+        _scene_stream("scene_stream_key", 21, with_key=True),
+        _serial_skeleton(),
+        _json(),
+        _mvn(in_stream=False),
+        _mvn(in_stream=True),
+    ]
+
+
+def _ignoring(call: Callable[[bytes], object]) -> Callable[[bytes], None]:
+    def feed(data: bytes) -> None:
+        call(data)
+
+    return feed
+
+
+def _checked(call: Callable[[bytes, int], Iterable[object]]) -> Callable[[bytes], None]:
+    """Feeds a live source's decoder, and looks at the scenes that come of it."""
+    clock = iter(range(0, 1 << 62, 33_000_000))
+
+    def feed(data: bytes) -> None:
+        for heard in call(data, next(clock)):
+            scene = heard.scene  # type: ignore[attr-defined]
+            for person in scene.people:
+                assert np.isfinite(person.positions[person.observed]).all(), "no number"
+                assert 0 <= person.id <= 65535, "an id that is none"
+
+    return feed
+
+
+def _seeds_of_c(kind: str) -> list[bytes]:
+    """Those of the C decoder's corpus: ``classic ID HEX``, ``fd ID HEX``, ``serial HEX``."""
+    found = []
+    for line in C_CORPUS.read_text(encoding="ascii").splitlines():
+        words = line.split()
+        if words[0] == kind:
+            number = b"" if kind == "serial" else int(words[1], 16).to_bytes(ID_BYTES, "little")
+            found.append(number + bytes.fromhex(words[-1]))
+    return found
+
+
+def _files(folder: str) -> list[bytes]:
+    return [path.read_bytes() for path in sorted((CORPUS / folder).iterdir())]
+
+
+def _can(name: str, receiver: CanReceiver, repaired: Callable[[bytes], bytes]) -> Target:
+    fd = name == "fd"
+
+    def feed(data: bytes) -> None:
+        identifier = int.from_bytes(data[:ID_BYTES], "little") & 0x7FF
+        receiver.feed(CanFrame(identifier, data[ID_BYTES:], fd, False))
+
+    return Target(name, _seeds_of_c(name), feed, repaired)
+
+
+def _repaired_classic(data: bytes) -> bytes:
+    number = (int.from_bytes(data[:ID_BYTES], "little") & 0x7FF) - DEFAULT_BASE_ID
+    if number not in frame_table(classic=True) or len(data) < ID_BYTES + 8:
+        return data
+    frame = data[ID_BYTES : ID_BYTES + 8]
+    return data[:ID_BYTES] + e2e.protect_profile2(frame[1], frame[2:], e2e.data_id_list(number))
+
+
+def _repaired_fd(data: bytes) -> bytes:
+    number = (int.from_bytes(data[:ID_BYTES], "little") & 0x7FF) - DEFAULT_BASE_ID
+    if number not in frame_table(classic=False) or len(data) < ID_BYTES + 3:
+        return data
+    frame = data[ID_BYTES : ID_BYTES + 64]
+    return data[:ID_BYTES] + e2e.protect_profile5(frame[2], frame[3:], e2e.data_id_16(number))
+
+
+def _isotp() -> Target:
+    receiver = IsoTpReceiver(DEFAULT_BASE_ID, False, ISOTP_ID)
+
+    def feed(data: bytes) -> None:
+        receiver.feed(CanFrame(ISOTP_ID, data[:8], False, False))
+
+    # a single frame, a first frame, a consecutive frame, flow control
+    hexes = ("0700010203040506", "1014000102030405", "21060708090a0b0c", "300008aaaaaaaaaa")
+    return Target("isotp", [bytes.fromhex(text) for text in hexes], feed)
+
+
+def _profile4() -> Target:
+    receiver = Profile4Receiver()
+    seeds = [cobs.decode(data.rstrip(b"\0")) for data in _seeds_of_c("serial")]
+
+    def repaired(data: bytes) -> bytes:
+        if len(data) < e2e.PROFILE_4_HEADER:
+            return data
+        counter, identifier = int.from_bytes(data[2:4], "big"), int.from_bytes(data[4:8], "big")
+        return e2e.protect_profile4(counter, data[12:], identifier)
+
+    return Target("profile4", seeds, _ignoring(receiver.take), repaired)
+
+
+def _scene_stream(name: str, joints: int, with_key: bool) -> Target:
+    key = KEY if with_key else None
+    stream = SceneStream(joint_map(joints), SourceCounters(), key, 1e9, lambda: 0)
+    tag = scene_codec.TAG_BYTES if with_key else scene_codec.CRC_BYTES
+
+    def repaired(data: bytes) -> bytes:
+        body = data[:-tag]
+        return body + (KEY.tag(body) if with_key else scene_codec.crc(body))
+
+    return Target(name, _files("scene_stream"), _checked(stream.feed), repaired)
+
+
+def _serial_skeleton() -> Target:
+    counters = SourceCounters()
+    stream = FramedStream(SceneStream(joint_map(21), counters, None, 1e9, lambda: 0), counters)
+    seeds = [framed(data) for data in _files("scene_stream")]
+    return Target("serial_skeleton", seeds, _checked(stream.feed))
+
+
+def _json() -> Target:
+    decoder = JsonDecoder(SceneReader(tuple(names(21)), 0.5, SourceCounters()))
+    lines = LineSplitter()
+
+    def feed(data: bytes, received_ns: int) -> list[object]:
+        return [heard for text in lines.feed(data) for heard in decoder.feed(text, received_ns)]
+
+    return Target("json", _files("scene_json"), _checked(feed))
+
+
+def _mvn(in_stream: bool) -> Target:
+    settings = MvnSettings(
+        kind="mvn", rate_hz=60, sees_room=True, room_from_source={"xyz": [0, 0, 0]}
+    )
+    joints: JointMap = load_joint_map("xsens23")
+    decoder = MvnDecoder(settings, joints, SourceCounters())
+    splitter = StreamSplitter()
+
+    def feed(data: bytes, received_ns: int) -> list[object]:
+        units = splitter.feed(data) if in_stream else [data]
+        return [heard for unit in units for heard in decoder.feed(unit, received_ns)]
+
+    return Target("mvn_tcp" if in_stream else "mvn", _files("mvn"), _checked(feed))
