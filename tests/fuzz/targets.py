@@ -57,9 +57,7 @@ def targets() -> list[Target]:
     return [
         _can("classic", CanReceiver(fd=False), _repaired_classic),
         _can("fd", CanReceiver(fd=True), _repaired_fd),
-        Target(
-            "isotp", _isotp_seeds(), _feed_isotp(IsoTpReceiver(DEFAULT_BASE_ID, False, ISOTP_ID))
-        ),
+        _isotp(),
         Target("serial", _seeds_of_c("serial"), _ignoring(SerialReceiver().feed)),
         _profile4(),
         _scene_stream("scene_stream", 21, with_key=False),
