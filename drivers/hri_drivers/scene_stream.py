@@ -60,7 +60,7 @@ class SceneStream:
         self._max_skew_ns = round(max_skew_s * 1e9)
         self._utc_ns = utc_ns
         self._session = -1
-        self._sequence = -1
+        self._sequence = self._first = -1
         self._came = 0  # bit i: whether sequence - i came
         self._heard_ns = 0
         self._packed = b""  # header of the scene whose parts are coming
@@ -106,9 +106,10 @@ class SceneStream:
             if not self._may_start(header, received_ns):
                 return False
             self._give_up()
-            self._session, self._sequence, self._came = header.session, header.sequence, 1
+            self._session, self._came = header.session, 1
+            self._sequence = self._first = header.sequence
         elif header.sequence < self._sequence:
-            self._note_late(self._sequence - header.sequence)
+            self._note_late(header.sequence)
             return False
         elif header.sequence == self._sequence:
             if not self._parts or self._parts[header.part] is not None:
@@ -129,15 +130,16 @@ class SceneStream:
         self._counters.lost += by - 1
         self._came = 1 | (self._came << by if by < WINDOW else 0) & (1 << WINDOW) - 1
 
-    def _note_late(self, back: int) -> None:
+    def _note_late(self, sequence: int) -> None:
         """A scene from before the newest is of no use; whether it came before, tells what it is."""
+        back = self._sequence - sequence
         bit = 1 << back if back < WINDOW else 0
         if not bit or self._came & bit:
             self._replayed("heard before")
             return
         self._came |= bit
         self._counters.out_of_order += 1
-        self._counters.lost -= 1
+        self._counters.lost -= sequence > self._first
 
     def _may_start(self, header: Header, received_ns: int) -> bool:
         if self._key is None:
