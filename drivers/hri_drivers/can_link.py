@@ -129,13 +129,14 @@ class CanLink(SupervisedLink[CanFrame]):
     ) -> None:
         load = self.load(settings, rate_hz, robots)
         wire = transport if transport is not None else self.make_transport(settings)
-        if isinstance(wire, CanTransport):
-            wire.on_error_frame = self._on_error_frame
+        device = getattr(wire, "device", wire)  # beneath injected faults
+        if isinstance(device, CanTransport):
+            device.on_error_frame = self._on_error_frame
         transfer = None
         if settings.isotp is not None:
             peer_id = settings.isotp.peer_id
             transfer = IsoTpTransfer(settings.isotp_id, peer_id, settings.extended)
-        codec = CanCodec(settings, wire, transfer)
+        codec = CanCodec(settings, device, transfer)
         budget = Budget(max(0.0, load.spare))
         super().__init__(settings, clock, wire, codec, budget, settings.wait_for_device)
         self._transfer = transfer

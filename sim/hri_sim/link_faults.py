@@ -162,6 +162,11 @@ class FaultyTransport(Generic[U]):
         return self._due(self._in)
 
     @property
+    def device(self) -> Transport[U]:
+        """The transport without the faults, which knows what its device reports."""
+        return self._inner
+
+    @property
     def hung_up(self) -> bool:
         """Whether nobody has the other end of the line, where the wire can tell."""
         return bool(getattr(self._inner, "hung_up", False))

@@ -26,6 +26,7 @@ from hri_predict.errors import LinkError
 from hri_predict.protocol.can_codec import CanSender
 from hri_predict.protocol.messages import Acknowledge, Advice, Level
 from hri_predict.reasons import Reason
+from hri_sim.link_faults import FaultyTransport
 from tests.hri_drivers.can_pairs import eventually
 
 PASSIVE = can.Message(
@@ -214,6 +215,18 @@ def test_error_passive_is_counted_once_and_told(kernel):
         assert link.connected
         link.post(advice(1))
         eventually(lambda: len(kernel.sent) == 3)
+
+
+def test_injected_faults_do_not_hide_what_the_bus_reports(kernel):
+    settings = CanLinkSettings(name="c", interface="socketcan", channel="can0")
+    clock = VirtualClock()
+    faulty: Any = FaultyTransport(CanLink.make_transport(settings), [], clock, seed=0)
+    link = CanLink(settings, clock, faulty)
+    link.service(0)
+    kernel.heard.put(PASSIVE)
+    link.service(1)
+    assert link.counters.error_passive == 1
+    assert "error-passive" in str(link.last_error)
 
 
 def test_on_the_virtual_clock_bus_off_is_the_same(kernel):
