@@ -85,7 +85,7 @@ class _Cell:
 
     def take(self, unit: Keyed, now_ns: int) -> None:
         before = self.receiver.counters.counter_errors
-        messages = self.receiver.take(unit)
+        messages = self.receiver.feed(unit)
         if not messages:
             out_of_order = self.receiver.counters.counter_errors - before
             self.refused += 1

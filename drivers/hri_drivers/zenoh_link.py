@@ -69,7 +69,7 @@ class ZenohCodec:
 
     def decode(self, unit: Keyed) -> list[Message]:
         """Messages of a payload."""
-        return self._receiver.take(unit)
+        return self._receiver.feed(unit)
 
     def reset(self) -> None:
         """Forget sequences."""
@@ -146,6 +146,11 @@ class ZenohLink(SupervisedLink[Keyed]):
             prefix(settings.site, settings.cell),
             ("state/*", "ack") if settings.take else (),
         )
+
+    @staticmethod
+    def receiver(settings: ZenohLinkSettings) -> KeyedReceiver:
+        """What decodes this link's units, for whoever only listens."""
+        return KeyedReceiver()
 
     @staticmethod
     def observer(settings: ZenohSettings, site: str | None) -> ZenohTransport:

@@ -117,7 +117,7 @@ class KeyedReceiver:
         """Forget sequences, as after a reconnection; counters stay."""
         self._frames.reset()
 
-    def take(self, unit: Keyed) -> list[Message]:
+    def feed(self, unit: Keyed) -> list[Message]:
         """Return the fresh messages of one payload; a Zone or Pose comes in several pieces."""
         data_id = _DATA_IDS.get(unit.key)
         if data_id is None or not 0 < len(unit.payload) <= MAX_PAYLOAD:

@@ -99,7 +99,7 @@ class Peer:
 
     def heard(self, kind: type) -> bool:
         for unit in self.transport.read(0.05):
-            self.messages += self.receiver.take(unit)
+            self.messages += self.receiver.feed(unit)
         return any(isinstance(m, kind) for m in self.messages)
 
 

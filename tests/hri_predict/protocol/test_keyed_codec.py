@@ -46,7 +46,7 @@ CAPSULES = tuple(ZoneCapsule(i, (0.0, 0.5, 1.0), (1.0, 0.5, 1.0), 0.25) for i in
 def test_a_message_has_its_key_and_comes_back(key: str) -> None:
     unit = KeyedSender().encode(MESSAGES[key])
     assert unit.key == key == key_of(MESSAGES[key])
-    assert KeyedReceiver().take(unit) == [MESSAGES[key]]
+    assert KeyedReceiver().feed(unit) == [MESSAGES[key]]
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_message_has_its_key_and_comes_back(key: str) -> None:
 def test_a_long_message_is_one_payload(key: str, message: Message, pieces: int) -> None:
     unit = KeyedSender().encode(message)
     assert unit.key == key
-    found = KeyedReceiver().take(unit)
+    found = KeyedReceiver().feed(unit)
     assert len(found) == pieces
     parts = [item for m in found for item in (m.joints if key == "pose" else m.capsules)]  # type: ignore[union-attr]
     assert parts == list(JOINTS if key == "pose" else CAPSULES)
@@ -65,23 +65,23 @@ def test_a_long_message_is_one_payload(key: str, message: Message, pieces: int) 
 def test_under_anothers_key_it_is_refused_and_spoils_no_sequence() -> None:
     sender, receiver = KeyedSender(), KeyedReceiver()
     for key in ("ack", "state/2", "status", "scene", "anything"):
-        assert receiver.take(Keyed(key, sender.encode(STATE).payload)) == []
+        assert receiver.feed(Keyed(key, sender.encode(STATE).payload)) == []
     assert receiver.counters.malformed == 5
     sender = KeyedSender()  # had the forged ones counted, its counters would come too late
-    assert receiver.take(sender.encode(STATE)) == [STATE]
+    assert receiver.feed(sender.encode(STATE)) == [STATE]
 
 
 def test_a_repeated_payload_is_not_fresh() -> None:
     unit, receiver = KeyedSender().encode(STATE), KeyedReceiver()
-    assert receiver.take(unit) == [STATE]
-    assert receiver.take(unit) == []
+    assert receiver.feed(unit) == [STATE]
+    assert receiver.feed(unit) == []
     assert receiver.counters.counter_errors == 1
 
 
 @given(data=st.binary(max_size=300), key=st.sampled_from([*MESSAGES, "pose", "zone", ""]))
 def test_random_payloads_are_counted_and_give_nothing(data: bytes, key: str) -> None:
     receiver = KeyedReceiver()
-    assert receiver.take(Keyed(key, data)) == []
+    assert receiver.feed(Keyed(key, data)) == []
     assert receiver.counters.malformed + receiver.counters.crc_errors >= 1
 
 
@@ -90,20 +90,20 @@ def test_no_flipped_bit_is_accepted(bit: int) -> None:
     payload = bytearray(KeyedSender().encode(MESSAGES["status"]).payload)
     assert len(payload) == 18
     payload[bit // 8] ^= 1 << bit % 8
-    assert KeyedReceiver().take(Keyed("status", bytes(payload))) == []
+    assert KeyedReceiver().feed(Keyed("status", bytes(payload))) == []
 
 
 def test_a_cut_payload_gives_what_is_whole() -> None:
     unit = KeyedSender().encode(Pose(1, 2, 0.5, JOINTS))
     receiver = KeyedReceiver()
-    assert len(receiver.take(Keyed("pose", unit.payload[:-1]))) == 2
+    assert len(receiver.feed(Keyed("pose", unit.payload[:-1]))) == 2
     assert receiver.counters.malformed == 1
 
 
 def test_too_long_a_payload_is_not_looked_at() -> None:
     frame = e2e.protect_profile4(0, b"", e2e.data_id_32(0x44))
     receiver = KeyedReceiver()
-    assert receiver.take(Keyed("zone", frame * (MAX_PAYLOAD // len(frame) + 1))) == []
+    assert receiver.feed(Keyed("zone", frame * (MAX_PAYLOAD // len(frame) + 1))) == []
     assert receiver.counters.malformed == 1
     assert receiver.counters.crc_errors == 0
 
