@@ -213,7 +213,8 @@ def _table(rows: Sequence[dict[str, Any]]) -> str:
     for row in rows:
         us = row["latency_us"]
         lines.append(
-            f"| {row['by']} | {row['rate_hz']:g} Hz | {row['heard']} of {row['sent']} | {row['superseded']} | "
+            f"| {row['by']} | {row['rate_hz']:g} Hz | {row['heard']} of {row['sent']} | "
+            f"{row['superseded']} | "
             f"{us['p50']:.0f} µs | {us['p99']:.0f} µs | {us['max']:.0f} µs | "
             f"{row['cpu_percent']:.1f} % | {row['bytes_per_s'] / 1e3:.1f} kB/s |"
         )
