@@ -5,7 +5,7 @@ data), and drivers/net/can/dev/dev.c: in bus-off a controller has no carrier unt
 """
 
 import errno
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 CAN_ERR_CRTL = 0x004
@@ -48,21 +48,35 @@ class BusHealth:
     off: int = 0
     overflows: int = 0
     state: str = "active"
+    _told: str | None = field(default=None, repr=False)
 
     def feed(self, classes: int, data: bytes) -> str | None:
         """Take an error frame of SocketCAN; return one line if it tells of new trouble.
+
+        The same trouble is told once, until the controller is error-active again: where the device
+        reports every single error, frames come by the thousand.
 
         Args:
             classes: its identifier, a set of error classes.
             data: its data; shorter ones count as zeros.
         """
         self.frames += 1
+        trouble = self._trouble(classes, data)
+        if trouble is None or trouble == self._told:
+            return None
+        self._told = trouble
+        return trouble
+
+    def _recovered(self) -> None:
+        self.state, self._told = "active", None
+
+    def _trouble(self, classes: int, data: bytes) -> str | None:
         if classes & CAN_ERR_BUSOFF:
             self.off += 1
-            self.state = "off"
+            self.state, self._told = "off", None
             return "bus-off"
         if classes & CAN_ERR_RESTARTED:
-            self.state = "active"
+            self._recovered()
         trouble = None
         if classes & CAN_ERR_CRTL:
             trouble = self._controller(data[1] if len(data) > 1 else 0)
@@ -82,7 +96,7 @@ class BusHealth:
             self.state = "warning"
             return "error warning: errors on the bus; check bit rate, wiring and termination"
         if bits & CRTL_ACTIVE:
-            self.state = "active"
+            self._recovered()
         return None
 
 

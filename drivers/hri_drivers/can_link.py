@@ -1,5 +1,6 @@
 """A link to a robot controller over CAN, classic or FD."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
@@ -24,6 +25,8 @@ from hri_predict.link import LinkCounters, LinkLoad
 from hri_predict.protocol.can_codec import CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.messages import Message, RobotState
 from hri_predict.protocol.wire import WireBits, classic_bits, fd_bits, wire_bits
+
+log = logging.getLogger(__name__)
 
 __all__ = ["CanCodec", "CanLink", "CanLinkSettings"]
 
@@ -151,6 +154,7 @@ class CanLink(SupervisedLink[CanFrame]):
     def _on_error_frame(self, trouble: str | None) -> None:
         self._codec.count(self.counters)
         if trouble is not None:
+            log.warning("link '%s': %s", self.name, trouble)
             self._note(LinkError(trouble))
 
     @staticmethod

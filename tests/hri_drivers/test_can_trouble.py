@@ -290,8 +290,13 @@ def test_every_number_of_the_kernels_header():
         (0x040, 0x00): "bus-off",
     }
     for (classes, controller), words in tell.items():
-        assert words in str(health.feed(classes, bytes((0, controller))))
+        assert words in str(BusHealth().feed(classes, bytes((0, controller))))
+        health.feed(classes, bytes((0, controller)))
     assert (health.off, health.passive, health.overflows, health.frames) == (1, 1, 1, 7)
+    assert health.feed(0x004, b"\0\x20") is not None
+    assert health.feed(0x004, b"\0\x10") is None  # the same again
+    assert health.feed(0x004, b"\0\x40") is None  # error-active
+    assert health.feed(0x004, b"\0\x20") is not None
     assert health.feed(0x100, bytes(8)) is None  # restarted
     assert health.state == "active"
 
