@@ -1,0 +1,174 @@
+"""The structured-text example: run as it stands, against the node's own frames."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hri_predict.protocol import e2e
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanSender
+from hri_predict.protocol.definition import (
+    BY_TYPE,
+    ROBOT_STRIDE,
+    SCHEMA_HASH,
+    SCHEMA_VERSION,
+    frame_table,
+)
+from hri_predict.protocol.messages import Advice, Level, Message, Schema
+from hri_predict.protocol.reception import FORGET_S, OURS
+from hri_predict.reasons import Reason
+
+SLOW = Advice(0, Level.SLOW, Reason.PERSON_APPROACHING, 9, speed_limit_m_s=0.75, age_s=0.041)
+
+
+class Controller:
+    """The function block in a controller that sends RobotState every 20 ms."""
+
+    def __init__(self, block: Any):
+        self.block, self.node = block, CanSender()
+        self.ms = 2**32 - 100  # the tick wraps soon
+        self.counter, self.sent, self.sent_ms = 65_530, 0, [0] * 32
+        self.state()
+
+    def state(self) -> None:
+        self.counter = (self.counter + 1) % 65536
+        self.sent_ms[self.counter % 32] = self.ms
+        self.sent = min(self.sent + 1, 32)
+
+    def wait(self, ms: int) -> "Controller":
+        self.ms = (self.ms + ms) % 2**32
+        return self
+
+    def call(self, frame: Any = None) -> int:
+        more: dict[str, Any] = {}
+        if frame is not None:
+            more = {"Id": frame.arbitration_id, "Length": len(frame.data), "Data": [*frame.data]}
+        answered = {"StateCounter": self.counter, "Sent": self.sent, "SentMs": self.sent_ms}
+        self.block(NewFrame=int(frame is not None), NowMs=self.ms, **answered, **more)
+        speed: int = self.block.variables["PermittedSpeed"]
+        return speed
+
+    def hear(self, *messages: Message) -> int:
+        for message in messages:
+            if isinstance(message, Advice) and message.echo is None:
+                message = replace(message, echo=min(self.counter, 65534))
+            for frame in self.node.encode(message):
+                self.call(frame)
+        return self.call()
+
+    def __getitem__(self, name: str) -> Any:
+        return self.block.variables[name]
+
+
+@pytest.fixture
+def controller(units: dict[str, Any]) -> Controller:
+    return Controller(units["HRI_ADVICE"])
+
+
+def test_its_constants_are_those_of_the_definition(units: dict[str, Any]) -> None:
+    v = units["HRI_ADVICE"].variables
+    assert v["BASE_ID"] == DEFAULT_BASE_ID
+    assert v["SCHEMA_NUMBER"] == BY_TYPE[Schema].number
+    assert v["SCHEMA_VERSION"] == SCHEMA_VERSION
+    hint = f"write 16#{SCHEMA_HASH & 0xFFFF:04X} and 16#{SCHEMA_HASH >> 16:04X} into hri_advice.st"
+    assert v["SCHEMA_HASH_LOW"] + (v["SCHEMA_HASH_HIGH"] << 16) == SCHEMA_HASH, hint
+    assert (v["MAX_DELTA"], v["RESYNC"]) == (e2e.MAX_DELTA, e2e.RESYNC)
+    assert v["FORGET_MS"] == 1000 * FORGET_S
+    assert (BY_TYPE[Advice].number, BY_TYPE[Advice].parts, ROBOT_STRIDE) == (0, 3, 8)
+
+
+def test_its_crc_is_that_of_every_frame(units: dict[str, Any]) -> None:
+    payload = b"\x01\x80\xff\x00\x55\xaa"
+    for number in frame_table(classic=True):
+        frame = e2e.protect_profile2(7 * number & 0xFF, payload, e2e.data_id_list(number))
+        assert units["HRI_CRC8"]([*frame], number + 1) == frame[0]
+
+
+def test_it_reads_the_fields_and_permits_the_speed(controller: Controller) -> None:
+    assert controller.hear(OURS, SLOW) == 750
+    assert (controller["Level"], controller["Reason"]) == (Level.SLOW, Reason.PERSON_APPROACHING)
+    assert controller["LatchId"] == 9
+    assert (controller["CrcErrors"], controller["CounterErrors"]) == (0, 0)
+
+
+def test_it_goes_on_across_the_wraps_of_tick_and_counters(controller: Controller) -> None:
+    controller.hear(OURS)
+    for _ in range(300):
+        controller.wait(20).state()
+        assert controller.wait(20).hear(SLOW) == 750
+    assert controller["CounterErrors"] == 0
+
+
+@pytest.mark.parametrize("level", list(Level))
+def test_only_clear_warn_and_slow_permit_motion(controller: Controller, level: Level) -> None:
+    moves = level in (Level.CLEAR, Level.WARN, Level.SLOW)
+    assert controller.hear(OURS, replace(SLOW, level=level)) == (750 if moves else 0)
+    assert controller.hear(replace(SLOW, speed_limit_m_s=None)) == 0
+
+
+def test_silence_stops_it_and_a_long_one_closes_the_schema(controller: Controller) -> None:
+    controller.hear(OURS, SLOW)
+    assert controller.wait(149).call() == 750
+    assert controller.wait(1).call() == 0
+    assert controller["Silent"] == 1
+    assert controller["SchemaMatches"] == 1
+    assert controller.wait(850).call() == 0
+    assert controller.wait(2**32 - 1000).call() == 0  # the tick is where it was
+    controller.state()
+    assert controller.hear(SLOW) == 0
+    assert controller.hear(OURS, SLOW) == 750
+
+
+def test_another_schema_or_none_stops_it(controller: Controller) -> None:
+    assert controller.hear(SLOW) == 0
+    assert controller.hear(OURS, SLOW) == 750
+    for other in (Schema(2, SCHEMA_HASH), Schema(1, SCHEMA_HASH ^ 0x10000), Schema(1, 0)):
+        assert controller.hear(other) == 0
+        assert controller.hear(SLOW) == 0
+        assert controller.hear(OURS) == 0
+        assert controller.hear(SLOW) == 750
+
+
+def test_corrupt_incomplete_repeated_and_old_advice_is_not_heard(controller: Controller) -> None:
+    controller.hear(OURS)
+    first, second, third = controller.node.encode(replace(SLOW, echo=controller.counter))
+    for frame in (first, second, replace(third, data=third.data[:-1] + b"\x01")):
+        assert controller.call(frame) == 0
+    assert controller["CrcErrors"] == 1
+    assert controller.call(third) == 750
+    for _ in range(4):
+        controller.wait(40)
+        for frame in (first, second, third):  # a gateway repeats it
+            controller.call(frame)
+    assert controller.call() == 0
+
+
+def test_after_a_jump_the_third_in_a_row_counts(controller: Controller) -> None:
+    controller.hear(OURS, SLOW)
+    controller.wait(160).state()
+    for _ in range(20):
+        controller.node.encode(SLOW)  # lost
+    assert [controller.hear(SLOW) for _ in range(4)] == [0, 0, 750, 750]
+
+
+def test_what_is_too_old_or_of_no_known_age_stops_it(controller: Controller) -> None:
+    controller.hear(OURS)
+    assert controller.hear(replace(SLOW, age_s=0.3)) == 750
+    assert controller.wait(37).call() == 750
+    assert controller.wait(1).call() == 0
+    assert controller["TooOld"] == 1
+    controller.state()
+    assert controller.hear(SLOW) == 750
+    for change in ({"age_s": None}, {"echo": 65_535 - 40}, {"echo": 3}):
+        assert controller.hear(replace(SLOW, **change)) == 0
+    controller.wait(100).state()
+    late = replace(SLOW, age_s=0.2, echo=(controller.counter - 1) % 65536)  # 138 ms and more
+    assert controller.wait(40).hear(late) == 0
+
+
+def test_frames_of_others_and_of_other_robots_are_nothing_to_it(controller: Controller) -> None:
+    assert controller.hear(OURS, SLOW, replace(SLOW, robot=1, level=Level.STOP)) == 750
+    controller.call(replace(controller.node.encode(OURS)[0], arbitration_id=0x100))
+    controller.call(replace(controller.node.encode(OURS)[0], data=b"\x00" * 3))
+    assert controller.call() == 750
+    assert controller["CrcErrors"] == 0
