@@ -5,6 +5,7 @@ router in a third process, or directly. Both read the machine's one monotonic cl
 """
 
 import argparse
+import contextlib
 import json
 import os
 import resource
@@ -20,7 +21,9 @@ import numpy as np
 
 from hri_drivers.zenoh_link import ZenohLink, ZenohLinkSettings
 from hri_drivers.zenoh_session import ZenohSettings, open_session
+from hri_drivers.zenoh_transport import ZenohTransport
 from hri_predict.clock import MonotonicClock
+from hri_predict.errors import LinkError
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed_codec import Keyed, KeyedReceiver
 from hri_predict.protocol.messages import (
@@ -41,6 +44,7 @@ STEPS = 3  # horizons that a node sends
 CYCLES = 256  # Status counts modulo so many
 _CAPSULES = tuple(ZoneCapsule(i, (0.1 * i, 0.5, 1.0), (0.1 * i, 0.6, 1.3), 0.2) for i in range(17))
 _JOINTS = tuple((i, 0.1 * i, 0.5, 1.0) for i in range(21))
+GONE_S = 1.0
 HEAR_S = 0.5  # after the last message
 
 
@@ -48,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, and print a table or JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0, help="of each row")
+    parser.add_argument("--recovery", type=int, help="joining and healing instead, so many times")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--hear", nargs=2, help=argparse.SUPPRESS)  # mode and endpoint, as child
     parser.add_argument("--route", help=argparse.SUPPRESS)  # endpoint, as child
@@ -57,6 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     elif options.route:
         _route(options.route)
     else:
+        if options.recovery:
+            print(json.dumps(recovery(options.recovery)))
+            return
         rows = [
             measure(topology, rate_hz, options.seconds)
             for topology in ("router", "peer")
@@ -93,6 +101,50 @@ def measure(topology: str, rate_hz: float, seconds: float) -> dict[str, Any]:
     return {"by": topology, "rate_hz": rate_hz} | _figures(
         posted, heard, seconds, cpu_s, bytes_sent
     )
+
+
+def recovery(times: int) -> dict[str, list[float]]:
+    """How long until a cell is heard, seconds, each so many times.
+
+    Returns:
+        ``joins``: from a link's start, a router and a listener being there; ``heals``: from the
+        moment at which a router that was gone for a second is back.
+    """
+    end = f"tcp/127.0.0.1:{_free_port()}"
+    routing, hearing = ZenohSettings(mode="router", listen=[end]), ZenohSettings(connect=[end])
+    found: dict[str, list[float]] = {"joins": [], "heals": []}
+    for _ in range(times):
+        router = open_session(routing)
+        observer = ZenohLink.observer(hearing, None)
+        observer.open()
+        settings = ZenohLinkSettings(name="bench", cell=CELL, connect=[end])
+        link = ZenohLink(settings, MonotonicClock())
+        began = time.monotonic()
+        link.start()
+        found["joins"].append(_until_heard(link, observer, began))
+        router.close()
+        time.sleep(GONE_S)
+        router = open_session(routing)
+        found["heals"].append(_until_heard(link, observer, time.monotonic()))
+        link.stop()
+        observer.close()
+        router.close()
+    return {name: [round(s, 2) for s in seconds] for name, seconds in found.items()}
+
+
+def _until_heard(link: ZenohLink, observer: ZenohTransport, began: float) -> float:
+    """Post a Status every 40 ms until one is heard that was posted after ``began``."""
+    with contextlib.suppress(LinkError):  # what had come before
+        observer.read(0.0)
+    cycle = 0
+    while True:
+        link.post(Status(NodeState.RUNNING, Reason.NONE, 0, 0, cycle))
+        cycle += 1
+        try:
+            if observer.read(0.04):
+                return time.monotonic() - began
+        except LinkError:  # not connected yet: zenoh itself goes on trying
+            time.sleep(0.04)
 
 
 def _post(link: ZenohLink, rate_hz: float, seconds: float) -> tuple[list[int], float, int]:
