@@ -1,23 +1,29 @@
 """The DBC files, one for classic CAN and one for FD, written from the definition.
 
-``python -m hri_predict.protocol.dbc FOLDER`` writes both; the shipped ones are in ``drivers/dbc``.
-They hold the default base id: with another one, shift all ids by the difference. cantools is
-needed to write them (extra ``dev``), not to use the node.
+``python -m hri_predict.protocol.dbc FOLDER`` writes both; the shipped ones are in ``drivers/dbc``,
+with the default base id. cantools is needed to write them (extra ``dev``), not to use the node.
 """
 
-import sys
+import argparse
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict.protocol.can_codec import CLASSIC_BYTES, DEFAULT_BASE_ID, FD_LENGTHS
+from hri_predict.errors import ConfigError
+from hri_predict.protocol.can_codec import (
+    CLASSIC_BYTES,
+    DEFAULT_BASE_ID,
+    FD_LENGTHS,
+    check_base_id,
+)
 from hri_predict.protocol.definition import (
     PART_BYTES,
     SCHEMA_HASH,
     SCHEMA_VERSION,
     Definition,
     Field,
+    frame_number,
     frame_table,
 )
 from hri_predict.protocol.e2e import (
@@ -103,8 +109,13 @@ def frame_comment(definition: Definition, number: int, part: int, fd: bool) -> s
     return f"{text} E2E profile 2, data id {data_id_list(number)[0]} at every counter."
 
 
-def dbc_text(fd: bool) -> str:
-    """Return the DBC file of classic CAN or FD."""
+def dbc_text(fd: bool, base_id: int = DEFAULT_BASE_ID, extended: bool = False) -> str:
+    """Return the DBC file of classic CAN or FD.
+
+    Raises:
+        ConfigError: not all ids fit above ``base_id``.
+    """
+    check_base_id(base_id, extended)
     from cantools.database import Database
     from cantools.database.can import Node
     from cantools.database.can.formats.dbc import DbcAttribute, DbcAttributeDefinition, DbcSpecifics
@@ -118,7 +129,7 @@ def dbc_text(fd: bool) -> str:
         Node("CONTROLLER", "the robot controller, which decides and acts"),
     ]
     messages = [
-        _message(definition, robot, part, number, fd)
+        _message(definition, robot, part, base_id + number, fd, extended)
         for number, (definition, robot, part) in sorted(frame_table(classic=not fd).items())
     ]
     version = f"{SCHEMA_VERSION} hash {SCHEMA_HASH:#010x}"
@@ -126,20 +137,23 @@ def dbc_text(fd: bool) -> str:
     return text.replace("\r\n", "\n").rstrip("\n") + "\n"
 
 
-def _message(definition: Definition, robot: int, part: int, number: int, fd: bool) -> Any:
+def _message(
+    definition: Definition, robot: int, part: int, frame_id: int, fd: bool, extended: bool
+) -> Any:
     from cantools.database.can import Message
 
     sender, receiver = "NODE", "CONTROLLER"
     if definition.sender == "controller":
         sender, receiver = receiver, sender
     return Message(
-        frame_id=DEFAULT_BASE_ID + number,
+        frame_id=frame_id,
+        is_extended_frame=extended,
         name=frame_name(definition, robot, part, fd),
         length=frame_length(definition, fd),
         signals=[_signal(start, f, receiver) for start, f in frame_fields(definition, part, fd)],
         senders=[sender],
         cycle_time=definition.cycle_ms or None,
-        comment=frame_comment(definition, number, part, fd),
+        comment=frame_comment(definition, frame_number(definition, robot, part), part, fd),
         is_fd=fd,
     )
 
@@ -166,9 +180,19 @@ def _signal(start: int, field: Field, receiver: str) -> Any:
 
 def main() -> None:
     """Write both files into the folder named on the command line."""
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "drivers/dbc")
-    for fd, name in FILES.items():
-        (folder / name).write_text(dbc_text(fd), encoding="ascii")
+    parser = argparse.ArgumentParser(description="Write the DBC files of classic CAN and of FD.")
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("drivers/dbc"))
+    parser.add_argument(
+        "--base-id", type=lambda text: int(text, 0), default=DEFAULT_BASE_ID, help="such as 0x680"
+    )
+    parser.add_argument("--extended", action="store_true", help="29-bit ids")
+    options = parser.parse_args()
+    try:
+        for fd, name in FILES.items():
+            text = dbc_text(fd, options.base_id, options.extended)
+            (options.folder / name).write_text(text, encoding="ascii")
+    except (ConfigError, OSError) as error:
+        parser.error(str(error))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hri_predict.errors import ConfigError
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, LAST_NUMBER
 from hri_predict.protocol.dbc import frame_name
 from hri_predict.protocol.definition import (
     BY_TYPE,
@@ -227,6 +227,8 @@ BLOCKS: dict[str, Callable[[], str]] = {
         ("constant", "value"),
         (
             ("robots on one link, at most", MAX_ROBOTS),
+            ("highest base id, 11 bits", f"`16#{0x7FF - LAST_NUMBER:X}`"),
+            ("highest base id, 29 bits", f"`16#{0x1FFFFFFF - LAST_NUMBER:X}`"),
             ("MAX_DELTA", e2e.MAX_DELTA),
             ("RESYNC", e2e.RESYNC),
             ("longest serial frame, bytes, before COBS", MAX_DECODED),

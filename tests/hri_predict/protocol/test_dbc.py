@@ -4,12 +4,14 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import cantools
 import numpy as np
 import pytest
 from cantools.database import Database
 
+from hri_predict.errors import ConfigError
 from hri_predict.protocol.can_codec import CanSender
 from hri_predict.protocol.dbc import FILES, dbc_text, frame_name
 from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, MAX_ROBOTS, frame_table
@@ -223,6 +225,24 @@ def assert_same_pose(pose: Pose, rows: list[dict]) -> None:
 def test_the_shipped_files_are_those_that_the_definition_gives(fd: bool) -> None:
     shipped = (DBC / FILES[fd]).read_text(encoding="ascii")
     assert shipped == dbc_text(fd), "run: python -m hri_predict.protocol.dbc drivers/dbc"
+
+
+@pytest.mark.parametrize(("base_id", "extended"), [(0x100, False), (0x18FF0000, True)])
+def test_a_file_for_another_base_id_decodes_what_is_sent_there(
+    base_id: int, extended: bool
+) -> None:
+    database: Any = cantools.database.load_string(dbc_text(False, base_id, extended))
+    message = Status(NodeState.RUNNING, Reason.NONE, 3, 4, 5, 0.25)
+    (frame,) = CanSender(False, base_id, extended).encode(message)
+    found = database.get_message_by_frame_id(frame.arbitration_id)
+    assert found.is_extended_frame is extended
+    assert (found.name, found.decode(frame.data)["AGE"]) == ("STATUS", 0.25)
+    assert found.comment == load_shipped(False).get_message_by_name("STATUS").comment
+
+
+def test_a_base_id_from_which_not_all_ids_fit_is_refused() -> None:
+    with pytest.raises(ConfigError, match="0x7ba"):
+        dbc_text(False, 0x7BB)
 
 
 @pytest.mark.parametrize("fd", [False, True])
