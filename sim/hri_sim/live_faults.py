@@ -29,7 +29,7 @@ from hri_sim.live_ends import LIVE_ENDS, LiveEnd
 
 RATE_HZ = 30.0
 SETTLED_S = 1.0  # the node permits motion for so long before the fault begins
-PATIENCE_S = 30.0  # for that
+PATIENCE_S = 60.0  # for that, the node's start included
 PLACE, NOISE_M = (1.7, 0.2), 0.004
 FALSE_M = 0.1  # a joint that is further off than this from where it was, is false
 
@@ -218,6 +218,7 @@ class _Sending(threading.Thread):
         self._rng = np.random.default_rng(0)
         self._sequence = 0
         self._sends = False
+        self._utc_ns = time.time_ns() - time.monotonic_ns()
         self._line: deque[tuple[int, bytes]] = deque()  # what is under way, and when it arrives
 
     def run(self) -> None:
@@ -227,7 +228,7 @@ class _Sending(threading.Thread):
             while not self._stopping.is_set():
                 now_ns = time.monotonic_ns()
                 fault = self._fault(now_ns, began_ns)
-                self._capture(fault, now_ns)
+                self._capture(fault, due_ns, now_ns)
                 self._deliver(now_ns)
                 due_ns += round(1e9 / RATE_HZ / (self._case.amount if fault == "flooded" else 1))
                 due_ns = max(due_ns, now_ns - 100_000_000)  # starved: what was missed is missed
@@ -254,7 +255,8 @@ class _Sending(threading.Thread):
             self._stopping.set()
         return None
 
-    def _capture(self, fault: Kind | None, now_ns: int) -> None:
+    def _capture(self, fault: Kind | None, due_ns: int, now_ns: int) -> None:
+        """Send what was seen at ``due_ns``: a starved sender is late, its stamps are not."""
         if fault == "restarted":
             self._end.stop()
             self._sends = False
@@ -262,7 +264,7 @@ class _Sending(threading.Thread):
         if not self._sends:
             self._end.start()
             self._sends, self._sequence = True, 0
-        units = self._end.encode(self._scene(fault))
+        units = self._end.encode(self._scene(fault, due_ns + self._utc_ns))
         self._sequence += 1
         if fault == "unplugged":
             return
@@ -272,8 +274,7 @@ class _Sending(threading.Thread):
             damaged = self._damaged(unit) if fault == "corrupted" else unit
             self._line.append((max(now_ns + delay_ns, last_ns), damaged))
 
-    def _scene(self, fault: Kind | None) -> Scene:
-        stamp_ns = time.time_ns()
+    def _scene(self, fault: Kind | None, stamp_ns: int) -> Scene:
         if fault == "clock":
             stamp_ns += round(self._case.amount * 1e9)
         noise = self._rng.normal(0.0, NOISE_M, _STANDING.shape)
