@@ -98,9 +98,8 @@ def measure(topology: str, rate_hz: float, seconds: float) -> dict[str, Any]:
         heard = json.loads(listener.communicate("end\n", timeout=30)[0].splitlines()[-1])
         for process in router:
             process.communicate("end\n", timeout=30)
-    return {"by": topology, "rate_hz": rate_hz} | _figures(
-        posted, heard, seconds, cpu_s, bytes_sent
-    )
+    row = {"by": topology, "rate_hz": rate_hz, "superseded": link.counters.superseded}
+    return row | _figures(posted, heard, seconds, cpu_s, bytes_sent)
 
 
 def recovery(times: int) -> dict[str, list[float]]:
