@@ -101,7 +101,7 @@ def test_command(command, folder):
         pytest.skip("needs ../shared/data for recordings")
     if words[1] == "train":  # an hour's work, done for a moment
         words += ["--set", "train.epochs=1", "--set", "train.windows_per_epoch=64"]
-    if words[1] == "listen":
+    if words[1] in ("listen", "fleet"):
         words += ["--seconds", "1"]
     if words[:3] == ["hri-predict", "replay", "monday.mcap"]:  # which an earlier command records
         record = ["run", "cell.yaml", "--shadow", "--record", "monday.mcap", "--duration", "3"]
