@@ -47,6 +47,8 @@ def links(
         return
     console = Console(width=None if sys.stdout.isatty() else 120)
     console.print(_delay_table(delays))
+    for reason in dict.fromkeys(row["not_here"] for row in delays if "not_here" in row):
+        console.print(f"not here: {reason}", markup=False, highlight=False)
     if fills:
         console.print(_wire_table(fills))
     console.print(
@@ -70,7 +72,7 @@ def _delay_table(rows: list[dict[str, Any]]) -> Table:
         table.add_column(name, justify="right")
     for row in rows:
         if "not_here" in row:
-            table.add_row(row["link"], f"{row['rate_hz']:g}", row["not_here"])
+            table.add_row(row["link"], f"{row['rate_hz']:g}", "not here")
             continue
         spans = [_pair(row.get(f"{span}_ms")) for span in _SPANS]
         counts = (str(row["scenes"]), str(row["missed"]))

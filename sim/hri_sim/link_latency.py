@@ -64,10 +64,12 @@ def _slcan(fd: bool) -> Iterator[Wire]:
 
 
 @contextlib.contextmanager
-def _bus(interface: str, channel: str, fd: bool) -> Iterator[Wire]:
+def _bus(interface: str, channel: str, fd: bool, **options: Any) -> Iterator[Wire]:
     """A bus of the process's own, with another node that hears what passes."""
-    settings = CanLinkSettings(name="bench", interface=interface, channel=channel, fd=fd)
-    other, ended = CanTransport(interface, channel, fd=fd), threading.Event()
+    settings = CanLinkSettings(
+        name="bench", interface=interface, channel=channel, fd=fd, options=options
+    )
+    other, ended = CanTransport(interface, channel, fd=fd, options=options), threading.Event()
     other.open()
 
     def hear() -> None:
@@ -91,7 +93,8 @@ KINDS: dict[str, Callable[[], contextlib.AbstractContextManager[Wire]]] = {
     "CAN FD virtual": lambda: _bus("virtual", f"bench-{next(_CHANNELS)}", fd=True),
     "CAN slcan pty": lambda: _slcan(fd=False),
     "CAN FD slcan pty": lambda: _slcan(fd=True),
-    "CAN FD udp_multicast": lambda: _bus("udp_multicast", "239.74.163.2", fd=True),
+    # no hop: it stays on this machine
+    "CAN FD udp_multicast": lambda: _bus("udp_multicast", "239.74.163.2", fd=True, hop_limit=0),
 }
 
 
