@@ -10,6 +10,8 @@ from rich.table import Table
 from hri_predict.clock_alignment import ClockEstimate
 from hri_predict.source import Source, live_part
 
+UTC_WITHIN_S = 86_400.0
+"""A clock that is further off is not set at all; then its offset alone says something."""
 _COUNTS = ("packets", "bytes_received", "scenes")  # what is no trouble
 
 
@@ -27,7 +29,7 @@ def source_report(
     Returns:
         ``kind``; ``clock`` (``None`` if nothing came): ``offset_s``, ``drift_ppm``, ``jumps``,
         ``spikes`` as in ``ClockEstimate``, and ``ahead_of_utc_s``, by which the sender's clock is
-        ahead of this machine's, less the least latency (``None`` where it doesn't stamp in UTC);
+        ahead of this machine's, less the least latency (``None`` where it isn't UTC);
         ``live`` (``None`` for others): ``connected`` and all of ``SourceCounters``.
     """
     live = live_part(source)
@@ -77,5 +79,6 @@ def _clock(clock: Mapping[str, Any]) -> str:
     return f"{offset}, {fast}; jumps {clock['jumps']}, spikes {clock['spikes']}"
 
 
-def _ahead_of_utc_s(clock: ClockEstimate, now_ns: int) -> float:
-    return (now_ns - clock.offset_ns - time.time_ns()) * 1e-9
+def _ahead_of_utc_s(clock: ClockEstimate, now_ns: int) -> float | None:
+    ahead_s = (now_ns - clock.offset_ns - time.time_ns()) * 1e-9
+    return ahead_s if abs(ahead_s) < UTC_WITHIN_S else None

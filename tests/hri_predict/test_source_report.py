@@ -53,8 +53,10 @@ def test_a_clock_of_utc_is_compared_with_ours():
     assert "drift not yet known" in shown(report)
 
 
-def test_a_clock_of_its_own_is_not():
-    report = source_report("mvn", live_source(stamps_utc=False), CLOCK, 0)
+@pytest.mark.parametrize("stamps_utc", [False, True])
+def test_a_clock_of_its_own_is_not(stamps_utc):
+    """Nor is one that should be UTC and was never set."""
+    report = source_report("mvn", live_source(stamps_utc), CLOCK, 0)
     assert report["clock"]["ahead_of_utc_s"] is None
     assert "behind ours by -5.000 s" in shown(report)
 
