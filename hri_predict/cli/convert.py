@@ -12,14 +12,13 @@ from hri_predict.cli.common import one_of, without_effect
 from hri_predict.errors import ConfigError
 from hri_predict.joint_map import METRES_PER_UNIT
 from hri_predict.recording.converting import ENDINGS, WRITERS, write_recording
-from hri_predict.recording.cutting import between, decimated, of_person, people_of
+from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.recording import Recording
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 
 SELF_EXPLAINED = ("cmu", "assembly", "mcap")  # units and axes of these are fixed
-MANY_PEOPLE = ("csv", "c3d", "trc", "mcap")
 
 
 def convert(
@@ -111,11 +110,8 @@ def _chosen(
 
 
 def _summary(recording: Recording, output: Path, kind: str, written: Written) -> dict[str, Any]:
-    ids = people_of(recording)
     notes = [recording.note] if recording.note else []
     notes += written.notes
-    if kind not in MANY_PEOPLE and ids and ids[0] != 1 and len(ids) == 1:
-        notes.append(f"the file does not say that this is person {ids[0]}; --person says it again")
     if not recording.joint_map.mapped.any():
         notes.append("no canonical joint follows from the joints' names: it cannot be replayed")
     return {
@@ -126,7 +122,7 @@ def _summary(recording: Recording, output: Path, kind: str, written: Written) ->
         "frames": written.frames,
         "rate_hz": recording.rate_hz,
         "seconds": recording.duration_s,
-        "people": ids,
+        "people": written.people,
         "joints": len(recording.joint_map.source_joints),
         "dropped": {what: count for what, count in written.dropped.items() if count},
         "notes": notes,

@@ -26,7 +26,7 @@ import numpy as np
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.recording.bounded import check_joints, read_text
-from hri_predict.recording.cutting import true_times
+from hri_predict.recording.cutting import people_of, true_times
 from hri_predict.recording.frames import Written
 from hri_predict.recording.labels import MAX_ID
 from hri_predict.recording.naming import map_of_names
@@ -156,7 +156,7 @@ class _Table:
             )
         steps = np.array([b - a for a, b in pairwise(self._times_ns)])
         rate_hz = float(f"{1e9 / max(float(np.median(steps)), 1.0):.6g}")  # its times are rounded
-        check_rate(self._path, "the times", rate_hz)
+        check_rate(self._path, "'time_s'", rate_hz)
         first = self._times_ns[0]
         stamps = [ns - first for ns in self._times_ns]
         check_gaps(self._path, stamps)
@@ -203,7 +203,7 @@ def _person(number: int, raw: Floats, joint_map: JointMap, limit: float) -> Pers
 
 def write_csv(path: Path, recording: Recording) -> Written:
     """Write every scene, at its capture time since the first, to a micrometre."""
-    written = Written(len(recording.scenes))
+    written = Written(len(recording.scenes), people_of(recording))
     written.dropped["messages of controllers"] += len(recording.received)
     joints = recording.joint_map.source_joints
     head = [f"{joint}_{axis}" for joint in joints for axis in "xyz"]

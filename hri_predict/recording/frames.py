@@ -23,11 +23,13 @@ class Written:
 
     Attributes:
         frames: that were written.
+        people: ids of who is in them.
         dropped: what the format cannot hold: a plural noun, and how many.
         notes: what else the user should know, a line each.
     """
 
     frames: int
+    people: list[int]
     dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
 
@@ -67,7 +69,7 @@ def frames_of(recording: Recording) -> Frames:
     joints = recording.joint_map.source_joints
     check_joints(recording.path, slots[-1] + 1, len(ids), len(joints))
     positions = np.full((slots[-1] + 1, len(ids), len(joints), 3), np.nan)
-    written = Written(slots[-1] + 1)
+    written = Written(slots[-1] + 1, ids)
     column = {person: k for k, person in enumerate(ids)}
     for slot, scene in zip(slots, recording.scenes, strict=True):
         for person in scene.people:
@@ -81,6 +83,8 @@ def frames_of(recording: Recording) -> Frames:
     if empty:
         written.notes.append(f"{empty} frames are missing in the recording; there no joint is seen")
     written.dropped["messages of controllers"] += len(recording.received)
+    if len(ids) == 1 and ids[0] != 1:
+        written.notes.append(f"the file does not say that this is person {ids[0]}: say --person")
     return Frames(rate_hz, tuple(ids), joints, positions, written)
 
 

@@ -4,6 +4,7 @@ from collections import deque
 from pathlib import Path
 
 from hri_predict.errors import RecordingError
+from hri_predict.recording.cutting import people_of
 from hri_predict.recording.frames import Written
 from hri_predict.recording.mcap_format import RecordingInfo
 from hri_predict.recording.mcap_recorder import Recorder
@@ -19,7 +20,7 @@ def write_mcap(path: Path, recording: Recording) -> Written:
     info = RecordingInfo(
         recording.joint_map, recording.rate_hz, recording.declares_noise, recording.config
     )
-    written = Written(len(recording.scenes))
+    written = Written(len(recording.scenes), people_of(recording))
     told = deque(sorted(recording.received, key=lambda r: r[1].received_ns))
     with Recorder(path, info, threaded=False) as recorder:
         for scene, arrival_ns in zip(recording.scenes, recording.arrival_ns, strict=True):

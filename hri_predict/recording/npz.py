@@ -59,22 +59,26 @@ def read_arrays(path: Path, keys: Collection[str]) -> dict[str, Any]:
         RecordingError: not an archive, damaged, or larger than ``MAX_BYTES`` when unpacked.
     """
     try:
-        archive = np.load(path, allow_pickle=False)
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise RecordingError(
-                f"recording {path}: is a single array, not an .npz archive; save it with "
-                f"numpy.savez and the documented keys"
-            )
-        with archive:
-            _check_size(path, archive.zip, keys)
-            arrays = {key: archive[key] for key in archive.files if key in keys}
-            if not all(isinstance(array, np.ndarray) for array in arrays.values()):
-                raise ValueError("an entry without NumPy's header comes as bytes")
-            return arrays or dict.fromkeys(archive.files)
+        with path.open("rb") as file:
+            return _unpacked(path, np.load(file, allow_pickle=False), keys)
     except _BROKEN as error:
         raise RecordingError(
             f"recording {path}: truncated or not a NumPy archive; copy it again"
         ) from error
+
+
+def _unpacked(path: Path, archive: Any, keys: Collection[str]) -> dict[str, Any]:
+    if not isinstance(archive, np.lib.npyio.NpzFile):
+        raise RecordingError(
+            f"recording {path}: is a single array, not an .npz archive; save it with "
+            f"numpy.savez and the documented keys"
+        )
+    with archive:
+        _check_size(path, archive.zip, keys)
+        arrays = {key: archive[key] for key in archive.files if key in keys}
+        if not all(isinstance(array, np.ndarray) for array in arrays.values()):
+            raise ValueError("an entry without NumPy's header comes as bytes")
+        return arrays or dict.fromkeys(archive.files)
 
 
 def _check_size(path: Path, archive: zipfile.ZipFile | None, keys: Collection[str]) -> None:

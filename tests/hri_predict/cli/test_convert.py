@@ -1,0 +1,154 @@
+"""``convert`` at the command line: summaries, choices, refusals, and whole files or none."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hri_predict.cli import main
+from hri_predict.recording import converting, open_recording
+from hri_predict.skeleton import JOINTS
+from hri_sim.replay import RecordingSettings, RecordingSource
+
+TABLE = "time_s,person,waist_x,waist_y,waist_z,l_wrist_x,l_wrist_y,l_wrist_z\n" + "".join(
+    f"{k / 50},{person},{k / 100},{person},1.0,0.3,{person},1.2\n"
+    for k in range(51)
+    for person in (2, 3)
+)
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys, tmp_path):
+    """Run ``convert`` where two.csv is; gives exit status, standard output, standard error."""
+    (tmp_path / "two.csv").write_text(TABLE)
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["hri-predict", "convert", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return ended.value.code or 0, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def mistake(cli, tmp_path):
+    def call(*arguments):
+        before = sorted(tmp_path.iterdir())
+        status, out, err = cli(*arguments)
+        assert (status, out) == (2, "")
+        assert len(err.splitlines()) == 1, err
+        assert sorted(tmp_path.iterdir()) == before
+        return err
+
+    return call
+
+
+def test_the_summary_is_text_or_json(cli):
+    status, out, err = cli("two.csv", "two.c3d")
+    assert (status, err) == (0, "")
+    assert out == "two.c3d: 51 frames, 1.00 s at 50 per second, people [2, 3], 2 joints\n"
+    status, out, err = cli("two.csv", "two.mcap", "--json")
+    assert (status, err) == (0, "")
+    summary = json.loads(out)
+    assert summary["to"] == "mcap"
+    assert summary["people"] == [2, 3]
+    assert summary["frames"] == 51
+    assert summary["dropped"] == {}
+    assert open_recording("two.mcap").duration_s == pytest.approx(1.0)
+
+
+def test_a_person_a_part_and_a_rate(cli):
+    status, out, err = cli(
+        "two.csv", "b.csv", "--person", 3, "--rate", 10, "--start", 0.2, "--end", 0.8, "--json"
+    )
+    assert (status, err) == (0, "")
+    summary = json.loads(out)
+    assert (summary["frames"], summary["rate_hz"], summary["people"]) == (7, 10.0, [3])
+    assert summary["dropped"] == {"other people": 1}
+    back = open_recording("b.csv")
+    assert back.scenes[0].people[0].positions[0, 0] == pytest.approx(0.1)
+    assert back.rate_hz == 10.0
+
+
+def test_what_is_lost_is_said(cli):
+    status, _, err = cli("two.csv", "one.npz")
+    assert status == 0
+    assert "dropped: 1 other people" in err
+    assert "note: one person in such a file: 2 is written; choose by --person" in err
+    assert "note: the file does not say that this is person 2: say --person" in err
+
+
+def test_units_and_axes_of_the_input(cli):
+    assert cli("two.csv", "b.csv", "--units", "mm", "--axes", "z,x,y")[0] == 0
+    first = open_recording("b.csv").scenes[0].people[0].positions
+    np.testing.assert_allclose(first[0], [0.001, 0, 0.002], atol=1e-6)
+
+
+def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli, mistake):
+    assert cli("two.csv", "two.trc")[0] == 0
+    before = Path("two.trc").read_bytes()
+    assert "two.trc: is there already; --force replaces it" in mistake("two.csv", "two.trc")
+    assert cli("two.csv", "two.trc", "--rate", 10, "--force")[0] == 0
+    assert Path("two.trc").read_bytes() != before
+    assert "is the recording that is read" in mistake("two.csv", "two.csv", "--force")
+    Path("link.csv").symlink_to("two.csv")
+    assert "is the recording that is read" in mistake("two.csv", "link.csv", "--force")
+
+
+@pytest.mark.parametrize("ending", ["csv", "c3d", "npz", "mcap", "trc"])
+@pytest.mark.parametrize("problem", [KeyboardInterrupt, OSError(28, "No space left on device")])
+def test_what_breaks_off_leaves_nothing_half(cli, tmp_path, monkeypatch, ending, problem):
+    kind = converting.ENDINGS[f".{ending}"]
+    write = converting.WRITERS[kind]
+    (tmp_path / f"a.{ending}").write_bytes(b"old")
+
+    def broken(path, recording):
+        write(path, recording)
+        raise problem
+
+    monkeypatch.setitem(converting.WRITERS, kind, broken)
+    status, out, err = cli("two.csv", f"a.{ending}", "--force")
+    assert (status, out) == ((130, "") if problem is KeyboardInterrupt else (2, ""))
+    assert problem is KeyboardInterrupt or "No space left" in err
+    assert (tmp_path / f"a.{ending}").read_bytes() == b"old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([f"a.{ending}", "two.csv"])
+
+
+def test_mistakes_are_one_line_with_the_remedy(mistake):
+    assert "unknown ending '.fbx'; use .npz" in mistake("two.csv", "a.fbx")
+    assert "--to bvg: unknown; did you mean 'bvh'?" in mistake("two.csv", "a.fbx", "--to", "bvg")
+    assert "take --to amass" in mistake("two.csv", "a.npz", "--to", "pack")
+    assert "no such file" in mistake("gone.csv", "a.csv")
+    assert "has no person 9; has 2, 3" in mistake("two.csv", "a.csv", "--person", 9)
+    assert "must be after --start" in mistake("two.csv", "a.csv", "--start", 3, "--end", 2)
+    assert "it lasts 1.0 s" in mistake("two.csv", "a.csv", "--start", 3)
+    assert "never invented" in mistake("two.csv", "a.csv", "--rate", 100)
+    assert "--rate 0: must be 0.1" in mistake("two.csv", "a.csv", "--rate", 0)
+    assert "--units px: use one of m, cm" in mistake("two.csv", "a.csv", "--units", "px")
+    assert "left-handed; turn a sign" in mistake("two.csv", "a.csv", "--axes", "x,z,y")
+    Path("odd.csv").write_text("time_s,q_x,q_y,q_z\n0,1,2,3\n1,1,2,3\n")
+    assert "no joint is known as" in mistake("odd.csv", "a.bvh")
+
+
+def test_units_of_what_states_its_own_are_refused(cli, mistake):
+    assert cli("two.csv", "two.mcap")[0] == 0
+    assert "--units: has no effect on two.mcap" in mistake("two.mcap", "a.csv", "--units", "mm")
+
+
+@pytest.mark.parametrize("ending", ["csv", "c3d", "npz", "mcap", "trc"])
+def test_a_converted_recording_is_a_source_of_the_node(cli, ending):
+    assert cli("two.csv", f"a.{ending}")[0] == 0
+    settings = RecordingSettings(kind="recording", path=f"a.{ending}", start_s=0.1)
+    source = RecordingSource(settings, Path())
+    source.open(1_000_000_000)
+    scene = source.poll(1_000_000_000)
+    assert scene is not None
+    assert scene.sees_room
+    joints, seen = source.joint_map.map(scene.people[0].positions, scene.people[0].observed)
+    assert [JOINTS[k] for k in np.flatnonzero(seen)] == ["waist", "l_wrist"]
+    np.testing.assert_allclose(joints[0], [0.05, 2, 1], atol=1e-6)

@@ -1,0 +1,194 @@
+"""What is written is read back: joints, names, people, times, and what was not observed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hri_predict.errors import RecordingError
+from hri_predict.joint_map import load_joint_map
+from hri_predict.recording import Recording, open_recording
+from hri_predict.recording.converting import WRITERS, write_recording
+from hri_predict.recording.cutting import between, decimated, of_person
+from hri_predict.recording.naming import map_of_names
+from hri_predict.scene import Person, Scene
+
+TOLERANCE_M = {"csv": 5.1e-7, "trc": 5.1e-8, "c3d": 2e-6, "amass": 2e-6, "pack": 2e-6, "mcap": 0}
+SEVERAL = ("csv", "trc", "c3d", "mcap")
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+NAMES = st.lists(
+    st.text("abcXYZ 0189_.-", min_size=1, max_size=20).map(lambda s: f"j{s}k"),
+    min_size=1,
+    max_size=5,
+    unique=True,
+)
+
+
+def made(joints, ids=(1,), frames=4, rate_hz=30.0, missing=0.3, seed=0) -> Recording:
+    """People at random places; a share of the joints missing, in the last frame all of them."""
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-20, 20, (frames, len(ids), len(joints), 3))
+    observed = rng.random(positions.shape[:3]) >= missing
+    observed[-1] = False
+    positions[~observed] = np.nan
+    scenes = [
+        Scene(
+            round(k * 1e9 / rate_hz),
+            k,
+            True,
+            tuple(Person(n, positions[k, p], observed[k, p]) for p, n in enumerate(ids)),
+        )
+        for k in range(frames)
+    ]
+    times = [scene.capture_ns for scene in scenes]
+    return Recording(Path("made"), "csv", map_of_names(joints), rate_hz, scenes, times)
+
+
+def through(recording: Recording, to: str, folder: Path, **options) -> Recording:
+    path = folder / f"out.{'npz' if to in ('amass', 'pack') else to}"
+    write_recording(recording, path, to, force=True)
+    assert list(folder.glob("*.partial")) == []
+    return open_recording(path, any_joints=True, **options)
+
+
+def check_same(one: Recording, other: Recording, tolerance_m: float) -> None:
+    assert other.rate_hz == pytest.approx(one.rate_hz, rel=1e-6)
+    assert len(other.scenes) == len(one.scenes)
+    for a, b in zip(one.scenes, other.scenes, strict=True):
+        assert b.capture_ns - other.scenes[0].capture_ns == pytest.approx(
+            a.capture_ns - one.scenes[0].capture_ns, abs=2
+        )
+        assert b.sees_room == a.sees_room
+        assert [p.id for p in b.people] == [p.id for p in a.people]
+        for p, q in zip(a.people, b.people, strict=True):
+            np.testing.assert_array_equal(q.observed, p.observed)
+            assert np.isnan(q.positions[~q.observed]).all()
+            np.testing.assert_allclose(
+                q.positions[q.observed], p.positions[p.observed], rtol=0, atol=tolerance_m
+            )
+
+
+@pytest.mark.parametrize("to", [kind for kind in TOLERANCE_M if kind != "pack"])
+@settings(
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(names=NAMES, rate_hz=st.sampled_from([1.0, 29.97, 120.0]), seed=st.integers(0, 99))
+def test_one_person_with_any_joints(tmp_path, to, names, rate_hz, seed):
+    recording = made(names, frames=seed % 5 + 2, rate_hz=rate_hz, seed=seed)
+    back = through(recording, to, tmp_path)
+    assert back.joint_map.source_joints == tuple(names)
+    check_same(recording, back, TOLERANCE_M[to])
+
+
+@pytest.mark.parametrize("to", SEVERAL)
+@settings(
+    max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(ids=st.lists(st.integers(0, 65535), min_size=2, max_size=4, unique=True))
+def test_several_people_keep_their_ids(tmp_path, to, ids):
+    recording = made(["waist", "head"], ids=sorted(ids))
+    check_same(recording, through(recording, to, tmp_path), TOLERANCE_M[to])
+
+
+@pytest.mark.parametrize("name", ["cmu38", "assembly_arms"])
+def test_the_data_packs_own_layouts(tmp_path, name):
+    shipped = load_joint_map(name).source_joints
+    recording = made(shipped[::-1], missing=0.1)
+    back = through(recording, "pack", tmp_path)
+    assert back.joint_map.source_joints == shipped
+    turned = [
+        [p.positions[::-1] for p in scene.people] for scene in recording.scenes
+    ]  # the layout has an order of its own
+    for k, scene in enumerate(back.scenes):
+        np.testing.assert_allclose(scene.people[0].positions, turned[k][0], atol=2e-6)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
+@pytest.mark.parametrize("to", TOLERANCE_M)
+def test_a_real_walk_stays_where_it_was(tmp_path, to):
+    walk = open_recording(DATA / "cmu_mocap" / "test" / "walking_1.npz")
+    walk = between(walk, 1.0, 1.2)
+    back = through(walk, to, tmp_path)
+    assert back.joint_map.name == "cmu38"
+    check_same(walk, back, TOLERANCE_M[to])
+
+
+def empty_and_blind() -> Recording:
+    """Somebody, nobody, a blind source, and another one."""
+    recording = made(["waist", "head"], ids=(3, 7), frames=5, missing=0)
+    scenes = list(recording.scenes)
+    see = [(True, 1), (True, 0), (False, 0), (True, 2), (True, 2)]
+    scenes = [
+        Scene(s.capture_ns, s.sequence, sees, s.people[:count])
+        for s, (sees, count) in zip(scenes, see, strict=True)
+    ]
+    return Recording(Path("x"), "csv", recording.joint_map, 30.0, scenes, recording.arrival_ns)
+
+
+@pytest.mark.parametrize("to", ["csv", "mcap"])
+def test_nobody_is_not_the_same_as_blind(tmp_path, to):
+    check_same(empty_and_blind(), through(empty_and_blind(), to, tmp_path), TOLERANCE_M[to])
+
+
+@pytest.mark.parametrize("to", ["trc", "c3d"])
+def test_formats_of_markers_alone_never_say_that_nobody_is_there(tmp_path, to):
+    recording = empty_and_blind()
+    written = write_recording(recording, tmp_path / f"a.{to}", to)
+    assert written.dropped["absences of a person"] == 3
+    assert written.dropped["scenes of a blind source"] == 1
+    back = open_recording(tmp_path / f"a.{to}", any_joints=True)
+    seen = [[bool(p.observed.any()) for p in scene.people] for scene in back.scenes]
+    assert seen == [[True, False], [False, False], [False, False], [True, True], [False, False]]
+
+
+def test_of_several_people_a_file_of_one_holds_the_one_who_is_longest_there(tmp_path):
+    written = write_recording(empty_and_blind(), tmp_path / "a.npz", "amass")
+    assert written.dropped["other people"] == 1
+    assert any("3 is written" in note for note in written.notes)
+
+
+def test_lost_scenes_are_frames_without_joints(tmp_path):
+    whole = made(["waist", "head"], frames=6, missing=0)
+    kept = [0, 1, 4, 5]
+    scenes = [whole.scenes[k] for k in kept]
+    times = [whole.arrival_ns[k] for k in kept]
+    cut = Recording(Path("x"), "mcap", whole.joint_map, 30.0, scenes, times)
+    written = write_recording(cut, tmp_path / "a.trc", "trc")
+    assert written.frames == 6
+    assert any(note.startswith("2 frames are missing") for note in written.notes)
+    back = open_recording(tmp_path / "a.trc", any_joints=True)
+    seen = [bool(scene.people[0].observed.all()) for scene in back.scenes]
+    assert seen == [True, True, False, False, True, False]
+
+
+def test_a_source_that_is_a_little_faster_than_it_says_loses_no_frame(tmp_path):
+    recording = made(["waist", "head"], frames=400, missing=0)
+    times = [round(k * 1e9 / 30.3) for k in range(400)]
+    scenes = [
+        Scene(ns, s.sequence, True, s.people) for ns, s in zip(times, recording.scenes, strict=True)
+    ]
+    faster = Recording(Path("x"), "mcap", recording.joint_map, 30.0, scenes, times)
+    written = write_recording(faster, tmp_path / "a.c3d", "c3d")
+    assert (written.frames, written.notes) == (400, [])
+    assert open_recording(tmp_path / "a.c3d", any_joints=True).rate_hz == pytest.approx(30.3)
+
+
+def test_frames_are_left_out_never_invented():
+    recording = made(["waist", "head"], frames=61, rate_hz=120.0)
+    half = decimated(recording, 25.0)
+    assert [scene.sequence for scene in half.scenes] == list(range(13))
+    for k, scene in enumerate(half.scenes):
+        assert abs(scene.capture_ns * 1e-9 - k / 25.0) <= 0.5 / 120 + 1e-9
+    with pytest.raises(RecordingError, match="never invented"):
+        decimated(recording, 200.0)
+
+
+def test_a_person_who_is_not_there_is_named():
+    with pytest.raises(RecordingError, match="no person 9; has 3, 7"):
+        of_person(empty_and_blind(), 9)
+
+
+def test_every_writer_has_a_tolerance_or_its_own_tests():
+    assert {*TOLERANCE_M, "bvh"} == set(WRITERS)
