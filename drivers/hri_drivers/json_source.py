@@ -24,6 +24,8 @@ from hri_predict.discovery.services import ServiceSettings
 from hri_predict.source import SourceCounters
 
 DEFAULT_PORT = 9871
+MAX_LOST = 100_000
+"""A scene that is ahead by more is not the next after a loss: the sender began anew."""
 
 
 class SceneJsonSettings(LiveSettings):
@@ -80,10 +82,11 @@ class JsonDecoder:
             self._counters.malformed += 1
             self._counters.note(error)
             return []
-        if self._sequence is not None and scene.sequence < self._sequence:
+        risen = 1 if self._sequence is None else scene.sequence - self._sequence
+        if 0 <= risen <= MAX_LOST:
+            self._counters.lost += max(0, risen - 1)
+        else:
             self._session += 1
-        elif self._sequence is not None:
-            self._counters.lost += max(0, scene.sequence - self._sequence - 1)
         self._sequence = scene.sequence
         return [Heard(scene, self._session)]
 

@@ -47,7 +47,8 @@ LATE_RUN = 10
 """Datagrams in a row that are late mean that the sender began anew soon after it had begun."""
 GONE_AFTER = 3
 """A character that is missing in so many samples in a row has left the stream."""
-_HALF = 1 << 31  # of the sample counter's range
+MAX_LOST = 100_000
+"""A sample that is ahead by more is not the next after a loss: the sender began anew."""
 
 
 class MalformedDatagram(ValueError):
@@ -251,7 +252,7 @@ class Assembler:
         """Go on to ``sample``; false if it is over already."""
         if self._sample is not None and sample != self._sample:
             ahead = (sample - self._sample) & 0xFFFFFFFF
-            if ahead < _HALF:
+            if ahead <= MAX_LOST * self._step:
                 self._leave()
                 self._counters.lost += max(0, round(ahead / self._step) - 1)
             elif self._is_late(-ahead & 0xFFFFFFFF):

@@ -23,7 +23,7 @@ def line(sequence: int, **changes: Any) -> bytes:
     scene = {
         "format": "hri-scene/1",
         "sequence": sequence,
-        "stamp_s": sequence / 60,
+        "stamp_s": sequence / 60 % 1e6,
         "sees_room": True,
         "units": "mm",
         "axes": ["x", "y", "z"],
@@ -81,6 +81,15 @@ def test_nobody_there_says_so_or_is_waited_for(hear: Hear) -> None:
         connection.sendall(line(1))
         ear.scene()
         connection.close()
+
+
+def test_a_sequence_that_jumps_begins_anew(hear: Hear) -> None:
+    ear = hear("json", port=0)
+    with connect(ear.port) as program:
+        program.sendall(line(1) + line(2**60) + line(0))
+        numbers = [scene.sequence for scene in ear.scenes(3)]
+    assert numbers == [1, 2, 3]
+    assert (ear.counters.lost, ear.counters.restarts) == (0, 2)
 
 
 def test_nobody_takes_the_place_of_a_program_that_is_heard(hear: Hear) -> None:

@@ -178,6 +178,16 @@ def test_a_sender_may_begin_anew_soon_after_it_had_begun() -> None:
     assert hearing.assembler.session == 1
 
 
+def test_a_damaged_counter_is_no_loss_of_billions() -> None:
+    hearing = Hearing()
+    hearing.add(
+        *mvn_sender.quaternions(5, 0, 0, BODY), *mvn_sender.quaternions(1 << 31, 0, 0, BODY)
+    )
+    hearing.add(body(6))
+    assert hearing.counters.lost == 0
+    assert hearing.assembler.session == 2
+
+
 def test_types_that_place_nobody_are_counted_alone() -> None:
     hearing = Hearing()
     others = [mvn_sender.meta_data(1, 0, 0, "Ann"), mvn_sender.time_code(1, 0)]
