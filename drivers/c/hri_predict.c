@@ -13,6 +13,7 @@
 #define ALL_PARTS ((1u << HRI_PARTS_ADVICE) - 1u)
 #define ZONE_ITEM_BYTES 15u
 #define POSE_ITEM_BYTES 7u
+#define NO_COBS 0xFFFFFFFFu
 
 /* -- bytes -------------------------------------------------------------------------------- */
 
@@ -409,7 +410,7 @@ uint8_t hri_receive_can(hri_receiver *r, uint32_t id, bool extended, bool fd, co
     return completed;
 }
 
-/* Undo COBS in place; returns the length, 0 for what is no COBS. */
+/* Undo COBS in place; returns the length, NO_COBS for what is none. */
 static uint32_t cobs_decode(uint8_t *line, uint32_t length)
 {
     uint32_t out = 0u;
@@ -418,7 +419,7 @@ static uint32_t cobs_decode(uint8_t *line, uint32_t length)
         uint32_t block = line[in] - 1u; /* a 0 never comes here: it ends the line */
         in++;
         if (block > (length - in)) {
-            return 0u;
+            return NO_COBS;
         }
         (void)memmove(&line[out], &line[in], block);
         in += block;
@@ -436,7 +437,7 @@ static uint8_t take_serial(hri_receiver *r, uint32_t now_ms)
     uint8_t *frame = r->line;
     uint32_t length = cobs_decode(frame, r->line_length);
     uint8_t kind;
-    if (length == 0u) {
+    if (length == NO_COBS) {
         r->counts.malformed++;
         return HRI_NOTHING;
     }
