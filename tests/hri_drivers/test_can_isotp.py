@@ -1,9 +1,11 @@
 """Zone and Pose by ISO-TP: what a peer may do to us, and what a listener makes of it."""
 
+import dataclasses
 import json
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +16,11 @@ from hypothesis import strategies as st
 from hri_drivers import can_isotp
 from hri_drivers.can_isotp import IsoTpReceiver, IsoTpTransfer, isotp_bits
 from hri_drivers.can_link import CanLink, CanLinkSettings
+from hri_drivers.can_transport import CanTransport
 from hri_drivers.transport import pipe
+from hri_predict.cli.listen import listen
 from hri_predict.clock import VirtualClock
-from hri_predict.errors import LinkError
+from hri_predict.errors import ConfigError, LinkError
 from hri_predict.protocol.can_codec import CanFrame, CanReceiver
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
@@ -293,6 +297,33 @@ def test_the_listen_command_shows_zones_that_come_by_isotp():
         listening.terminate()
         listening.wait(20)
         tap.close()
+
+
+def test_listening_only_is_refused_where_it_makes_no_sense():
+    with pytest.raises(ConfigError, match="--listen-only is for CAN"):
+        listen("serial:/dev/null", listen_only=True)
+    with pytest.raises(LinkError, match="no such mode for 'gs_usb'"):
+        listen("can:gs_usb:0", listen_only=True)
+    with pytest.raises(ConfigError, match=r"isotp\.id 0x680"):
+        listen("can:virtual:nobody", isotp_id=0x680)
+
+
+@pytest.mark.realtime
+def test_segments_of_another_id_are_heard_where_one_says_so(capsys):
+    bus = CanTransport("virtual", "another")
+    bus.open()
+
+    def play() -> None:
+        for frame in segments(zone()):
+            bus.write(dataclasses.replace(frame, arbitration_id=0x123))
+
+    playing = threading.Timer(0.2, play)
+    playing.start()
+    listen("can:virtual:another", isotp_id=0x123, seconds=1.0, as_json=True)
+    playing.join()
+    bus.close()
+    shown = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["message"] for line in shown].count("zone") == 1
 
 
 def test_what_the_peer_takes_is_protected_as_on_a_serial_line():
