@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hri_predict.training.report import Table
 
 SPLITS = ("fit", "validation", "calibration", "test")
-_RECORDINGS = (".npz", ".bvh", ".mcap")
+_RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".mcap")  # most .csv are other tables
 
 
 def without_effect(flags: Mapping[str, Any], where: str) -> None:

@@ -65,7 +65,7 @@ def run(
 
 
 def replay(
-    recording: Annotated[Path, typer.Argument(help="npz (data pack), BVH, or the node's MCAP.")],
+    recording: Annotated[Path, typer.Argument(help=".npz, .bvh, .c3d, .trc, .csv or .mcap.")],
     config: Annotated[Path, typer.Option(help="The node's YAML configuration.")] = Path(
         "configs/demo.yaml"
     ),
