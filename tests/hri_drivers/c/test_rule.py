@@ -188,6 +188,28 @@ def test_repeated_and_old_advice_is_not_fresh(line, link):
     assert one.ask().answers() == [(900, "advice"), (0, "silent")]
 
 
+@pytest.mark.parametrize("link", LINKS)
+def test_up_to_four_lost_messages_are_bridged_and_five_are_not(line, link):
+    for lost, answer in ((4, (900, "advice")), (5, (0, "silent"))):
+        one = line(link, tolerated=100).started()
+        for _ in range(lost):
+            one.units(CLEAR)
+        assert one.wait(SILENCE_MS - 1).state().advise().wait(20).answer() == answer
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_after_a_jump_the_third_in_a_row_counts(line, link):
+    one = line(link, tolerated=100).started().wait(SILENCE_MS).state()
+    for _ in range(100):
+        one.units(CLEAR)
+    one.advise().ask().advise().ask()
+    one.units(CLEAR)  # a gap: the row begins anew
+    for _ in range(3):
+        one.advise().ask()
+    stopped, moving = (0, "silent"), (900, "advice")
+    assert one.answers() == [stopped] * 4 + [moving]
+
+
 def test_parts_of_different_messages_are_never_mixed(line):
     one = line("classic", tolerated=100).say(OURS).state()
     units = [one.units(replace(CLEAR, echo=one.echo)) for _ in range(3)]
