@@ -136,7 +136,8 @@ def decode_body(header: Header, body: bytes) -> Scene:
     """The scene of a whole body; positions are NaN where not observed.
 
     Raises:
-        Refused: joints are marked that there are not.
+        Refused: joints are marked that there are not, or that have no place: a body that is partly
+            NaN is not taken for one that is partly hidden.
     """
     count = header.joints
     people = []
@@ -146,6 +147,8 @@ def decode_body(header: Header, body: bytes) -> Scene:
             raise Refused("malformed", f"marks joints beyond its {count}")
         observed = bits[:count]
         positions = record["positions"].astype(np.float64)
+        if not np.isfinite(positions[observed]).all():
+            raise Refused("malformed", "a joint is observed, and its place is no number")
         positions[~observed] = np.nan
         people.append(Person(int(record["id"]), positions, observed))
     sees_room = bool(header.flags & SEES_ROOM)

@@ -136,6 +136,17 @@ def test_a_right_tag_does_not_make_a_wrong_datagram_right(data):
         pass
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_joint_that_is_observed_and_no_number_is_refused(value):
+    one = person(1, 4)
+    one.positions[2, 1] = value
+    (data,) = encode(Scene(UTC, 0, True, (one,)), names(4), UTC)
+    header, body = open_datagram(data)
+    with pytest.raises(Refused, match="no number") as caught:
+        decode_body(header, body)
+    assert caught.value.counter == "malformed"
+
+
 @pytest.mark.parametrize("keys", [(None, KEY), (KEY, None)])
 def test_key_or_no_key_must_be_agreed_upon(keys):
     (data,) = encode(scene(), names(4), UTC, keys[0])
