@@ -128,7 +128,7 @@ class Fleet:
                 self.left_out += 1
                 return
             cell = self._cells.setdefault((key.site, key.cell), _Cell())
-            cell.take(Keyed(key.what, unit.payload), now_ns)
+            cell.take(Keyed(key.what, unit.data), now_ns)
 
     def rows(self, now_ns: int) -> list[CellRow]:
         """What is known at ``now_ns``, by site and cell."""

@@ -90,15 +90,15 @@ class ZenohCodec:
 
     def unit_s(self, unit: Keyed) -> float:
         """Seconds of network of this payload."""
-        return (OVERHEAD_BITS + 8 * len(unit.payload)) / self._bitrate
+        return (OVERHEAD_BITS + 8 * len(unit.data)) / self._bitrate
 
     def raw(self, unit: Keyed) -> bytes:
         """The payload."""
-        return unit.payload
+        return unit.data
 
     def size(self, unit: Keyed) -> int:
         """Bytes of payload."""
-        return len(unit.payload)
+        return len(unit.data)
 
 
 def worst_bits(message: type[Message], items: int | None = None) -> int:

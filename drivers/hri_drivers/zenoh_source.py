@@ -65,7 +65,7 @@ class ZenohReceiver:
         Raises:
             LinkError: nobody is connected.
         """
-        return [unit.payload for unit in self._transport.read(timeout_s)]
+        return [unit.data for unit in self._transport.read(timeout_s)]
 
     def close(self) -> None:
         """Close the session."""

@@ -90,7 +90,7 @@ class ZenohTransport:
                 publisher = self._publishers[unit.key] = _publisher(
                     session, self._prefix + unit.key, unit.key in BULK_KEYS
                 )
-            publisher.put(unit.payload)
+            publisher.put(unit.data)
         except zenoh.ZError as error:
             raise LinkError(f"zenoh: {short(error)}; opening it again") from error
 

@@ -5,6 +5,7 @@ import math
 import sys
 import threading
 import time
+from dataclasses import replace
 from typing import Annotated, Any
 
 import typer
@@ -124,7 +125,7 @@ class _Watch:
                     self._connect()
                     continue
                 for unit in self._observer.read(READ_S):
-                    self._fleet.take(unit._replace(key=f"hri/{unit.key}"), time.monotonic_ns())
+                    self._fleet.take(replace(unit, key=f"hri/{unit.key}"), time.monotonic_ns())
             except Exception as error:  # what was heard turns silent by itself
                 self.trouble = str(error).splitlines()[0] if str(error) else type(error).__name__
 

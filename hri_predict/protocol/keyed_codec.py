@@ -6,6 +6,7 @@ refused, so that who may only write one key (access control) can send nothing el
 """
 
 import re
+from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from pydantic import StringConstraints
@@ -36,11 +37,12 @@ Name = Annotated[str, StringConstraints(pattern=f"^{NAME}$")]
 _FULL = re.compile(f"{ROOT}/({NAME})/({NAME})/([a-z]+(?:/[0-9])?)")
 
 
-class Keyed(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Keyed:
     """A payload and its key within the cell (``advice/0``), or the whole key."""
 
     key: str
-    payload: bytes
+    data: bytes
 
 
 class CellKey(NamedTuple):
@@ -120,17 +122,17 @@ class KeyedReceiver:
     def feed(self, unit: Keyed) -> list[Message]:
         """Return the fresh messages of one payload; a Zone or Pose comes in several pieces."""
         data_id = _DATA_IDS.get(unit.key)
-        if data_id is None or not 0 < len(unit.payload) <= MAX_PAYLOAD:
+        if data_id is None or not 0 < len(unit.data) <= MAX_PAYLOAD:
             self.counters.malformed += 1
             return []
         messages: list[Message] = []
         at = 0
-        while at < len(unit.payload):
-            length = int.from_bytes(unit.payload[at : at + 2], "big")
-            if not e2e.PROFILE_4_HEADER <= length <= min(MAX_FRAME, len(unit.payload) - at):
+        while at < len(unit.data):
+            length = int.from_bytes(unit.data[at : at + 2], "big")
+            if not e2e.PROFILE_4_HEADER <= length <= min(MAX_FRAME, len(unit.data) - at):
                 self.counters.malformed += 1  # where the next one begins is not known
                 break
-            frame = unit.payload[at : at + length]
+            frame = unit.data[at : at + length]
             at += length
             if frame[4:8] != data_id:  # before its counter is looked at
                 self.counters.malformed += 1

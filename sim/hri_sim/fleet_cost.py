@@ -201,7 +201,7 @@ def _hear(mode: str, end: str) -> None:
     receiver, heard = KeyedReceiver(), list[tuple[int, int]]()
     while not end_asked.is_set():
         for unit in observer.read(0.1):
-            messages = receiver.feed(Keyed(unit.key.split("/", 2)[2], unit.payload))
+            messages = receiver.feed(Keyed(unit.key.split("/", 2)[2], unit.data))
             now_ns = time.monotonic_ns()
             heard += [(m.cycle, now_ns) for m in messages if isinstance(m, Status)]
     observer.close()

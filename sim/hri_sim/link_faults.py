@@ -13,10 +13,11 @@ from hri_drivers.transport import Transport
 from hri_predict.clock import Clock
 from hri_predict.errors import LinkError
 from hri_predict.protocol.can_codec import CanFrame
+from hri_predict.protocol.keyed_codec import Keyed
 from hri_sim.controller import ControllerSettings
 from hri_sim.fault_settings import FaultSettings, faults_from
 
-U = TypeVar("U", bytes, CanFrame)
+U = TypeVar("U", bytes, CanFrame, Keyed)
 
 Direction = Literal["out", "in"]
 _FLUSH_S = 0.005  # how often at least to look for what is late and due

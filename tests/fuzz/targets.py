@@ -19,10 +19,12 @@ from hri_drivers.mvn_source import MvnDecoder, MvnSettings
 from hri_drivers.scene_json import LineSplitter, SceneReader
 from hri_drivers.scene_stream import SceneStream
 from hri_drivers.serial_skeleton import FramedStream, framed
+from hri_predict.fleet import Fleet
 from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.protocol import e2e
 from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver
 from hri_predict.protocol.definition import frame_table
+from hri_predict.protocol.keyed_codec import Keyed, key_of
 from hri_predict.protocol.profile4_codec import Profile4Receiver
 from hri_predict.protocol.serial_codec import SerialReceiver
 from hri_predict.source import SourceCounters
@@ -60,6 +62,7 @@ def targets() -> list[Target]:
         _isotp(),
         Target("serial", _seeds_of_c("serial"), _ignoring(SerialReceiver().feed)),
         _profile4(),
+        _keyed(),
         _scene_stream("scene_stream", 21, with_key=False),
         _scene_stream("scene_stream_long", 100, with_key=False),
         _scene_stream("scene_stream_key", 21, with_key=True),
@@ -154,6 +157,28 @@ def _profile4() -> Target:
         return e2e.protect_profile4(counter, data[12:], identifier)
 
     return Target("profile4", seeds, _ignoring(receiver.take), repaired)
+
+
+def _keyed() -> Target:
+    """A payload under one of a cell's keys, which the first byte chooses, and the view of cells."""
+    fleet, frames = Fleet(), [cobs.decode(data.rstrip(b"\0")) for data in _seeds_of_c("serial")]
+    messages = ((Profile4Receiver().take(frame), frame) for frame in frames)
+    units = [Keyed(key_of(message), frame) for message, frame in messages if message is not None]
+    keys = [unit.key for unit in units]
+
+    def feed(data: bytes) -> None:
+        if data:
+            fleet.take(Keyed(f"hri/site/cell/{keys[data[0] % len(keys)]}", data[1:]), 0)
+            fleet.rows(0)
+
+    def repaired(data: bytes) -> bytes:
+        if len(data) < 1 + e2e.PROFILE_4_HEADER:
+            return data
+        counter, identifier = int.from_bytes(data[3:5], "big"), int.from_bytes(data[5:9], "big")
+        return data[:1] + e2e.protect_profile4(counter, data[13:], identifier)
+
+    seeds = [bytes((i,)) + unit.data for i, unit in enumerate(units)]
+    return Target("keyed", seeds, feed, repaired)
 
 
 def _scene_stream(name: str, joints: int, with_key: bool) -> Target:

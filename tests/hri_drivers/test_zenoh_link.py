@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from hri_drivers.transport import pipe
 from hri_drivers.zenoh_link import ZenohLink, ZenohLinkSettings
 from hri_drivers.zenoh_session import ZenohSettings, open_session, session_config
 from hri_drivers.zenoh_transport import ZenohTransport
-from hri_predict.clock import MonotonicClock
+from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.errors import ConfigError, LinkError
 from hri_predict.protocol.keyed_codec import Keyed, KeyedReceiver, KeyedSender
 from hri_predict.protocol.messages import (
@@ -30,6 +31,7 @@ from hri_predict.protocol.messages import (
     Status,
 )
 from hri_predict.reasons import Reason
+from hri_sim.link_faults import FaultyTransport
 
 STATUS = Status(NodeState.RUNNING, Reason.NONE, 1, 0, 7)
 STATE = RobotState(0, RobotMode.AUTOMATIC, 4711, (0.5,) * 6, (0.0,) * 6)
@@ -140,7 +142,7 @@ def test_what_is_no_message_of_its_key_is_counted(router: Any, endpoint: str) ->
     link, peer, sender = make_link(endpoint, take=True), Peer(endpoint), KeyedSender()
     link.start()
     try:
-        state = sender.encode(STATE).payload
+        state = sender.encode(STATE).data
         junk = (Keyed("state/0", data) for data in (b"junk" * 9, b"\0", b"x" * 40_000))
         peer.say(Keyed("ack", state), *junk, Keyed("state/0", state))
         eventually(lambda: link.counters.messages_received == 1)
@@ -247,3 +249,16 @@ def test_without_the_extra_the_error_names_it() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert "pip install 'hri-predict[fleet]'" in done.stdout
+
+
+def test_faults_can_be_injected() -> None:
+    near, far = pipe()  # type: ignore[var-annotated]
+    faults = [{"kind": "bit_errors", "rate": 0.01}]
+    wire: FaultyTransport[Keyed] = FaultyTransport(near, faults, VirtualClock(), seed=0)
+    far.open()
+    wire.open()
+    sender, receiver = KeyedSender(), KeyedReceiver()
+    for _ in range(20):
+        wire.write(sender.encode(STATUS))
+    assert 0 < sum(len(receiver.feed(unit)) for unit in far.read(0.0)) < 20
+    assert receiver.counters.crc_errors > 0

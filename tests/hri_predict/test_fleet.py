@@ -25,8 +25,9 @@ class Node:
 
     def say(self, now_ns: int, *messages: Message) -> None:
         for message in messages:
-            key, payload = self.sender.encode(message)
-            self.fleet.take(Keyed(prefix("plant", self.cell) + key, payload), now_ns)
+            unit = self.sender.encode(message)
+            whole = replace(unit, key=prefix("plant", self.cell) + unit.key)
+            self.fleet.take(whole, now_ns)
 
 
 def only(fleet: Fleet, now_ns: int) -> CellRow:

@@ -65,7 +65,7 @@ def test_a_long_message_is_one_payload(key: str, message: Message, pieces: int) 
 def test_under_anothers_key_it_is_refused_and_spoils_no_sequence() -> None:
     sender, receiver = KeyedSender(), KeyedReceiver()
     for key in ("ack", "state/2", "status", "scene", "anything"):
-        assert receiver.feed(Keyed(key, sender.encode(STATE).payload)) == []
+        assert receiver.feed(Keyed(key, sender.encode(STATE).data)) == []
     assert receiver.counters.malformed == 5
     sender = KeyedSender()  # had the forged ones counted, its counters would come too late
     assert receiver.feed(sender.encode(STATE)) == [STATE]
@@ -87,7 +87,7 @@ def test_random_payloads_are_counted_and_give_nothing(data: bytes, key: str) -> 
 
 @given(bit=st.integers(0, 8 * 18 - 1))
 def test_no_flipped_bit_is_accepted(bit: int) -> None:
-    payload = bytearray(KeyedSender().encode(MESSAGES["status"]).payload)
+    payload = bytearray(KeyedSender().encode(MESSAGES["status"]).data)
     assert len(payload) == 18
     payload[bit // 8] ^= 1 << bit % 8
     assert KeyedReceiver().feed(Keyed("status", bytes(payload))) == []
@@ -96,7 +96,7 @@ def test_no_flipped_bit_is_accepted(bit: int) -> None:
 def test_a_cut_payload_gives_what_is_whole() -> None:
     unit = KeyedSender().encode(Pose(1, 2, 0.5, JOINTS))
     receiver = KeyedReceiver()
-    assert len(receiver.feed(Keyed("pose", unit.payload[:-1]))) == 2
+    assert len(receiver.feed(Keyed("pose", unit.data[:-1]))) == 2
     assert receiver.counters.malformed == 1
 
 
