@@ -16,6 +16,8 @@ Types with segments that are decoded, an item for each segment [2.5.2, 2.5.3]:
 - 01, 28 bytes: segment ID, position x y z, Euler angles x y z in degrees; y up, right-handed.
 - 02, 32 bytes: segment ID, position x y z, quaternion w x y z; z up, right-handed.
 
+Rotations are not used but for their being sound: a person is where the segments' origins are.
+
 All other types (03 markers, 05 Unity3D, 12 meta data, 13 scale, 20 to 24 kinematics, 25 time code)
 are told apart, for their being counted, and skipped: none of them places segments in the room.
 """

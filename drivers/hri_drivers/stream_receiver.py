@@ -73,7 +73,8 @@ class StreamServer:
         """
         self.close()
         try:
-            self._listener = socket.create_server(self._address, backlog=4)
+            family = socket.AF_INET6 if ":" in self._address[0] else socket.AF_INET
+            self._listener = socket.create_server(self._address, family=family, backlog=4)
         except OSError as error:
             raise listen_error(self._address, error) from error
         self._listener.setblocking(False)

@@ -60,13 +60,20 @@ def test_a_datagram_worked_by_hand() -> None:
     assert np.flatnonzero(pose.observed).tolist() == [1]
 
 
-def test_the_real_part_comes_first_in_a_quaternion() -> None:
-    """Nothing but the norm is used of it: (1, 0, 0, 0) is a rotation wherever the 1 stands."""
-    for quaternion, sound in ((">1000", True), (">0001", True), (">0000", False), (">1100", False)):
-        numbers = b"".join((b"\x3f\x80\0\0" if c == "1" else bytes(4)) for c in quaternion[1:])
-        pose = Pose()
-        add_segments(parse(BY_HAND[:40] + numbers), pose)
-        assert bool(pose.observed[1]) is sound
+@pytest.mark.parametrize(
+    ("quaternion", "sound"),
+    [
+        ("3F800000 00000000 00000000 00000000", True),  # w = 1: no rotation
+        ("3F3504F3 00000000 00000000 3F3504F3", True),  # w = z = 0.7071: a quarter turn about z
+        ("00000000 00000000 00000000 00000000", False),
+        ("3F800000 3F800000 00000000 00000000", False),  # of length 1.414
+        ("7FC00000 00000000 00000000 00000000", False),  # NaN
+    ],
+)
+def test_a_segment_without_a_sound_rotation_is_unobserved(quaternion: str, sound: bool) -> None:
+    pose = Pose()
+    add_segments(parse(BY_HAND[:40] + bytes.fromhex(quaternion)), pose)
+    assert bool(pose.observed[1]) is sound
 
 
 @pytest.mark.parametrize(
@@ -198,7 +205,7 @@ def test_types_that_place_nobody_are_counted_alone() -> None:
 
 
 @given(st.binary(max_size=100), st.integers(0, 60), st.integers(0, 255))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=20)
 def test_no_bytes_break_the_decoder(data: bytes, at: int, byte: int) -> None:
     whole = body(1)
     mutated = whole[:at] + bytes([byte]) + whole[at + 1 :]
@@ -214,7 +221,7 @@ def test_no_bytes_break_the_decoder(data: bytes, at: int, byte: int) -> None:
 
 
 @given(st.binary(min_size=SEGMENTS * 32, max_size=SEGMENTS * 32))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=20)
 def test_any_numbers_are_positions_or_unobserved(payload: bytes) -> None:
     pose = Pose()
     add_segments(parse(mvn_sender.datagram("02", 1, 1, 0, payload, SEGMENTS)), pose)
@@ -222,7 +229,7 @@ def test_any_numbers_are_positions_or_unobserved(payload: bytes) -> None:
 
 
 @given(st.lists(st.integers(1, 2000), max_size=8), st.binary(max_size=30))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=20)
 def test_a_stream_is_found_again_after_anything(cuts: list[int], garbage: bytes) -> None:
     wanted = [body(1), mvn_sender.time_code(1, 0), body(2)]
     stream = wanted[0] + garbage.replace(b"M", b"N") + wanted[1] + wanted[2]
