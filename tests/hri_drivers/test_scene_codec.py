@@ -25,6 +25,7 @@ from tests.hri_drivers.scene_streaming import (
     UTC,
     hri_sender,
     names,
+    person,
     same,
     scene,
 )
