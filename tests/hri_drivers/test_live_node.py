@@ -6,11 +6,14 @@ from collections.abc import Iterator
 
 import pytest
 
+from hri_drivers.udp_source import UdpSource
+from hri_predict import assemble
 from hri_predict import config as configuration
 from hri_predict.cli.touch import measure_touch
 from hri_predict.config import Config
 from hri_predict.errors import ConfigError
 from hri_predict.session import Options, run
+from hri_predict.source import NOT_KNOWN_NS, live_part
 from hri_sim.baseline_demo import baseline_demo
 from hri_sim.live_ends import free_udp_port
 from tests.hri_drivers.scene_streaming import hri_sender
@@ -53,6 +56,14 @@ def test_a_point_that_a_person_touches_is_found():
 def test_with_nobody_sending_a_touch_is_refused_not_waited_for():
     with pytest.raises(ConfigError, match="seen 0 times"):
         measure_touch(live(baseline_demo()), "2,-0.26,0.8", "r_hand")
+
+
+def test_faults_are_injected_into_what_a_live_source_hears():
+    faulty = assemble.build_source(live(baseline_demo()).with_faults(["delay@0:delay_s=0.2"]))
+    inner = live_part(faulty)
+    assert isinstance(inner, UdpSource)
+    assert faulty is not inner
+    assert faulty.next_ns() == NOT_KNOWN_NS  # and ``arrived`` wakes who waits
 
 
 def test_nobody_judges_contacts_with_live_people_by_a_second_copy_of_them():
