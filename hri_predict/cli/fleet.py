@@ -18,13 +18,18 @@ from rich.text import Text
 from hri_predict import registry
 from hri_predict.cli.terminal_view import COLOURS
 from hri_predict.errors import ConfigError, HriPredictError, LinkError
-from hri_predict.fleet import SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
+from hri_predict.fleet import MAX_CELLS, SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
 from hri_predict.protocol.messages import Level
 from hri_predict.settings import validated
 
 READ_S = 0.1
 RETRY_S = 0.5
 REDRAW_HZ = 4
+FRAME_LINES = 7  # of a page, around its rows
+_COLUMNS = {
+    "cell": 12, "node": 9, "robots": 9, "people": 6, "age": 7, "heard": 11, "lost": 4, "because": 20
+}  # fmt: skip
+_BAD = ("fault", SILENT, UNKNOWN, "stop", "starting", "stopping", "degraded", "slow", "warn")
 _STATES = {"running": "green", "degraded": "yellow", "fault": "white on red", SILENT: "bold red"}
 
 
@@ -158,30 +163,38 @@ class _Watch:
         if not sys.stdout.isatty():
             while time.monotonic() < end:
                 time.sleep(min(1.0, max(0.0, end - time.monotonic())))
-            console.print(self._page())
+            console.print(self._page(MAX_CELLS + FRAME_LINES))
             return
         with Live(
-            get_renderable=self._page, console=console, refresh_per_second=REDRAW_HZ, screen=False
+            get_renderable=lambda: self._page(console.height),
+            console=console,
+            refresh_per_second=REDRAW_HZ,
         ):
             while time.monotonic() < end:
                 time.sleep(min(1.0, max(0.0, end - time.monotonic())))
 
-    def _page(self) -> RenderableType:
-        rows = self.rows()
-        parts: list[RenderableType] = [_table(rows)]
+    def _page(self, lines: int) -> RenderableType:
+        rows, room = self.rows(), max(1, lines - FRAME_LINES)
+        if len(rows) > room:  # what does not fit must be no worse than what does
+            rows.sort(key=_how_bad)
+        parts: list[RenderableType] = [_table(rows[:room])]
         if not rows:
             parts.append(Text("no cell heard yet"))
+        elif len(rows) > room:
+            parts.append(Text(f"and {len(rows) - room} cells that are no worse"))
         if self.trouble:
             parts.append(Text(f"not connected: {self.trouble}", style="bold red"))
         if self._fleet.left_out:
-            parts.append(Text(f"{self._fleet.left_out} messages left out: too many cells"))
+            parts.append(
+                Text(f"{self._fleet.left_out} messages left out: strange keys, or too many cells")
+            )
         return Group(*parts)
 
 
 def _table(rows: list[CellRow]) -> Table:
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in ("cell", "node", "robots", "people", "age", "heard", "lost", "because"):
-        table.add_column(name, no_wrap=name != "because")
+    for name, width in _COLUMNS.items():
+        table.add_column(name, no_wrap=True, min_width=width, overflow="ellipsis")
     for row in rows:
         robots = Text(" ").join(
             Text.assemble(f"{r.robot}:", (r.level.upper(), _colour(r.level))) for r in row.robots
@@ -197,6 +210,12 @@ def _table(rows: list[CellRow]) -> Table:
             Text(row.why or _because(row)),
         )
     return table
+
+
+def _how_bad(row: CellRow) -> int:
+    """Smaller is worse; by the worst of the node's state and its robots' levels."""
+    said = {row.state, *(robot.level for robot in row.robots)}
+    return next((i for i, bad in enumerate(_BAD) if bad in said), len(_BAD))
 
 
 def _because(row: CellRow) -> str:

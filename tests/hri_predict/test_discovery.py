@@ -1,5 +1,6 @@
 """Discovery over real multicast DNS on the loopback interface."""
 
+import json
 import os
 import socket
 import subprocess
@@ -15,6 +16,7 @@ from zeroconf import ServiceInfo, Zeroconf
 
 from hri_predict import config as configuration
 from hri_predict import session
+from hri_predict.cli.discover import discover as command
 from hri_predict.discovery.announcer import Announcer
 from hri_predict.discovery.browser import discover, resolve
 from hri_predict.discovery.services import (
@@ -83,7 +85,7 @@ def _info(service_type: str, name: str, port: int) -> ServiceInfo:
 
 @pytest.mark.realtime
 def test_sources_and_controllers_are_found_looked_at_and_resolved(
-    announced: Zeroconf, server: socket.socket
+    announced: Zeroconf, server: socket.socket, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = {s.name.removeprefix(f"{TAG} "): s for s in mine(discover(0.5))}
     assert {name: (s.kind, s.liveness) for name, s in found.items()} == {
@@ -93,6 +95,9 @@ def test_sources_and_controllers_are_found_looked_at_and_resolved(
         "plc": ("controller", "answers"),
     }
     assert found["camera"].properties["units"] == "m"
+    command(0.5, ["127.0.0.1"], as_json=True)
+    told = [s for s in json.loads(capsys.readouterr().out) if TAG in s["name"]]
+    assert [s["liveness"] for s in told] == ["answers", "answers", "port closed", "answers"]
     assert found["camera"].properties["odd"].isprintable()
     assert resolve(TCP, f"{TAG} camera", 5.0) == server.getsockname()
     with pytest.raises(DiscoveryError, match=rf"'{TAG} kamera' .*did you mean '{TAG} camera'"):
@@ -129,6 +134,7 @@ def test_two_nodes_of_one_name_are_told_apart_and_withdraw() -> None:
 
 _NODE = """
 import sys
+from hri_predict.cli.discover import discover as command
 from hri_predict.discovery.announcer import Announcer
 from hri_predict.discovery.services import DiscoverySettings
 announcer = Announcer(DiscoverySettings(), {"node": sys.argv[1], "host": "elsewhere", "pid": "1"})

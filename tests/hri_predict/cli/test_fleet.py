@@ -1,6 +1,7 @@
 """``hri-predict fleet`` and three nodes in processes: late, cut off, healed, killed, stopped."""
 
 import contextlib
+import io
 import json
 import os
 import queue
@@ -9,11 +10,20 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
+
+from hri_predict.cli.fleet import FRAME_LINES, _Watch
+from hri_predict.fleet import Fleet
+from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
+from hri_predict.protocol.keyed_codec import Keyed, KeyedSender
+from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
+from hri_predict.reasons import Reason
 
 PATIENCE_S = 90.0  # of a test that fails; a loaded machine takes its time to start seven processes
 
@@ -179,6 +189,24 @@ def test_three_nodes_late_cut_off_healed_killed_and_stopped(
     watcher.until(lambda cells: is_silent(cells["two"]) and "stopped" in cells["two"]["why"])
     assert processes["two"].wait(30) == 0
     proxy.hang_up()
+
+
+def test_what_does_not_fit_on_the_screen_is_no_worse_than_what_does() -> None:
+    view, sender = Fleet(silent_s=1e3), KeyedSender()
+    for i in range(9):
+        schema = Schema(SCHEMA_VERSION, SCHEMA_HASH)
+        level = Level.STOP if i == 7 else Level.CLEAR
+        status = Status(NodeState.RUNNING, Reason.NONE, 0, 0, 1, age_s=0.0)
+        for message in (schema, status, Advice(0, level, Reason.PERSON_NEAR, age_s=0.0)):
+            unit = sender.encode(message)
+            view.take(Keyed(f"hri/plant/cell{i}/{unit.key}", unit.data), time.monotonic_ns())
+            sender = KeyedSender()
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(_Watch(None, view)._page(FRAME_LINES + 3))
+    shown = console.export_text().splitlines()
+    cells = [line.split()[0] for line in shown if "plant/" in line]
+    assert cells == ["plant/cell7", "plant/cell0", "plant/cell1"]
+    assert "and 6 cells that are no worse" in shown
 
 
 def test_nobody_to_connect_to_is_an_error_that_names_the_endpoint() -> None:
