@@ -26,6 +26,9 @@ READ_TIMEOUT_S = 0.1
 CLOSE_DRAIN_S = 0.1
 # An output buffer that holds more than this has become a queue: what is in it is old already.
 MAX_BACKLOG_S = 0.05
+# A TCP peer may keep its acknowledgement for 200 ms though it has the bytes (RFC 1122, 4.2.3.2,
+# allows 500), and until then they count as waiting.
+MAX_UNACKNOWLEDGED_S = 0.25
 MAX_READ = 4096
 
 _PARITIES: dict[Parity, str] = {
@@ -79,7 +82,7 @@ class SerialTransport:
         self._comports = comports
         self._serial: Any = None  # each URL handler of pyserial is a class of its own
         self._cut_short = False
-        self._backlog_limit = max(256, int(baudrate / 10 * MAX_BACKLOG_S))
+        self._backlog_limit = self._bytes_in(MAX_BACKLOG_S)
 
     def open(self) -> None:
         """Open the port, for this process alone where the system can lock it."""
@@ -99,6 +102,8 @@ class SerialTransport:
                     device.close()
             raise LinkError(f"{self._name}: {open_remedy(error)}") from error
         self._cut_short = True
+        networked = getattr(device, "_socket", None) is not None
+        self._backlog_limit = self._bytes_in(MAX_UNACKNOWLEDGED_S if networked else MAX_BACKLOG_S)
         self._serial = device
 
     def _device(self, path: str) -> Any:
@@ -149,7 +154,7 @@ class SerialTransport:
             data = bytes(device.read(1))
             while data and len(data) < MAX_READ and (more := _has_come(device)):
                 data += device.read(min(more, MAX_READ))
-        except (OSError, TypeError) as error:
+        except (OSError, TypeError, ValueError) as error:
             raise self._lost(error) from error
         return [data] if data else []
 
@@ -166,6 +171,9 @@ class SerialTransport:
                 device.reset_output_buffer()
         with contextlib.suppress(Exception):
             device.close()
+
+    def _bytes_in(self, seconds: float) -> int:
+        return max(256, int(self.baudrate / 10 * seconds))
 
     def _opened(self) -> Any:
         if self._serial is None:
@@ -200,7 +208,7 @@ def _write_all(device: Any, unit: bytes) -> None:
 
 def _descriptor(device: Any) -> int | None:
     """What ``os.write`` takes, where nothing else happens to what is written."""
-    if _is_plain_socket(device):
+    if _is_plain_socket(device) and os.name == "posix":
         return int(device.fileno())
     if type(device).write is serial.Serial.write:
         return getattr(device, "fd", None)

@@ -1,6 +1,7 @@
 """Ports that are no device paths, and settings that a port refuses: with real servers."""
 
 import contextlib
+import itertools
 import socket
 import termios
 import threading
@@ -23,8 +24,8 @@ from hri_predict.reasons import Reason
 from hri_sim.pty import PtyTransport, open_pty
 
 
-def advice(latch_id: int) -> Advice:
-    return Advice(0, Level.STOP, Reason.PERSON_NEAR, latch_id)
+def advice(latch_id: int, robot: int = 0) -> Advice:
+    return Advice(robot, Level.STOP, Reason.PERSON_NEAR, latch_id)
 
 
 def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
@@ -119,6 +120,39 @@ def test_a_tcp_peer_that_does_not_read_never_gets_a_queue(server):
     assert peer.recv(100) == b"again"
     transport.close()
     peer.close()
+
+
+@pytest.mark.realtime
+def test_a_link_leaves_a_tcp_peer_that_does_not_read_and_tells_the_next_one_the_newest():
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # else it takes a minute's
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        server.settimeout(20.0)
+        link = link_on(url("socket", server))
+        link.start()
+        deaf, _ = server.accept()
+        posted = itertools.count(1)
+
+        def given_up() -> bool:
+            number = next(posted)
+            for robot in range(8):
+                link.post(advice(number, robot))
+            assert len(link._slots) <= 8  # the newest of each, and no queue
+            return link.counters.disconnects > 0
+
+        eventually(given_up)
+        assert "check that the other end reads" in str(link.last_error)
+        assert link.counters.write_errors > 0
+        hears, _ = server.accept()
+        eventually(lambda: link.connected)
+        newest = next(posted)
+        link.post(advice(newest))
+        while hear(hears, 1)[-1].latch_id != newest:
+            pass
+        link.stop()
+        deaf.close()
+        hears.close()
 
 
 class WithoutModemLines(serial.Serial):
