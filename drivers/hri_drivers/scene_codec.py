@@ -146,10 +146,10 @@ def decode_body(header: Header, body: bytes) -> Scene:
         if bits[count:].any():
             raise Refused("malformed", f"marks joints beyond its {count}")
         observed = bits[:count]
-        positions = record["positions"].astype(np.float64)
-        if not np.isfinite(positions[observed]).all():
+        raw = record["positions"]
+        if not np.isfinite(raw[observed]).all():
             raise Refused("malformed", "a joint is observed, and its place is no number")
-        positions[~observed] = np.nan
+        positions = np.where(observed[:, np.newaxis], raw, np.float32(np.nan)).astype(np.float64)
         people.append(Person(int(record["id"]), positions, observed))
     sees_room = bool(header.flags & SEES_ROOM)
     return Scene(header.stamp_ns, header.sequence, sees_room, tuple(people))
