@@ -8,8 +8,8 @@ from typing import Any
 import cantools
 import pytest
 
-from hri_predict.protocol import c_header
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver
+from hri_predict.protocol import c_header, e2e
+from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver, padded
 from hri_predict.protocol.dbc import FILES
 from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS
 from hri_predict.protocol.examples import EXAMPLES
@@ -119,6 +119,19 @@ def test_the_c_code_decodes_it(build: Any, message: Message) -> None:
         for signal, value in values.items():
             assert value & 0xFFFFFFFF in (example.raw[signal], example.raw[signal] | 0xFFFF0000)
         assert "crc_errors=0 counter_errors=0 malformed=0" in counts
+
+
+def test_the_c_code_reads_values_that_nobody_knows_as_unknown(build: Any) -> None:
+    program = build(C / "examples" / "decode.c")
+    advice, status = bytes((77, 2)) + bytes(16), bytes((0x3F, 2)) + bytes(4)
+    lines = ""
+    for number, payload in ((8, advice), (0x40, status)):
+        data = e2e.protect_profile5(0, padded(payload), e2e.data_id_16(number))
+        lines += f"{DEFAULT_BASE_ID + number:x} {data.hex()}\n"
+    done = subprocess.run([program, "fd", "1", "1"], input=lines, capture_output=True, text=True)
+    advised, told, _ = done.stdout.splitlines()
+    assert advised.startswith("Advice ROBOT=1 LEVEL=0 REASON=2 ")
+    assert told.startswith("Status NODE_STATE=0 PEOPLE=3 ")
 
 
 @pytest.mark.parametrize("message", CONTROLLER, ids=ids)

@@ -137,8 +137,10 @@ def test_no_speed_limit_is_none(line):
 
 
 @pytest.mark.parametrize("link", LINKS)
-def test_another_schema_stops_it_until_ours_comes_again(line, link):
-    other = Schema(OURS.version, OURS.hash ^ 1)
+@pytest.mark.parametrize(
+    "other", [Schema(OURS.version, OURS.hash ^ 1), Schema(OURS.version + 1, OURS.hash)]
+)
+def test_another_schema_stops_it_until_ours_comes_again(line, link, other):
     one = line(link).started().say(other).ask().advise().ask().say(OURS).ask().advise().ask()
     assert one.answers() == [
         (0, "other schema"),
