@@ -30,7 +30,7 @@ def source_report(
         ``kind``; ``clock`` (``None`` if nothing came): ``offset_s``, ``drift_ppm``, ``jumps``,
         ``spikes`` as in ``ClockEstimate``, and ``ahead_of_utc_s``, by which the sender's clock is
         ahead of this machine's, less the least latency (``None`` where it isn't UTC);
-        ``live`` (``None`` for others): ``connected`` and all of ``SourceCounters``.
+        ``live`` (``None`` for others): all of ``SourceCounters``.
     """
     live = live_part(source)
     return {
@@ -61,7 +61,7 @@ def source_table(report: Mapping[str, Any]) -> Table:
     trouble = {
         name.replace("_", " "): count
         for name, count in live.items()
-        if name not in (*_COUNTS, "connected", "last_error") and count
+        if name not in (*_COUNTS, "last_error") and count
     }
     table.add_row("trouble", ", ".join(f"{n} {c}" for n, c in trouble.items()) or "-")
     if live["last_error"]:
