@@ -46,7 +46,7 @@ def source_report(
             "jumps": clock.jumps,
             "spikes": clock.spikes,
         },
-        "live": None if live is None else {"connected": live.connected, **asdict(live.counters)},
+        "live": None if live is None else asdict(live.counters),
     }
 
 
