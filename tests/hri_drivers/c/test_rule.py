@@ -1,5 +1,6 @@
 """The C code's rule: silent, stale, corrupt, out of order or of an unknown schema means stop."""
 
+import struct
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cobs import cobs
+from fastcrc import crc32
 
 from hri_predict.protocol import e2e
 from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver, CanSender
-from hri_predict.protocol.definition import ROBOT_STRIDE
+from hri_predict.protocol.definition import BY_TYPE, ROBOT_STRIDE
 from hri_predict.protocol.messages import Advice, Level, Message, RobotState, Schema
 from hri_predict.protocol.reception import OURS
 from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
@@ -293,6 +296,16 @@ def test_serial_line_is_found_again_after_any_garbage(line):
     for garbage in (b"\x01" * 500, b"\x00" * 9, bytes(range(256)), b"\xff" * 73, b"\x30\x31"):
         one.put([(0, garbage)]).wait(10).state().put([(0, b"\0")]).advise().ask()
     assert one.answers() == [(900, "advice")] * 5
+
+
+def test_a_packet_of_another_length_than_it_says_is_refused(line):
+    for length, answer in ((18, (0, "starting")), (17, (0, "no schema")), (19, (0, "no schema"))):
+        one = line(tolerated=10)
+        payload = OURS.version.to_bytes(2, "little") + OURS.hash.to_bytes(4, "little")
+        head = struct.pack(">HHI", length, 0, e2e.data_id_32(BY_TYPE[Schema].number))
+        crc = crc32.autosar(head + payload).to_bytes(4, "big")
+        one.put([(0, cobs.encode(head + crc + payload) + b"\0")])
+        assert one.answer() == answer
 
 
 def test_what_the_c_code_sends_is_in_order_for_the_node(build):
