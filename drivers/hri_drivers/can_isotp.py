@@ -12,6 +12,7 @@ from typing import Any
 from hri_drivers.link_bulk import Bulk
 from hri_drivers.link_codec import Codec
 from hri_drivers.link_slots import BULK, Budget, Slots
+from hri_drivers.serial_link import item_count
 from hri_predict.errors import LinkError
 from hri_predict.link import LinkCounters
 from hri_predict.protocol import e2e
@@ -35,7 +36,7 @@ logging.getLogger(_LOGGER).setLevel(logging.CRITICAL)  # what fails is counted a
 def isotp_bits(message: Message, extended: bool) -> WireBits:
     """Worst-case bits of a whole Zone or Pose with one flow control frame."""
     definition = BY_TYPE[type(message)]
-    items = len(getattr(message, "capsules", None) or getattr(message, "joints", ()))
+    items = item_count(message) or 0
     length = e2e.PROFILE_4_HEADER + definition.fixed_bytes + items * definition.item_bytes
     frames = 2 + ceil((length - 6) / 7)
     return WireBits(frames * classic_bits(8, extended), 0)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from itertools import combinations
 from typing import Any, Self
 
+from can.typechecking import CanFilter
 from pydantic import Field, model_validator
 
 from hri_drivers.can_isotp import FLOW_CONTROL_NUMBER, ISOTP_NUMBER
@@ -157,7 +158,7 @@ class CanLinkSettings(LinkSettings):
         return notes
 
 
-def id_filters(ids: Sequence[int], extended: bool, exact: bool) -> list[dict[str, Any]]:
+def id_filters(ids: Sequence[int], extended: bool, exact: bool) -> list[CanFilter]:
     """python-can's ``can_filters`` that let ``ids`` (ascending) pass.
 
     ``exact`` they let nothing else pass, which takes several; else they are one, as most hardware

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import can
+from can.typechecking import CanFilter
 
 from hri_drivers.can_errors import BUS_OFF, DOWN, BusHealth, why_not_on_bus
 from hri_drivers.serial_transport import open_remedy
@@ -63,7 +64,7 @@ class CanTransport:
         data_bitrate: int = 2_000_000,
         options: Mapping[str, Any] | None = None,
         *,
-        filters: Sequence[Mapping[str, Any]] = (),
+        filters: Sequence[CanFilter] = (),
         listen_only: bool = False,
     ) -> None:
         self.interface = interface
@@ -105,7 +106,7 @@ class CanTransport:
             _shut(bus)
             raise LinkError(f"{self._name}: in use by another program; close that one first")
         if self._filters and "can_filters" not in self._arguments and _filters_itself(bus):
-            bus.set_filters([dict(f) for f in self._filters])
+            bus.set_filters(list(self._filters))
         _forget_backlog(bus)
         self._garbage = 0
         self._bus = bus

@@ -11,7 +11,7 @@ from hri_drivers.live_source import LiveSettings, LiveSource, sender_joints
 from hri_drivers.scene_inbox import Heard
 from hri_predict.errors import ConfigError, SourceError
 from hri_predict.scene import Person, Scene
-from hri_predict.settings import validated
+from hri_predict.settings import Pose, validated
 from hri_predict.source import NOT_KNOWN_NS, SourceCounters
 
 pytestmark = pytest.mark.realtime
@@ -209,11 +209,11 @@ def test_trouble_is_logged_once_for_many(rig, caplog, monkeypatch):
 
 
 def test_an_unknown_joint_map_is_refused(tmp_path):
-    settings = LiveSettings.model_construct(joint_map="nothing")
+    settings = LiveSettings(kind="udp", rate_hz=30, room_from_source=Pose(), joint_map="nothing")
     with pytest.raises(ConfigError, match="no joint map 'nothing'"):
         sender_joints(settings, tmp_path)
 
 
 def test_a_joint_map_is_found_beside_the_configuration(map_path, tmp_path):
-    settings = LiveSettings.model_construct(joint_map="mine.yaml")
+    settings = LiveSettings(kind="udp", rate_hz=30, room_from_source=Pose(), joint_map="mine.yaml")
     assert sender_joints(settings, tmp_path).source_joints == ("a", "b")

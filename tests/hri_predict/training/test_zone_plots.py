@@ -9,7 +9,7 @@ from PIL import Image
 
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
-from hri_predict.risk.calibration import Calibration, plain
+from hri_predict.risk.calibration import Calibration, UsedRecording, plain
 from hri_predict.risk.motion_class import CLASSES
 from hri_predict.risk.settings import LEVELS, HumanLimits
 from hri_predict.skeleton import JOINTS
@@ -67,7 +67,7 @@ def calibrated(scale=0.01, classes=ALL):
         np.array([[0.1, 0.2], [0.1, 0.2]]),
         both,
         dict.fromkeys(QUESTIONS, guaranteed),
-        (("walking_1", (9,) * len(CLASSES)),),
+        (UsedRecording(name="walking_1", windows=(9,) * len(CLASSES)),),
         {"speed_m_s": {}, "bone_m": {}, "ratio_short": 1.0},
     )
 
