@@ -1,5 +1,6 @@
 """What a CAN link may be configured with; links of one bus; which ids pass."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +123,7 @@ def test_a_link_with_a_peer_says_nothing_of_zones():
     | st.integers(0, 0x7B9).map(lambda base: [*range(base, base + 0x46)])
 )
 def test_exact_filters_let_these_ids_pass_and_no_other(ids):
-    def passing(filters: list[dict[str, Any]]) -> set[int]:
+    def passing(filters: Sequence[Any]) -> set[int]:
         return {
             i for i in range(0x800) if any((i ^ f["can_id"]) & f["can_mask"] == 0 for f in filters)
         }
