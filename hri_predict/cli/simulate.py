@@ -120,10 +120,13 @@ def _show(report: Any) -> None:
         shown = Table(
             title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
         )
-        for k, column in enumerate(table.columns):
-            shown.add_column(column, justify="left" if k < 2 else "right", no_wrap=k < 2)
+        # a column for each variant, for a row of intervals is wider than a terminal
+        labels = 1 + (table.columns[1] == "mode")
+        shown.add_column("", overflow="fold")
         for row in table.rows:
-            shown.add_row(*row)
+            shown.add_column("\n".join(row[:labels]), justify="right", overflow="fold")
+        for k, column in enumerate(table.columns[labels:], labels):
+            shown.add_row(column, *(row[k] for row in table.rows))
         console.print(shown)
     for note in report.notes:
         console.print(f"- {note}", markup=False, highlight=False)
