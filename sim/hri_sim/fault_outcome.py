@@ -8,7 +8,9 @@ from hri_predict.protocol.messages import Level
 MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
 RECOVERY_S = 6.0  # from the fault's end until the advice is again what it was
 
-Expected = Literal["unknown", "stop", "stays stopped", "not clear", "degraded", "count only"]
+Expected = Literal[
+    "unknown", "stop", "stays stopped", "may stop", "not clear", "degraded", "count only"
+]
 
 
 @dataclass

@@ -35,7 +35,8 @@ class Case:
         name: in the table.
         faults: as on the command line; ``{t}`` becomes the fault's time.
         expected: ``unknown`` (the node advises it), ``stop`` (the controller permits no motion),
-            ``stays stopped`` (nor does it again before the fault's end), ``not clear`` (the node
+            ``stays stopped`` (nor does it again before the fault's end), ``may stop`` (it is
+            chance what the fault hits; the controller stops for that), ``not clear`` (the node
             keeps the robot from *clear*), ``degraded`` (the node says so and goes on with the
             physical limits), ``count only`` (nothing but counters changes).
         acts: who must act: node or controller.
@@ -130,8 +131,19 @@ CASES = (
             ("1 bit in 1000 wrong", "bit_errors@{t}:direction=out", 150 + 48),
             ("half of it cut short", "truncate@{t}:direction=out", 150 + 48),
             ("everything twice", "duplicate@{t}:direction=out", 48),
+            ("flooded, everything 10 times", "flood@{t}", 48),
         )
     ),
+    # A bit of 10000 is wrong in one frame of a hundred: the controller tolerates no error, so it
+    # stops at the first that hits what it hears, whenever that is. Nothing wrong is believed.
+    *(
+        Case(f"{link}: 1 bit in 10000 wrong", (f"{link}:bit_errors@{{t}}:rate=0.0001",),
+             "may stop", "controller", None, length_s=10.0)
+        for link in ("drive", "monitor")
+    ),
+    # Repeats are of no use to the node, and no harm: the first of each counts.
+    Case("both links: RobotState 10 times", _both("flood@{t}:direction=in"), "count only", "node",
+         None),
     # As long as all of an 8-bit counter lasts at 50 Hz, 5.12 s: what is that late must not be taken
     # for fresh, nor at any time while the delay grows past it.
     Case("both links: advice 5.2 s late", _both("delay@{t}:delay_s=5.2,direction=out"),
@@ -203,13 +215,13 @@ def run_case(base: Config, case: Case) -> Outcome:
         measured, recovered, reason = _stop_of_all(case, summary.controllers)
     else:
         measured, recovered, reason = watch.reaction(case)
-    none_expected = case.expected == "count only"
+    acted = measured is not None
     fine = (
         watch.clear_while_near == 0
         and not summary.contacts
-        and (measured is None if none_expected else measured is not None)
+        and (case.expected == "may stop" or acted == (case.expected != "count only"))
         and (case.limit_ms is None or (measured is not None and measured <= case.limit_ms))
-        and (none_expected or recovered is not None)
+        and (recovered is not None) == acted
     )
     return Outcome(
         case.name, case.expected, case.acts, case.limit_ms, measured, reason,

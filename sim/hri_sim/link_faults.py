@@ -73,6 +73,12 @@ class Duplicate(LinkFault):
     """Every unit comes twice."""
 
 
+class Flood(LinkFault):
+    """Every unit comes ``times`` times, as from a repeater or a sender that runs wild."""
+
+    times: int = Field(10, ge=2, le=100)
+
+
 class Reorder(LinkFault):
     """Every other unit comes after its successor."""
 
@@ -90,6 +96,7 @@ LINK_FAULTS: dict[str, type[LinkFault]] = {
     "truncate": Truncate,
     "freeze": Freeze,
     "duplicate": Duplicate,
+    "flood": Flood,
     "reorder": Reorder,
     "unplug": Unplug,
 }
@@ -252,6 +259,8 @@ def _altered(fault: LinkFault, unit: U, way: _Way[U]) -> list[U]:
         return []
     if isinstance(fault, Duplicate):
         return [unit, unit]
+    if isinstance(fault, Flood):
+        return [unit] * fault.times
     if isinstance(fault, Reorder):
         if way.held is None:
             way.held = unit

@@ -109,3 +109,7 @@ LIVE_ENDS: dict[str, Callable[[Path], LiveEnd]] = {
 }
 if find_spec("websockets") is not None:
     LIVE_ENDS["websocket"] = WebSocketEnd
+if find_spec("zenoh") is not None:
+    from hri_sim.zenoh_end import ZenohEnd
+
+    LIVE_ENDS["zenoh"] = ZenohEnd

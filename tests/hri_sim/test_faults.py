@@ -268,12 +268,14 @@ def test_a_link_without_faults_is_the_wire(to_far):
 
 
 @pytest.mark.parametrize("to_far", [True, False])
-def test_link_freeze_drop_duplicate_reorder(to_far):
+def test_link_freeze_drop_duplicate_flood_reorder(to_far):
     assert numbers(sent(window("freeze"), to_far=to_far)) == [*range(100), *range(200, 300)]
     dropped = numbers(sent(window("drop", probability=0.5), to_far=to_far))
     assert 230 < len(dropped) < 270
     doubled = [k for k in range(300) for _ in range(2 if 100 <= k < 200 else 1)]
     assert numbers(sent(window("duplicate"), to_far=to_far)) == doubled
+    flood = [k for k in range(300) for _ in range(10 if 100 <= k < 200 else 1)]
+    assert numbers(sent(window("flood"), to_far=to_far)) == flood
     order = numbers(sent(window("reorder"), to_far=to_far))
     assert sorted(order) == list(range(300))
     assert order[100:104] == [101, 100, 103, 102]
@@ -342,7 +344,8 @@ def test_unplug_fails_every_call_and_comes_back():
     seed=st.integers(0, 9),
 )
 def test_any_mixture_of_link_faults_is_deterministic(kinds, seed):
-    faults = [window(k) for k in kinds]
+    few = {"flood": {"times": 2}}  # four floods of ten are ten thousand
+    faults = [window(k, **few.get(k, {})) for k in kinds]
     assert sent(*faults, seed=seed) == sent(*faults, seed=seed)
 
 

@@ -12,10 +12,11 @@ from hri_predict.settings import validated
 from hri_predict.skeleton import JOINTS
 from hri_sim.body import Body
 from hri_sim.stream_ends import JsonEnd, MvnTcpEnd, MvnUdpEnd, SerialEnd, WebSocketEnd
+from hri_sim.zenoh_end import ZenohEnd
 
 pytestmark = pytest.mark.realtime
 
-ENDS = (JsonEnd, WebSocketEnd, MvnUdpEnd, MvnTcpEnd, SerialEnd)
+ENDS = (JsonEnd, WebSocketEnd, MvnUdpEnd, MvnTcpEnd, SerialEnd, ZenohEnd)
 COUNT = 12
 _BODY = Body(1.75)
 STANDING = _BODY.joints(_BODY.standing(np.array([1.7, 0.2]), np.pi))
