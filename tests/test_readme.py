@@ -153,6 +153,7 @@ def test_an_unknown_fault_lists_those_there_are(folder):
     assert "bit_errors" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_memory_stays_flat(folder):
     """A fifth of the hour that the README's command takes; half of it is warming up."""

@@ -91,11 +91,13 @@ class Peer:
         self.messages: list[Message] = []
 
     def say(self, *units: Keyed) -> None:
-        """Write, once it is known that somebody hears."""
-        session = self.transport._session
+        """Write, once it is known that somebody else hears."""
+        zenoh, session = pytest.importorskip("zenoh"), self.transport._session
         assert session is not None
         for unit in units:
-            publisher = session.declare_publisher(f"hri/site/press/{unit.key}")
+            publisher = session.declare_publisher(
+                f"hri/site/press/{unit.key}", allowed_destination=zenoh.Locality.REMOTE
+            )
             eventually(lambda p=publisher: p.matching_status.matching)  # type: ignore[misc]
             self.transport.write(unit)
 
