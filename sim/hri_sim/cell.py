@@ -173,6 +173,10 @@ class MockCell:
         settings = self._posts[link].settings
         return (settings.silence_timeout_s or 0.0) + settings.period_s
 
+    def period_s(self, link: str) -> float:
+        """Seconds of a cycle of the controller of ``link``."""
+        return self._posts[link].settings.period_s
+
     def referee(self, robots: Sequence[RobotModel]) -> Referee:
         """A referee for these robots, to be fed with ``robot_truth``."""
         return Referee(robots)

@@ -1,8 +1,9 @@
 """The fault table: each fault injected alone while a person is near, and what came of it.
 
 Faults of sources, links and the predictor run on the virtual clock; they are exact and the same
-each time. The node's death (``kill -9``) runs in real time, in processes of its own: see
-``node_death``.
+each time. The node's death (``kill -9``) and a controller's restart run in real time, in processes
+of their own: see ``node_death`` and ``controller_restart``. A link shares no clock with the
+controller at its other end: where one of theirs steps, nothing of the link's can go wrong.
 """
 
 import signal
@@ -20,6 +21,7 @@ from hri_predict.reasons import Reason
 from hri_predict.session import Options, View, run
 from hri_predict.tick import Tick
 from hri_sim.baseline_demo import baseline_demo
+from hri_sim.controller_restart import restart_controller
 from hri_sim.fault_outcome import MOVING, RECOVERY_S, Expected, Outcome
 from hri_sim.live_faults import run_live_faults
 from hri_sim.node_death import How, die
@@ -168,6 +170,9 @@ DEATHS: tuple[tuple[str, How, float | None], ...] = (
 )
 
 
+RESTARTS = {f"{link}: controller restarted": link for link in ("drive", "monitor")}
+
+
 def run_table(only: str | None = None) -> Iterator[dict[str, Any]]:
     """Run every case whose name contains ``only``; yields one row each, as it is done."""
     base = baseline_demo()
@@ -177,6 +182,9 @@ def run_table(only: str | None = None) -> Iterator[dict[str, Any]]:
     for name, how, limit_ms in DEATHS:
         if only is None or only in name:
             yield asdict(_death(name, how, limit_ms))
+    for name, link in RESTARTS.items():
+        if only is None or only in name:
+            yield asdict(_restart(name, link))
     for outcome in run_live_faults(only):
         yield asdict(outcome)
 
@@ -202,6 +210,23 @@ def _death(name: str, how: How, limit_ms: float | None) -> Outcome:
             "arm_stands_ms": round(death.stands_s * 1e3),
             "node_ended_ms": round(death.exit_s * 1e3),
         },
+    )
+
+
+def _restart(name: str, link: str) -> Outcome:
+    """The row of a controller that is killed and started again in real time."""
+    restart = restart_controller(link, _people(1))
+    return Outcome(
+        fault=name,
+        expected="stop",
+        acts="controller",
+        limit_ms=restart.limit_s * 1e3,
+        measured_ms=restart.stopped_s * 1e3,
+        reason="its permit is old",
+        clear_while_near=restart.clear,
+        recovered_ms=restart.moved_again_s * 1e3,
+        fine=restart.stopped_s <= restart.limit_s and restart.clear == 0,
+        counted={"arm_stands_ms": round(restart.stands_s * 1e3), **restart.levels},
     )
 
 

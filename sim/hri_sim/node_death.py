@@ -74,9 +74,9 @@ def die(how: How, people: Sequence[dict[str, Any]] = ()) -> Death:
     demo = baseline_demo()
     clock = MonotonicClock()
     cell = MockCell(demo.links, demo.node.robots, demo.base_dir, clock)
-    with tempfile.TemporaryDirectory(prefix="hri-death-") as folder, _ended(cell) as reports:
+    with tempfile.TemporaryDirectory(prefix="hri-death-") as folder, reported(cell) as reports:
         path = write_config(Path(folder) / "node.yaml", demo.links, cell.start(), people)
-        watch = _Watch(cell, [link.name for link in demo.links], clock)
+        watch = ArmWatch(cell, [link.name for link in demo.links], clock)
         with _node(path) as node:
             watch.wait_for(watch.moves, node)
             stopped_s, stands_s, exit_s = _end(node, how, watch)
@@ -123,24 +123,28 @@ def write_config(
     return path
 
 
-class _Watch:
+class ArmWatch:
     """Looks at the controllers' permits and at the arm."""
 
     def __init__(self, cell: MockCell, links: Sequence[str], clock: MonotonicClock) -> None:
         self._cell, self._links, self._clock = cell, links, clock
 
     def permits(self) -> dict[str, float]:
+        """Link name -> what its controller permits now, m/s."""
         now_ns = self._clock.now_ns()
         return {link: self._cell.permit(link, now_ns) for link in self._links}
 
     def stands(self) -> bool:
+        """Whether no joint of the arm moves."""
         truth = self._cell.robot_truth(self._clock.now_ns())
         return all(np.abs(qd).max() < STANDS_RAD_S for _, qd in truth.values())
 
     def moves(self) -> bool:
+        """Whether all controllers permit motion, and the arm moves."""
         return all(permit > 0 for permit in self.permits().values()) and not self.stands()
 
     def wait_for(self, condition: Callable[[], bool], node: "subprocess.Popen[bytes]") -> None:
+        """Wait for it; raises ``LinkError`` if the node ends first or it takes too long."""
         end_s = time.monotonic() + WAIT_S
         while not condition():
             if node.poll() is not None:
@@ -151,7 +155,7 @@ class _Watch:
 
 
 def _end(
-    node: "subprocess.Popen[bytes]", how: How, watch: _Watch
+    node: "subprocess.Popen[bytes]", how: How, watch: ArmWatch
 ) -> tuple[dict[str, float], float, float]:
     """End the node; seconds until each controller stopped, the arm stood, the process was gone."""
     stopped: dict[str, float] = {}
@@ -186,7 +190,7 @@ def _node(config: Path) -> Iterator["subprocess.Popen[bytes]"]:
 
 
 @contextlib.contextmanager
-def _ended(cell: MockCell) -> Iterator[list[ControllerReport]]:
+def reported(cell: MockCell) -> Iterator[list[ControllerReport]]:
     """The reports are there when the block is over, however it ends."""
     reports: list[ControllerReport] = []
     try:
