@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,7 @@ STEPS = 3  # horizons that a node sends
 CYCLES = 256  # Status counts modulo so many
 _CAPSULES = tuple(ZoneCapsule(i, (0.1 * i, 0.5, 1.0), (0.1 * i, 0.6, 1.3), 0.2) for i in range(17))
 _JOINTS = tuple((i, 0.1 * i, 0.5, 1.0) for i in range(21))
+START_S = 30.0  # a loaded machine takes its time
 GONE_S = 1.0
 HEAR_S = 0.5  # after the last message
 
@@ -100,6 +101,27 @@ def measure(topology: str, rate_hz: float, seconds: float) -> dict[str, Any]:
             process.communicate("end\n", timeout=30)
     row = {"by": topology, "rate_hz": rate_hz, "superseded": link.counters.superseded}
     return row | _figures(posted, heard, seconds, cpu_s, bytes_sent)
+
+
+@contextlib.contextmanager
+def routed() -> Iterator[str]:
+    """A router, and a listener that decodes what comes, in processes of their own.
+
+    Yields the router's endpoint, once it answers.
+    """
+    port = _free_port()
+    end = f"tcp/127.0.0.1:{port}"
+    children = [_child("--hear", "client", end), _child("--route", end)]
+    try:
+        give_up_s = time.monotonic() + START_S
+        while not _answers(port):
+            if time.monotonic() > give_up_s:
+                raise LinkError(f"the router did not start within {START_S:g} s")
+            time.sleep(0.05)
+        yield end
+    finally:
+        for child in children:
+            child.communicate("end\n", timeout=START_S)
 
 
 def recovery(times: int) -> dict[str, list[float]]:
@@ -248,6 +270,11 @@ def _child(*arguments: str) -> "subprocess.Popen[str]":
         env=os.environ | {"OMP_NUM_THREADS": "1"},
         text=True,
     )
+
+
+def _answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def _free_port() -> int:

@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -86,6 +87,17 @@ def _bus(interface: str, channel: str, fd: bool, **options: Any) -> Iterator[Wir
         other.close()
 
 
+@contextlib.contextmanager
+def _zenoh() -> Iterator[Wire]:
+    """By a router to a listener, each in a process of its own; written is what zenoh has taken."""
+    from hri_drivers.zenoh_link import ZenohLink, ZenohLinkSettings
+    from hri_sim.fleet_cost import routed
+
+    with routed() as end:
+        settings = ZenohLinkSettings(name="bench", cell="bench", connect=[end])
+        yield settings, ZenohLink.make_transport(settings)
+
+
 KINDS: dict[str, Callable[[], contextlib.AbstractContextManager[Wire]]] = {
     "serial pty 115200": lambda: _serial(115_200),
     "serial pty 921600": lambda: _serial(921_600),
@@ -96,6 +108,8 @@ KINDS: dict[str, Callable[[], contextlib.AbstractContextManager[Wire]]] = {
     # no hop: it stays on this machine
     "CAN FD udp_multicast": lambda: _bus("udp_multicast", "239.74.163.2", fd=True, hop_limit=0),
 }
+if find_spec("zenoh") is not None:
+    KINDS["zenoh router"] = _zenoh
 
 
 class _Timed(Generic[U]):
