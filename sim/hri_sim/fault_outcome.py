@@ -9,7 +9,7 @@ MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
 RECOVERY_S = 6.0  # from the fault's end until the advice is again what it was
 
 Expected = Literal[
-    "unknown", "stop", "stays stopped", "may stop", "not clear", "degraded", "count only"
+    "unknown", "silent", "stop", "stays stopped", "may stop", "not clear", "degraded", "count only"
 ]
 
 

@@ -9,6 +9,7 @@ controller at its other end: where one of theirs steps, nothing of the link's ca
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from math import inf
 from typing import Any, Literal
 
@@ -187,6 +188,11 @@ def run_table(only: str | None = None) -> Iterator[dict[str, Any]]:
             yield asdict(_restart(name, link))
     for outcome in run_live_faults(only):
         yield asdict(outcome)
+    if find_spec("zenoh") is not None:
+        from hri_sim.zenoh_link_faults import run_zenoh_faults
+
+        for outcome in run_zenoh_faults(only):
+            yield asdict(outcome)
 
 
 def _death(name: str, how: How, limit_ms: float | None) -> Outcome:
