@@ -106,8 +106,10 @@ class ClockAlignment:
         """Capture (node's clock) minus stamp (source's clock), as believed now."""
         return self._offset_ns
 
-    def estimate(self) -> ClockEstimate:
-        """What is known of the source's clock now."""
+    def estimate(self) -> ClockEstimate | None:
+        """What is known of the source's clock now; ``None`` if nothing has come yet."""
+        if self._last is None and not self.jumps:
+            return None
         return ClockEstimate(self._offset_ns, self._drift_ppm, self.jumps, self.spikes)
 
     @property

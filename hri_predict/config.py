@@ -1,6 +1,7 @@
 """The node's YAML configuration, validated before anything starts."""
 
 import os
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -89,6 +90,11 @@ class Config:
             name, _, rest = text.partition(":")
             if name in at_links:
                 at_links[name].append(parse(rest))
+            elif rest and "=" not in re.split("[@:]", rest)[0]:  # no parameter, so a fault
+                raise ConfigError(
+                    f"fault '{text}': there is no link '{name}'{nearest(name, at_links)}; "
+                    f"there are: {', '.join(at_links) or 'none'}"
+                )
             else:
                 at_source.append(parse(text))
         return replace(

@@ -71,7 +71,8 @@ def source_table(report: Mapping[str, Any]) -> Table:
 
 def _clock(clock: Mapping[str, Any]) -> str:
     if clock["ahead_of_utc_s"] is not None:
-        offset = f"stamps ahead of our UTC by {clock['ahead_of_utc_s'] * 1e3:.1f} ms"
+        ahead_ms = clock["ahead_of_utc_s"] * 1e3
+        offset = f"stamps ahead of our UTC by {ahead_ms:.1f} ms, if min_latency_s is right"
     else:
         offset = f"behind ours by {clock['offset_s']:.3f} s"
     drift = clock["drift_ppm"]

@@ -252,7 +252,7 @@ def _predictor_row(name: str) -> dict[str, Any]:
     row: dict[str, Any] = {"name": name, "about": "", "weights": None}
     try:
         cls = registry.load("predictors", name)
-        row["about"] = (cls.__doc__ or "").strip().partition("\n")[0]
+        row["about"] = (cls.__doc__ or "").strip().partition("\n")[0].replace("``", "")
         # one around another predictor takes that one's
         if hasattr(cls, "network_class") and "inner" not in cls.settings_model.model_fields:
             row["weights"] = _shipped(name)

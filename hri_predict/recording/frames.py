@@ -84,7 +84,9 @@ def frames_of(recording: Recording) -> Frames:
         written.notes.append(f"{empty} frames are missing in the recording; there no joint is seen")
     written.dropped["messages of controllers"] += len(recording.received)
     if len(ids) == 1 and ids[0] != 1:
-        written.notes.append(f"the file does not say that this is person {ids[0]}: say --person")
+        written.notes.append(
+            f"the file written does not say that this is person {ids[0]}: give --person then"
+        )
     return Frames(rate_hz, tuple(ids), joints, positions, written)
 
 

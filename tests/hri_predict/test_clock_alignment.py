@@ -202,3 +202,7 @@ def test_any_stamps_give_captures_that_are_not_in_the_future(scenes):
 def test_absurd_settings_are_refused():
     with pytest.raises(ValueError, match="period_ns"):
         ClockAlignment(0)
+
+
+def test_before_anything_has_come_nothing_is_known_of_the_clock():
+    assert ClockAlignment(40_000_000).estimate() is None

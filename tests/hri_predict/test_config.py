@@ -178,3 +178,10 @@ def test_faults_go_where_they_are_put():
     assert len(faulty.source.faults) == 1
     assert [len(link.faults) for link in faulty.links] == [0, 1]
     assert not config.source.faults
+
+
+@pytest.mark.parametrize("text", ["foo:vanish@1+1", "foo:vanish", "drve:drop:probability=0.5"])
+def test_a_fault_of_a_link_that_is_not_there_names_those_there_are(text):
+    config = configuration.load(data_path("demo.yaml"))
+    with pytest.raises(ConfigError, match=r"there is no link '(foo|drve)'.*there are: drive, mon"):
+        config.with_faults([text])
