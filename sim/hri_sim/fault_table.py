@@ -137,7 +137,7 @@ CASES = (
             ("flooded, everything 10 times", "flood@{t}", 48),
         )
     ),
-    # A bit of 10000 is wrong in one frame of a hundred: the controller tolerates no error, so it
+    # At 1 bit in 10000 now and then a frame is damaged: the controller tolerates no error, so it
     # stops at the first that hits what it hears, whenever that is. Nothing wrong is believed.
     *(
         Case(f"{link}: 1 bit in 10000 wrong", (f"{link}:bit_errors@{{t}}:rate=0.0001",),
