@@ -306,6 +306,7 @@ static void watch(hri_receiver *r, uint32_t now_ms)
         r->schema_heard = false;
         r->schema_matches = false;
         r->part_started = false;
+        r->sent_kept = 0u; /* a tick that was set back brings us here too: its past is void */
         (void)memset(r->sequences, 0, sizeof r->sequences);
     }
 }

@@ -159,6 +159,15 @@ def test_after_a_long_silence_the_schema_must_be_heard_again(line):
     assert one.answer() == (900, "advice")
 
 
+def test_a_tick_that_is_set_back_bounds_no_age(line):
+    one = line().say(OURS)
+    for _ in range(10):
+        one.wait(20).state().advise()
+    one.ask().wait(-100).ask().say(OURS).advise(age_s=0.2).ask()
+    one.wait(20).state().advise(age_s=0.2).ask()
+    assert one.answers() == [(900, "advice"), (0, "silent"), (0, "no age"), (900, "advice")]
+
+
 @pytest.mark.parametrize("link", LINKS)
 def test_a_corrupt_frame_stops_it_for_the_window(line, link):
     one = line(link).started()
