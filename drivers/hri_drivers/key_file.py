@@ -52,6 +52,8 @@ def read_key(path: str, base_dir: Path | None = None) -> Key:
     """
     file = base_dir / path if base_dir is not None else Path(path)
     try:
+        if stat.S_ISFIFO(file.stat().st_mode):  # to open it would wait for a writer, for ever
+            raise SourceError(f"key_file {file}: is a pipe, not a file; check the path")
         with file.open("rb") as stream:
             mode = os.fstat(stream.fileno()).st_mode
             secret = stream.read(MAX_BYTES + 1).strip()

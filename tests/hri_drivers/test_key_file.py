@@ -1,4 +1,5 @@
 import logging
+import os
 import pickle
 
 import pytest
@@ -47,6 +48,13 @@ def test_a_file_that_cannot_be_read_is_refused_in_one_line(tmp_path, name):
     with pytest.raises(SourceError, match="cannot be read") as caught:
         read_key(name, tmp_path)
     assert caught.value.__suppress_context__
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(SourceError, match="is a pipe, not a file; check the path"):
+        read_key("pipe", tmp_path)
 
 
 def test_others_who_may_read_it_are_warned_of(file, caplog):
