@@ -19,6 +19,7 @@ from hri_predict.recording.recording import Recording
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 
 SELF_EXPLAINED = ("cmu", "assembly", "mcap")  # units and axes of these are fixed
+_MAX_START_S = 1e9
 
 
 def convert(
@@ -98,6 +99,8 @@ def _chosen(
     recording: Recording, person: int | None, rate: float | None, start: float, end: float | None
 ) -> tuple[Recording, int]:
     """The part that is asked for, and how many people are not in it."""
+    if start > _MAX_START_S:
+        raise ConfigError(f"--start {start:g}: must be 0 to {_MAX_START_S:g} s")
     if end is not None and not end > start:
         raise ConfigError(f"--end {end:g}: must be after --start {start:g}")
     if rate is not None and not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:

@@ -34,6 +34,7 @@ Faults = Annotated[
 
 BESIDE_THE_ROBOT = [-1.9, 2.0, 0.0]  # where a recording starts, unless something says otherwise
 DEMO_S = 24.0  # the person comes, reaches out, and is gone again
+MAX_SECONDS = 1e9  # 31 years: far beyond it a float has no count of nanoseconds
 
 
 def demo(
@@ -148,8 +149,8 @@ def _factor(speed: str) -> float | None:
 
 
 def _positive(value: float | None, name: str) -> None:
-    if value is not None and not 0 < value < math.inf:
-        raise ConfigError(f"{name} {value}: give a number above 0")
+    if value is not None and not 0 < value <= MAX_SECONDS:
+        raise ConfigError(f"{name} {value}: give a number above 0, up to {MAX_SECONDS:.0f}")
 
 
 def _place(text: str) -> list[float]:

@@ -111,6 +111,7 @@ def test_every_command_is_listed(cli):
         (["run", "a.yaml", "--duration", "-1"], ["--duration -1"]),
         (["run", "a.yaml", "--duration", "nan"], ["--duration nan"]),
         (["run", "configs/demo.yaml", "--duration", "inf"], ["--duration inf"]),
+        (["run", "configs/demo.yaml", "--duration", "1e300"], ["--duration 1e+300"]),
         (["replay", "a.npz", "--speed", "0"], ["--speed 0", "max"]),
         (["replay", "a.npz", "--speed", "-2"], ["--speed -2", "max"]),
         (["replay", "a.npz", "--speed", "inf"], ["--speed inf"]),

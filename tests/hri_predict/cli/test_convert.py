@@ -80,7 +80,7 @@ def test_what_is_lost_is_said(cli):
     assert status == 0
     assert "dropped: 1 other people" in err
     assert "note: one person in such a file: 2 is written; choose by --person" in err
-    assert "note: the file does not say that this is person 2: say --person" in err
+    assert "note: the file written does not say that this is person 2: give --person then" in err
 
 
 def test_units_and_axes_of_the_input(cli):
@@ -127,6 +127,8 @@ def test_mistakes_are_one_line_with_the_remedy(mistake):
     assert "has no person 9; has 2, 3" in mistake("two.csv", "a.csv", "--person", 9)
     assert "must be after --start" in mistake("two.csv", "a.csv", "--start", 3, "--end", 2)
     assert "it lasts 1.0 s" in mistake("two.csv", "a.csv", "--start", 3)
+    for start in ("inf", "1e300"):
+        assert "must be 0 to 1e+09 s" in mistake("two.csv", "a.csv", "--start", start)
     assert "never invented" in mistake("two.csv", "a.csv", "--rate", 100)
     assert "--rate 0: must be 0.1" in mistake("two.csv", "a.csv", "--rate", 0)
     assert "--units px: use one of m, cm" in mistake("two.csv", "a.csv", "--units", "px")
