@@ -8,12 +8,15 @@ do and do not protect from):
   than every session's before, and, with a key, if its first stamp is within ``max_skew_s`` of this
   machine's UTC clock: a recording of an older session is refused, even by a node that has just
   started and remembers nothing.
+- Two senders at once contradict each other: while a fresh datagram of a session that is over came
+  within the last second, the later session's scenes count as *room not seen*.
 - Without a key nothing keeps a stranger out, and the rule serves against mistakes alone: an earlier
   session (the sender's clock was set back) is accepted once the later one is silent.
 """
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from hri_drivers.key_file import Key
 from hri_drivers.scene_codec import (
@@ -30,6 +33,8 @@ from hri_predict.joint_map import JointMap
 from hri_predict.source import SourceCounters
 
 SILENT_NS = 1_000_000_000
+CONTRADICTED_NS = 1_000_000_000
+"""So long after a second sender was heard, neither is believed."""
 WINDOW = 64
 """Of so many newest sequences it is known which came (the window of RFC 4303 clause 3.4.3)."""
 
@@ -63,6 +68,7 @@ class SceneStream:
         self._sequence = self._first = -1
         self._came = 0  # bit i: whether sequence - i came
         self._heard_ns = 0
+        self._second_ns: int | None = None  # when a second sender was heard last
         self._packed = b""  # header of the scene whose parts are coming
         self._parts: list[bytes | None] = []  # of it; empty when it is complete
 
@@ -78,7 +84,10 @@ class SceneStream:
             body = self._join(header, payload)
             if body is None:
                 return []
-            return [Heard(decode_body(header, body), header.session)]
+            scene = decode_body(header, body)
+            if self._second_ns is not None and received_ns - self._second_ns < CONTRADICTED_NS:
+                scene = replace(scene, sees_room=False, people=())
+            return [Heard(scene, header.session)]
         except Refused as refused:
             name = refused.counter
             setattr(self._counters, name, getattr(self._counters, name) + 1)
@@ -145,18 +154,24 @@ class SceneStream:
         if self._key is None:
             silent = received_ns - self._heard_ns > SILENT_NS
             if header.session < self._session and not silent:
+                self._second_ns = received_ns
                 self._replayed("a second sender, whose session began earlier; stop one of them")
                 return False
             return True
+        skew_ns = header.stamp_ns - self._utc_ns()
         if header.session < self._session:
+            if abs(skew_ns) <= self._max_skew_ns:  # no recording: somebody sends it now
+                self._second_ns = received_ns
             self._replayed("a session that is over, or a second sender; start the sender again")
             return False
-        skew_ns = header.stamp_ns - self._utc_ns()
         if abs(skew_ns) > self._max_skew_ns:
             self._replayed(
                 f"stamped {skew_ns * 1e-9:+.1f} s off this machine's UTC clock: a recording, or a "
                 "clock that is not set; set both by NTP, or raise max_skew_s"
             )
+            return False
+        if header.session > self._utc_ns() + self._max_skew_ns:
+            self._replayed("a session that begins in the future would outlast all others; set UTC")
             return False
         return True
 

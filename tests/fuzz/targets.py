@@ -28,7 +28,7 @@ from hri_predict.protocol.keyed_codec import Keyed, key_of
 from hri_predict.protocol.profile4_codec import Profile4Receiver
 from hri_predict.protocol.serial_codec import SerialReceiver
 from hri_predict.source import SourceCounters
-from tests.hri_drivers.scene_streaming import KEY, joint_map, names
+from tests.hri_drivers.scene_streaming import KEY, UTC, joint_map, names
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT / "tests" / "corpus"
@@ -183,7 +183,7 @@ def _keyed() -> Target:
 
 def _scene_stream(name: str, joints: int, with_key: bool) -> Target:
     key = KEY if with_key else None
-    stream = SceneStream(joint_map(joints), SourceCounters(), key, 1e9, lambda: 0)
+    stream = SceneStream(joint_map(joints), SourceCounters(), key, 1e9, lambda: UTC)
     tag = scene_codec.TAG_BYTES if with_key else scene_codec.CRC_BYTES
 
     def repaired(data: bytes) -> bytes:
@@ -195,7 +195,7 @@ def _scene_stream(name: str, joints: int, with_key: bool) -> Target:
 
 def _serial_skeleton() -> Target:
     counters = SourceCounters()
-    stream = FramedStream(SceneStream(joint_map(21), counters, None, 1e9, lambda: 0), counters)
+    stream = FramedStream(SceneStream(joint_map(21), counters, None, 1e9, lambda: UTC), counters)
     seeds = [framed(data) for data in _files("scene_stream")]
     return Target("serial_skeleton", seeds, _checked(stream.feed))
 

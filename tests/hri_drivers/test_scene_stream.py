@@ -91,6 +91,35 @@ def test_without_a_key_the_later_session_is_heard_and_the_earlier_once_that_is_s
     assert len(node.hear(*early(2), after_ns=600 * MS)) == 1
 
 
+@pytest.mark.parametrize("key", [None, KEY])
+def test_while_two_senders_contradict_each_other_the_room_is_not_seen(key):
+    node, one, other = Node(key), Sender(UTC, key), Sender(UTC + S, key)
+    node.hear(*one(0))
+    (alone,) = node.hear(*other(0, people=0), after_ns=S)
+    assert (alone.sees_room, alone.people) == (True, ())  # as after a restart
+    assert node.hear(*one(31)) == []  # the first goes on: with a person
+    (doubtful,) = node.hear(*other(1, people=0), after_ns=33 * MS)
+    assert not doubtful.sees_room
+    (believed,) = node.hear(*other(31, people=0), after_ns=S)
+    assert believed.sees_room
+
+
+def test_a_recording_of_an_old_session_contradicts_nobody():
+    node, before, after = Node(), Sender(UTC), Sender(UTC + 60 * S)
+    recorded = before(0)
+    node.hear(*recorded)
+    node.hear(*after(0), after_ns=60 * S)
+    node.hear(*recorded)
+    assert node.hear(*after(1), after_ns=33 * MS)[0].sees_room
+
+
+def test_a_session_from_the_future_would_lock_out_all_later_ones():
+    node = Node()
+    assert node.hear(*Sender(2**64 - 1)(0, stamp_ns=UTC)) == []
+    assert "future" in (node.counters.last_error or "")
+    assert len(node.hear(*Sender()(0))) == 1
+
+
 def test_losses_and_wrong_order_are_told_apart():
     node, sender = Node(), Sender()
     heard = node.hear(*(sender(i)[0] for i in (0, 1, 5, 3, 3, 6, 200, 6)))
