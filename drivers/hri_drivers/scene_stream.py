@@ -48,6 +48,9 @@ class SceneStream:
         key: the stream must be authentic; ``None``: only undamaged.
         max_skew_s: how far the sender's UTC clock may be off when its session starts.
         utc_ns: this machine's UTC clock, nanoseconds since 1970.
+
+    Attributes:
+        joint_map, counters: as given.
     """
 
     def __init__(
@@ -58,9 +61,9 @@ class SceneStream:
         max_skew_s: float = 2.0,
         utc_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._joint_map = joint_map
+        self.joint_map = joint_map
         self._names_crc = names_crc(joint_map.source_joints)
-        self._counters = counters
+        self.counters = counters
         self._key = key
         self._max_skew_ns = round(max_skew_s * 1e9)
         self._utc_ns = utc_ns
@@ -74,7 +77,7 @@ class SceneStream:
 
     def feed(self, data: bytes, received_ns: int) -> list[Heard]:
         """The scene that this datagram completes, if it does; never raises."""
-        self._counters.packets += 1
+        self.counters.packets += 1
         try:
             header, payload = open_datagram(data, self._key)
             self._check_joints(header)
@@ -90,8 +93,8 @@ class SceneStream:
             return [Heard(scene, header.session)]
         except Refused as refused:
             name = refused.counter
-            setattr(self._counters, name, getattr(self._counters, name) + 1)
-            self._counters.note(refused)
+            setattr(self.counters, name, getattr(self.counters, name) + 1)
+            self.counters.note(refused)
             return []
 
     def reset(self) -> None:
@@ -101,12 +104,12 @@ class SceneStream:
     def _check_joints(self, header: Header) -> None:
         if (header.names_crc, header.joints) != (
             self._names_crc,
-            len(self._joint_map.source_joints),
+            len(self.joint_map.source_joints),
         ):
             raise Refused(
                 "malformed",
                 f"the sender's {header.joints} joints are not those of joint map "
-                f"'{self._joint_map.name}'; give both the same names in the same order",
+                f"'{self.joint_map.name}'; give both the same names in the same order",
             )
 
     def _is_new(self, header: Header, data: bytes, received_ns: int) -> bool:
@@ -136,7 +139,7 @@ class SceneStream:
         return True
 
     def _advance(self, by: int) -> None:
-        self._counters.lost += by - 1
+        self.counters.lost += by - 1
         self._came = 1 | (self._came << by if by < WINDOW else 0) & (1 << WINDOW) - 1
 
     def _note_late(self, sequence: int) -> None:
@@ -147,8 +150,8 @@ class SceneStream:
             self._replayed("heard before")
             return
         self._came |= bit
-        self._counters.out_of_order += 1
-        self._counters.lost -= sequence > self._first
+        self.counters.out_of_order += 1
+        self.counters.lost -= sequence > self._first
 
     def _may_start(self, header: Header, received_ns: int) -> bool:
         if self._key is None:
@@ -186,9 +189,9 @@ class SceneStream:
 
     def _give_up(self) -> None:
         """What has come of a scene that will not be complete."""
-        self._counters.incomplete += bool(self._parts)
+        self.counters.incomplete += bool(self._parts)
         self._parts = []
 
     def _replayed(self, why: str) -> None:
-        self._counters.replayed += 1
-        self._counters.note(why)
+        self.counters.replayed += 1
+        self.counters.note(why)

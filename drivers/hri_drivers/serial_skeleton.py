@@ -11,21 +11,20 @@ from typing import Literal, Self
 from cobs import cobs
 from pydantic import Field, model_validator
 
-from hri_drivers.key_file import read_key
-from hri_drivers.live_source import LiveSettings, LiveSource, sender_joints
-from hri_drivers.scene_codec import MAX_DATAGRAM, MAX_JOINTS
+from hri_drivers.live_source import LiveSource
+from hri_drivers.scene_codec import MAX_DATAGRAM
 from hri_drivers.scene_inbox import Heard
 from hri_drivers.scene_stream import SceneStream
 from hri_drivers.serial_transport import Parity, SerialTransport, StopBits
+from hri_drivers.stream_settings import StreamSettings, stream_of
 from hri_drivers.usb_ports import UsbDevice
 from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError
 from hri_predict.source import SourceCounters
 
 MAX_ENCODED = MAX_DATAGRAM + MAX_DATAGRAM // 254 + 1  # COBS adds one byte for each 254 begun
 
 
-class SerialSkeletonSettings(LiveSettings):
+class SerialSkeletonSettings(StreamSettings):
     """``source:`` of ``kind: serial_skeleton``."""
 
     kind: Literal["serial_skeleton"]
@@ -39,12 +38,6 @@ class SerialSkeletonSettings(LiveSettings):
     parity: Parity = "none"
     stop_bits: StopBits = 1
     rtscts: bool = Field(False, description="hardware handshake")
-    key_file: str | None = Field(
-        None, min_length=1, description="file with the key that the sender has, too (HMAC-SHA256)"
-    )
-    max_skew_s: float = Field(
-        2.0, gt=0, le=60, description="with a key: how far a new sender's UTC clock may be off"
-    )
 
     @model_validator(mode="after")
     def _has_port(self) -> Self:
@@ -128,15 +121,7 @@ class SerialSkeletonSource(LiveSource):
             ConfigError: the joint map is wrong, or has more joints than a stream can carry.
             SourceError: the key cannot be used.
         """
-        joint_map = sender_joints(settings, base_dir)
-        if len(joint_map.source_joints) > MAX_JOINTS:
-            raise ConfigError(
-                f"source.joint_map: {len(joint_map.source_joints)} joints, a scene stream carries "
-                f"{MAX_JOINTS}; leave some out of the map"
-            )
-        key = read_key(settings.key_file, base_dir) if settings.key_file is not None else None
-        counters = SourceCounters()
-        stream = SceneStream(joint_map, counters, key, settings.max_skew_s)
+        stream = stream_of(settings, base_dir)
         port: str | UsbDevice = settings.usb or settings.port or ""
         line = SerialTransport(
             port,
@@ -145,7 +130,8 @@ class SerialSkeletonSource(LiveSource):
             parity=settings.parity,
             stop_bits=settings.stop_bits,
         )
-        super().__init__(settings, line, FramedStream(stream, counters), counters, joint_map, clock)
+        framed_stream = FramedStream(stream, stream.counters)
+        super().__init__(settings, line, framed_stream, stream.counters, stream.joint_map, clock)
 
 
 def framed(datagram: bytes) -> bytes:

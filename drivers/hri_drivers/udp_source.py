@@ -11,19 +11,16 @@ from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from hri_drivers.key_file import read_key
-from hri_drivers.live_source import LiveSettings, LiveSource, sender_joints
-from hri_drivers.scene_codec import MAX_DATAGRAM, MAX_JOINTS
-from hri_drivers.scene_stream import SceneStream
+from hri_drivers.live_source import LiveSource
+from hri_drivers.scene_codec import MAX_DATAGRAM
+from hri_drivers.stream_settings import StreamSettings, stream_of
 from hri_drivers.udp_receiver import UdpReceiver, is_loopback
 from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError
-from hri_predict.source import SourceCounters
 
 DEFAULT_PORT = 47_800
 
 
-class UdpSettings(LiveSettings):
+class UdpSettings(StreamSettings):
     """``source:`` of ``kind: udp``."""
 
     kind: Literal["udp"]
@@ -32,14 +29,8 @@ class UdpSettings(LiveSettings):
     )
     port: int = Field(DEFAULT_PORT, ge=0, le=65535, description="UDP port; 0: any that is free")
     multicast_group: str | None = Field(None, description="IPv4 address of a group to join")
-    key_file: str | None = Field(
-        None, min_length=1, description="file with the key that the sender has, too (HMAC-SHA256)"
-    )
     allow_unauthenticated: bool = Field(
         False, description="hear the network without a key: whoever reaches the port is believed"
-    )
-    max_skew_s: float = Field(
-        2.0, gt=0, le=60, description="with a key: how far a new sender's UTC clock may be off"
     )
 
     @field_validator("host")
@@ -97,19 +88,11 @@ class UdpSource(LiveSource):
         clock: Clock | None = None,
         utc_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        joint_map = sender_joints(settings, base_dir)
-        if len(joint_map.source_joints) > MAX_JOINTS:
-            raise ConfigError(
-                f"source.joint_map: {len(joint_map.source_joints)} joints, a scene stream carries "
-                f"{MAX_JOINTS}; leave some out of the map"
-            )
-        key = read_key(settings.key_file, base_dir) if settings.key_file is not None else None
-        counters = SourceCounters()
-        stream = SceneStream(joint_map, counters, key, settings.max_skew_s, utc_ns)
+        stream = stream_of(settings, base_dir, utc_ns)
         self._udp = UdpReceiver(
             settings.host, settings.port, settings.multicast_group, largest=MAX_DATAGRAM
         )
-        super().__init__(settings, self._udp, stream, counters, joint_map, clock)
+        super().__init__(settings, self._udp, stream, stream.counters, stream.joint_map, clock)
 
     @property
     def port(self) -> int:

@@ -11,30 +11,20 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from hri_drivers.key_file import read_key
-from hri_drivers.live_source import LiveSettings, LiveSource, sender_joints
-from hri_drivers.scene_codec import MAX_JOINTS
-from hri_drivers.scene_stream import SceneStream
+from hri_drivers.live_source import LiveSource
+from hri_drivers.stream_settings import StreamSettings, stream_of
 from hri_drivers.zenoh_session import CellSettings, is_local
 from hri_drivers.zenoh_transport import ZenohTransport
 from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError
 from hri_predict.protocol.keyed_codec import SCENE, prefix
-from hri_predict.source import SourceCounters
 
 
-class ZenohSourceSettings(CellSettings, LiveSettings):
+class ZenohSourceSettings(CellSettings, StreamSettings):
     """``source:`` of ``kind: zenoh``."""
 
     kind: Literal["zenoh"]
-    key_file: str | None = Field(
-        None, min_length=1, description="file with the key that the sender has, too (HMAC-SHA256)"
-    )
     allow_unauthenticated: bool = Field(
         False, description="hear the network without a key: whoever may put is believed"
-    )
-    max_skew_s: float = Field(
-        2.0, gt=0, le=60, description="with a key: how far a new sender's UTC clock may be off"
     )
 
     @model_validator(mode="after")
@@ -90,14 +80,6 @@ class ZenohSource(LiveSource):
         clock: Clock | None = None,
         utc_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        joint_map = sender_joints(settings, base_dir)
-        if len(joint_map.source_joints) > MAX_JOINTS:
-            raise ConfigError(
-                f"source.joint_map: {len(joint_map.source_joints)} joints, a scene stream carries "
-                f"{MAX_JOINTS}; leave some out of the map"
-            )
-        key = read_key(settings.key_file, base_dir) if settings.key_file is not None else None
-        counters = SourceCounters()
-        stream = SceneStream(joint_map, counters, key, settings.max_skew_s, utc_ns)
+        stream = stream_of(settings, base_dir, utc_ns)
         receiver = ZenohReceiver(settings.resolved(base_dir or Path()))
-        super().__init__(settings, receiver, stream, counters, joint_map, clock)
+        super().__init__(settings, receiver, stream, stream.counters, stream.joint_map, clock)
