@@ -36,22 +36,24 @@ def fuzz(target: Target, inputs: int, seed: int) -> Survived:
     """
     rng = random.Random(f"{seed} {target.name}")
     began, early_mib = time.monotonic(), resident_mib()
-    for count in range(inputs):
-        if count % BATCH == 0:
-            faulthandler.dump_traceback_later(HANG_S, exit=True)
-        if count == inputs // 10:
-            early_mib = resident_mib()
-        data = mutated(rng, target.seeds)
-        if target.repaired is not None and rng.random() < 0.5:
-            data = target.repaired(data)
-        try:
-            target.feed(data)
-        except Exception as error:
-            raise Broken(
-                f"{target.name}, input {count} of seed {seed}: {type(error).__name__}: {error}; "
-                f"hex {data.hex()}"
-            ) from error
-    faulthandler.cancel_dump_traceback_later()
+    try:
+        for count in range(inputs):
+            if count % BATCH == 0:
+                faulthandler.dump_traceback_later(HANG_S, exit=True)
+            if count == inputs // 10:
+                early_mib = resident_mib()
+            data = mutated(rng, target.seeds)
+            if target.repaired is not None and rng.random() < 0.5:
+                data = target.repaired(data)
+            try:
+                target.feed(data)
+            except Exception as error:
+                raise Broken(
+                    f"{target.name}, input {count} of seed {seed}: {type(error).__name__}: {error}; "
+                    f"hex {data.hex()}"
+                ) from error
+    finally:  # armed, it would end the process later
+        faulthandler.cancel_dump_traceback_later()
     seconds = time.monotonic() - began
     return Survived(target.name, inputs, seconds, resident_mib() - early_mib)
 
