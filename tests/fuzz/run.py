@@ -48,9 +48,9 @@ def fuzz(target: Target, inputs: int, seed: int) -> Survived:
             try:
                 target.feed(data)
             except Exception as error:
+                what = f"{type(error).__name__}: {error}"
                 raise Broken(
-                    f"{target.name}, input {count} of seed {seed}: {type(error).__name__}: {error}; "
-                    f"hex {data.hex()}"
+                    f"{target.name}, input {count} of seed {seed}: {what}; hex {data.hex()}"
                 ) from error
     finally:  # armed, it would end the process later
         faulthandler.cancel_dump_traceback_later()
