@@ -1,12 +1,18 @@
 """For all tests: they run side by side, and on machines that are busy with other things."""
 
 import os
+import signal
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 # each process computes on one core; before torch and numpy are imported, and inherited
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# a shell without job control ignores Ctrl-C for what it starts in the background, and so would every
+# process that a test starts and ends by it
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # how long an example takes, or takes to make, says nothing about the code here
 settings.register_profile(
