@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, settings
 # each process computes on one core; before torch and numpy are imported, and inherited
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-# a shell without job control ignores Ctrl-C for what it starts in the background, and so would every
-# process that a test starts and ends by it
+# a shell without job control ignores Ctrl-C for what it starts in the background, and so would
+# every process that a test starts and ends by it
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
