@@ -160,6 +160,11 @@ class IsoTpBulk(Bulk[CanFrame]):
         self._transfer = transfer
         self._sender = Profile4Sender(MAX_ITEMS)
 
+    @property
+    def waiting(self) -> bool:
+        """So too if the peer may have answered: its answer may come before the wire is free."""
+        return self._transfer.active or super().waiting
+
     def patience_s(self) -> float | None:
         """Until the next segment may go, at most."""
         return self._transfer.patience_s()

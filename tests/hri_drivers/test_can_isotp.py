@@ -124,6 +124,28 @@ def test_a_peer_without_room_is_named_and_the_next_zone_tried():
     assert (pair.link.counters.messages_sent, pair.link.counters.write_errors) == (1, 1)
 
 
+def test_an_answer_that_comes_before_the_wire_is_free_is_not_slept_over():
+    """The wire is free later by calculation, which is of the worst stuffing, than in truth."""
+    pair = Link()
+    link, now_ns = pair.link, pair.clock.now_ns()
+    link.post(zone())
+    link._drain(lambda: now_ns, paced=True)
+    for robot in range(8):
+        link.post(Advice(robot, Level.SLOW, Reason.PERSON_NEAR))
+    link._drain(lambda: now_ns, paced=True)
+    pair.far.read(0.0)
+    pair.far.write(GO_ON)
+    link._receive(link._transport.read(0.0), now_ns)
+    link._drain(lambda: now_ns, paced=True)  # what the answer woke up; the wire is full
+    assert pair.far.read(0.0) == []
+    asleep_s = link._patience_s()
+    assert asleep_s is not None
+    assert asleep_s < 0.02
+    now_ns += int(asleep_s * 1e9)
+    link._drain(lambda: now_ns, paced=True)
+    assert [f.arbitration_id for f in pair.far.read(0.0)][:1] == [OWN]
+
+
 def test_block_size_and_wait_are_heeded():
     pair = Link()
     pair.link.post(zone())
