@@ -48,7 +48,7 @@ LATE_SAMPLES = 64
 LATE_RUN = 10
 """Datagrams in a row that are late mean that the sender began anew soon after it had begun."""
 GONE_AFTER = 3
-"""A character that is missing in so many samples in a row has left the stream."""
+"""A character of which nothing came in so many samples in a row has left the stream."""
 MAX_LOST = 100_000
 """A sample that is ahead by more is not the next after a loss: the sender began anew."""
 
@@ -190,7 +190,7 @@ class Assembler:
     Each character sends datagrams of its own [2.4.1.6], several where they would be too long
     [2.4.1.3]. A sample is whole once all of those came of every character that is in the stream;
     one that is not whole when the next begins is lost and counted, so that nobody vanishes because
-    a datagram did. A character that was missing in ``GONE_AFTER`` samples in a row has left.
+    a datagram did. A character of which nothing came in ``GONE_AFTER`` samples in a row has left.
 
     Args:
         number: the type to decode, 1 or 2; the others are counted alone.
@@ -278,9 +278,8 @@ class Assembler:
             return
         self._counters.incomplete += 1
         for number in list(self._known):
-            part = self._parts.get(number)
-            self._known[number] += 1
-            if part is not None and part.whole:
-                self._known[number] = 0
-            elif self._known[number] >= GONE_AFTER:
+            # Of whom anything came, is there: nobody leaves because the same datagram of theirs is
+            # lost every time. No sample is whole then, and the source falls silent.
+            self._known[number] = 0 if number in self._parts else self._known[number] + 1
+            if self._known[number] >= GONE_AFTER:
                 del self._known[number]

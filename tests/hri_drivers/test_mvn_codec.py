@@ -151,6 +151,17 @@ def test_who_is_missing_three_times_has_left() -> None:
     assert list(alone.poses) == [0]
 
 
+def test_who_is_never_whole_has_not_left() -> None:
+    """Of person 1 the same datagram is lost every time: the room without them is not the room."""
+    hearing = Hearing()
+    hearing.add(body(1, 0), body(1, 1))
+    for n in range(2, 30):
+        three = mvn_sender.quaternions(n, 10 * n, 1, BODY, items_each=8)
+        assert not hearing.add(body(n, 0), three[0], three[2])
+    (both,) = hearing.add(body(30, 0), body(30, 1))
+    assert sorted(both.poses) == [0, 1]
+
+
 def test_losses_repeats_and_order_are_counted() -> None:
     hearing = Hearing()
     hearing.add(body(10), body(10), body(14), body(13))
