@@ -295,7 +295,8 @@ static void watch(hri_receiver *r, uint32_t now_ms)
         }
         r->sent_kept = (uint8_t)(kept - 1u);
     }
-    if ((now_ms - r->error_ms) >= r->settings.error_window_ms) {
+    if ((r->settings.error_window_ms != 0u) &&
+        ((now_ms - r->error_ms) >= r->settings.error_window_ms)) {
         r->errors = 0u;
     }
     if ((r->phase == ADVISED) && (silent_ms >= r->settings.silence_timeout_ms)) {

@@ -145,7 +145,7 @@ typedef struct {
     uint16_t silence_timeout_ms; /* the link's silence_timeout_s: 150 unless set */
     uint16_t max_age_ms;         /* as `hri-predict check` prints it for controllers */
     uint16_t tolerated_errors;   /* more than so many bad or missing messages stop the robot, ... */
-    uint16_t error_window_ms;    /* ... until none came for so long */
+    uint16_t error_window_ms;    /* ... until none came for so long; 0: for ever */
     uint16_t first_state_counter; /* from a clock or random: not the same after each start */
 } hri_settings;
 

@@ -30,12 +30,12 @@ FIRST = 65_530  # STATE_COUNTER wraps soon as well
 class Line:
     """A node that advises and a receiver that answers, written as a script for the driver."""
 
-    def __init__(self, program: Path, link: str, tolerated: int = 0):
+    def __init__(self, program: Path, link: str, tolerated: int = 0, window_ms: int = WINDOW_MS):
         self.program, self.link = program, link
         self.sender: Any = SerialSender() if link == "serial" else CanSender(link == "fd")
         self.ms, self.echo = 0, FIRST
         code = LINKS.index(link)
-        numbers = (code, ROBOT, DEFAULT_BASE_ID, 0, SILENCE_MS, MAX_AGE_MS, tolerated, WINDOW_MS)
+        numbers = (code, ROBOT, DEFAULT_BASE_ID, 0, SILENCE_MS, MAX_AGE_MS, tolerated, window_ms)
         self.script = [f"init {' '.join(map(str, numbers))} {FIRST}", f"at {START_MS}"]
 
     def wait(self, ms: int) -> "Line":
@@ -188,6 +188,15 @@ def test_tolerated_errors_do_not_stop_it_and_one_more_does(line):
     for _ in range(3):
         one.put([(0, b"\x05\x01\x02\x00")]).ask()
     assert one.answers() == [(900, "advice")] * 2 + [(0, "errors")]
+
+
+def test_without_a_window_an_error_stops_it_for_ever(line):
+    """Whoever leaves the setting out gets a robot that stands, not one that heeds no error."""
+    one = line(window_ms=0).started().ask()
+    one.put([(0, b"\x05\x01\x02\x00")]).ask()
+    for _ in range(200):
+        one.wait(20).state().advise()
+    assert one.ask().answers() == [(900, "advice"), (0, "errors"), (0, "errors")]
 
 
 @pytest.mark.parametrize("link", LINKS)
