@@ -14,6 +14,7 @@ from hri_drivers.can_isotp import (
 )
 from hri_drivers.can_settings import CanLinkSettings, check_together, id_filters
 from hri_drivers.can_transport import CanTransport
+from hri_drivers.link_codec import copy_counts
 from hri_drivers.link_load import check_load, link_load
 from hri_drivers.link_slots import BULK, Budget
 from hri_drivers.link_thread import SupervisedLink
@@ -76,12 +77,8 @@ class CanCodec:
 
     def count(self, counters: LinkCounters) -> None:
         """Copy the receiver's counts, and the transport's where it has some."""
-        mine = self._receiver.counters
-        counters.crc_errors = mine.crc_errors
-        counters.counter_errors = mine.counter_errors
-        counters.malformed = mine.malformed + int(getattr(self._transport, "malformed", 0))
-        counters.incomplete = mine.incomplete
-        counters.ignored = mine.ignored
+        no_frames = int(getattr(self._transport, "malformed", 0))
+        copy_counts(self._receiver.counters, counters, no_frames)
         health = getattr(self._transport, "health", None)
         if health is not None:
             counters.bus_errors = health.frames

@@ -4,6 +4,7 @@ from typing import Protocol, TypeVar
 
 from hri_predict.link import LinkCounters
 from hri_predict.protocol.messages import Message
+from hri_predict.protocol.reception import ReceiveCounters
 
 U = TypeVar("U")
 
@@ -37,3 +38,15 @@ class Codec(Protocol[U]):
 
     def size(self, unit: U) -> int:
         """Payload bytes, for the counters."""
+
+
+def copy_counts(receiver: ReceiveCounters, counters: LinkCounters, no_frames: int = 0) -> None:
+    """What every codec shows of its receiver's errors.
+
+    ``no_frames`` is how many units the transport refused before they came to the receiver.
+    """
+    counters.crc_errors = receiver.crc_errors
+    counters.counter_errors = receiver.counter_errors
+    counters.malformed = receiver.malformed + no_frames
+    counters.incomplete = receiver.incomplete
+    counters.ignored = receiver.ignored

@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
+from hri_drivers.link_codec import copy_counts
 from hri_drivers.link_load import check_load, link_load
 from hri_drivers.link_slots import BULK, Budget
 from hri_drivers.link_thread import BULK_AHEAD_NS, SupervisedLink
@@ -122,12 +123,7 @@ class SerialCodec:
 
     def count(self, counters: LinkCounters) -> None:
         """Copy the receiver's counts."""
-        mine = self._receiver.counters
-        counters.crc_errors = mine.crc_errors
-        counters.counter_errors = mine.counter_errors
-        counters.malformed = mine.malformed
-        counters.incomplete = mine.incomplete
-        counters.ignored = mine.ignored
+        copy_counts(self._receiver.counters, counters)
 
     def worst_s(self, message: Message) -> float:
         """Seconds of wire of such a message."""

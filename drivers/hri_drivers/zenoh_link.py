@@ -8,6 +8,7 @@ from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
+from hri_drivers.link_codec import copy_counts
 from hri_drivers.link_load import MIN_STATUS_HZ, SCHEMA_HZ, check_load
 from hri_drivers.link_slots import Budget
 from hri_drivers.link_thread import SupervisedLink
@@ -77,12 +78,7 @@ class ZenohCodec:
 
     def count(self, counters: LinkCounters) -> None:
         """Copy the receiver's counts."""
-        mine = self._receiver.counters
-        counters.crc_errors = mine.crc_errors
-        counters.counter_errors = mine.counter_errors
-        counters.malformed = mine.malformed
-        counters.incomplete = mine.incomplete
-        counters.ignored = mine.ignored
+        copy_counts(self._receiver.counters, counters)
 
     def worst_s(self, message: Message) -> float:
         """Seconds of network of such a message."""
