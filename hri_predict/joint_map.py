@@ -115,7 +115,7 @@ def axes_rotation(axes: Sequence[str], left_handed: bool = False) -> Floats:
         ValueError: they are not three different axes, or of the other hand than declared.
     """
     rotation = np.zeros((3, 3))
-    for row, axis in enumerate(axes):
+    for row, axis in enumerate(axes[:3]):
         letter = axis.removeprefix("-")
         if letter not in ("x", "y", "z"):
             raise ValueError(f"'{axis}' is no axis; use x, y, z, -x, -y or -z")

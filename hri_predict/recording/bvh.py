@@ -103,7 +103,7 @@ def _check_complete(path: Path) -> bool:
             f"recording {path}: truncated: {max(there, 0)} of {frames} frames are there; "
             f"export it again"
         )
-    channels = sum(int(line.split()[1]) for line in lines[:motion] if _channel_count(line))
+    channels = sum(map(_channels, lines[:motion]))
     short = [
         k for k, line in enumerate(lines[motion + 3 :][:frames]) if len(line.split()) < channels
     ]
@@ -115,9 +115,15 @@ def _check_complete(path: Path) -> bool:
     return _every_leaf_ends(heads[:motion])
 
 
-def _channel_count(line: str) -> bool:
+def _channels(line: str) -> int:
+    """How many values of a frame the line calls for; what is no number the reader refuses."""
     words = line.split()
-    return words[0] == "CHANNELS" and len(words) > 1 and words[1].isdigit()
+    if words[0] != "CHANNELS" or len(words) < 2:
+        return 0
+    try:
+        return max(0, int(words[1]))
+    except ValueError:
+        return 0
 
 
 def _every_leaf_ends(tree: list[str]) -> bool:

@@ -132,6 +132,7 @@ def test_declared_left_handed_axes_are_flipped():
         (["x", "-x", "y"], False, "three different axes"),
         (["x", "w", "y"], False, "'w' is no axis"),
         (["x", "y"], False, "three different axes"),
+        (["x", "y", "z", "x"], False, "three different axes"),
     ],
 )
 def test_bad_axes_are_refused(axes, left_handed, message):

@@ -73,6 +73,14 @@ def test_an_absurd_frame_time_of_a_bvh_is_refused(tmp_path: Path, frame_time: st
     assert "'Frame Time'" in _error(_bvh(tmp_path / "a.bvh", frame_time, rows))
 
 
+@pytest.mark.parametrize("channels", ["\N{SUPERSCRIPT TWO}", "9" * 5000])
+def test_channels_of_a_bvh_that_are_no_number_are_refused(tmp_path: Path, channels: str) -> None:
+    path = _bvh(tmp_path / "a.bvh", "0.04", [" ".join(["0"] * 48)])
+    text = path.read_text().replace("CHANNELS 3", f"CHANNELS {channels}", 1)
+    path.write_text(text, encoding="utf-8")
+    assert "not a valid BVH file" in _error(path)
+
+
 @pytest.mark.parametrize("value", ["nan", "1e300"])
 def test_frames_of_a_bvh_that_are_not_numbers_are_counted(tmp_path: Path, value: str) -> None:
     rows = [" ".join(["0"] * 48)] * 2 + [" ".join([value] * 48)]
