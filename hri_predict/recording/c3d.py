@@ -76,7 +76,7 @@ def read_c3d(
 
     Raises:
         RecordingError: not C3D, truncated, damaged, or without points.
-        ConfigError: impossible units or axes.
+        ConfigError: impossible units or axes; labels that name nobody, or too many people.
     """
     data = read_bounded(path)
     if len(data) < 2 * BLOCK or data[1] != MAGIC:
@@ -95,8 +95,6 @@ def read_c3d(
         person,
         [label for kind in NO_POSITIONS for label in parameters.texts("POINT", kind)],
     )
-    if not markers.joints:
-        raise RecordingError(f"recording {path}: none of its {len(labels)} points has a name")
     check_joints(path, layout.frames, *markers.columns.shape)
     rate_hz = parameters.number("POINT", "RATE", parameters.header_float(data, 20))
     check_rate(path, "POINT:RATE", rate_hz)

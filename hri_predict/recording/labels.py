@@ -10,9 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hri_predict.errors import ConfigError
 from hri_predict.scene import Floats
 
 MAX_ID = 65535
+MAX_MARKERS = 1_000_000  # of all people together, those included that a person does not have
 
 
 @dataclass(frozen=True)
@@ -48,21 +50,32 @@ def split_labels(labels: Sequence[str], person: int, left_out: Sequence[str] = (
         labels: of the file, in order.
         person: the id of those whom the file gives no number: the first; the next gets the next.
         left_out: labels of what is no position.
+
+    Raises:
+        ConfigError: no label is a marker's; or more people, or markers of them, than can be.
     """
     named = [split_label(label) for label in labels]
     several = any(who for who, _ in named)
     ids: dict[str, int] = {}
     joints: dict[str, int] = {}
     found: dict[tuple[str, str], int] = {}
+    passed_over = frozenset(left_out)
     skipped = 0
     for k, (label, (who, joint)) in enumerate(zip(labels, named, strict=True)):
         automatic = not joint or joint.startswith("*")
-        if automatic or (several and not who) or label in left_out or (who, joint) in found:
+        if automatic or (several and not who) or label in passed_over or (who, joint) in found:
             skipped += 1
             continue
         found[who, joint] = k
         joints.setdefault(joint, len(joints))
         ids.setdefault(who, 0)
+    if not found:
+        raise ConfigError(f"none of its {len(labels)} points has a name; name them")
+    if len(ids) > MAX_ID or len(ids) * len(joints) > MAX_MARKERS:
+        raise ConfigError(
+            f"its labels name {len(ids)} people with {len(joints)} different markers, more than "
+            f"can be; give markers of one person one name before the colon"
+        )
     _number(ids, person)
     columns = np.full((len(ids), len(joints)), -1, dtype=np.intp)
     row = {who: k for k, who in enumerate(ids)}
@@ -90,7 +103,7 @@ def joined_labels(ids: Sequence[int], joints: Sequence[str]) -> list[str]:
 def _number(ids: dict[str, int], person: int) -> None:
     """Give everybody an id: their own number, or the next that is free."""
     own = {who: int(who) for who in ids if who.isascii() and who.isdigit() and len(who) < 6}
-    own = {who: number for who, number in own.items() if number <= MAX_ID}
+    own = {who: n for who, n in own.items() if n <= MAX_ID and who == str(n)}  # 07 is not 7
     taken = set(own.values())
     following = person
     for who in ids:

@@ -39,7 +39,7 @@ def read_trc(
 
     Raises:
         RecordingError: not TRC, truncated, empty, or a cell is no number.
-        ConfigError: impossible units or axes.
+        ConfigError: impossible units or axes; labels that name nobody, or too many people.
     """
     lines = read_text(path, "TRC").splitlines()
     if not lines or not lines[0].startswith("PathFileType"):
@@ -70,8 +70,8 @@ def read_trc(
             f"{', '.join(METRES_PER_UNIT)}; give them by --units"
         )
     markers = split_labels(labels, person)
+    check_joints(path, len(rows), *markers.columns.shape)
     points = markers.people(_points(path, rows, len(labels)))
-    check_joints(path, *points.shape[:3])
     joint_map = map_of_names(markers.joints).with_units(scale).with_axes(axes or AXES)
     recording = recording_of(path, "trc", joint_map, points, rate_hz, markers.ids)
     return noted(recording, markers.note)

@@ -1,0 +1,45 @@
+"""Labels of markers: whose they are, and what no camera could have filmed."""
+
+import pytest
+
+from hri_predict.errors import ConfigError
+from hri_predict.recording.labels import MAX_ID, MAX_MARKERS, joined_labels, split_labels
+
+
+def test_labels_that_were_joined_are_split_again():
+    labels = joined_labels([3, 65535], ["wrist", "elbow"])
+    assert labels == ["3:wrist", "3:elbow", "65535:wrist", "65535:elbow"]
+    found = split_labels(labels, person=1)
+    assert (found.ids, found.joints, found.note) == ((3, 65535), ("wrist", "elbow"), "")
+    assert found.columns.tolist() == [[0, 1], [2, 3]]
+
+
+def test_two_people_never_share_an_id():
+    found = split_labels(["1:wrist", "01:wrist", "Ben:wrist", "99999:wrist"], person=1)
+    assert len(set(found.ids)) == 4
+    assert found.ids[0] == 1
+    assert "'01' is person 2" in found.note
+
+
+def test_labels_that_are_no_positions_are_left_out_and_counted():
+    found = split_labels(["Anna:wrist", "*7", "Anna:angle"], 1, ["Anna:angle", "Ben:angle"])
+    assert (found.ids, found.joints) == ((1,), ("wrist",))
+    assert "2 of 3 labels are no markers" in found.note
+
+
+def test_points_without_any_name_are_nobody_and_no_empty_room():
+    with pytest.raises(ConfigError, match="none of its 2 points has a name"):
+        split_labels(["*1", ""], 1)
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        [f"p{k}:wrist" for k in range(MAX_ID + 2)],
+        [f"p{k}:j{k}" for k in range(int(MAX_MARKERS**0.5) + 1)],
+    ],
+    ids=["people", "markers"],
+)
+def test_more_than_can_be_is_refused(labels):
+    with pytest.raises(ConfigError, match="more than can be"):
+        split_labels(labels, 1)
