@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as ScreenTable
 
@@ -138,17 +138,47 @@ def show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:
     """Print tables, then notes."""
     console = Console()
     for table in tables:
-        shown = ScreenTable(
-            title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
-        )
-        shown.add_column(table.columns[0], no_wrap=True)
-        for column in table.columns[1:]:
-            shown.add_column(column, justify="right")
-        for row in table.rows:
-            shown.add_row(*row)
-        console.print(shown)
+        console.print(_fitting(table, console))
     for note in notes:
         console.print(f"- {note}", markup=False, highlight=False)
+
+
+def _fitting(table: "Table", console: Console) -> ScreenTable:
+    """The table as it is read best at this width: as it is, turned over, or wrapped at words."""
+    rows = (table.columns, *table.rows)
+    for turned in (rows, tuple(zip(*rows, strict=True))):
+        needed = [max(map(len, column)) for column in zip(*turned, strict=True)]
+        if sum(needed) <= _room(console, len(needed)):
+            return _screen_table(table.title, turned, needed)
+    return _screen_table(table.title, rows, _wrapped_widths(rows, console))
+
+
+def _room(console: Console, columns: int) -> int:
+    """What is left for texts: each column has a space after it, and one of the box around it."""
+    return console.width - 2 * columns - 1
+
+
+def _wrapped_widths(rows: Sequence[Sequence[str]], console: Console) -> list[int | None]:
+    """No word is broken while all columns' longest words fit; what is left goes to the longest."""
+    columns = list(zip(*rows, strict=True))
+    least = [max(len(word) for cell in c for word in cell.split() or [""]) for c in columns]
+    more = [max(map(len, c)) - n for c, n in zip(columns, least, strict=True)]
+    spare = _room(console, len(columns)) - sum(least)
+    if spare < 0:
+        return [None] * len(columns)  # nothing fits; rich folds words as it must
+    return [n + spare * m // max(1, sum(more)) for n, m in zip(least, more, strict=True)]
+
+
+def _screen_table(
+    title: str, rows: Sequence[Sequence[str]], widths: Sequence[int | None]
+) -> ScreenTable:
+    shown = ScreenTable(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for k, (heading, width) in enumerate(zip(rows[0], widths, strict=True)):
+        justify: JustifyMethod = "right" if k else "left"
+        shown.add_column(heading, justify=justify, width=width, overflow="fold")
+    for row in rows[1:]:
+        shown.add_row(*row)
+    return shown
 
 
 def tell(files: Sequence[Path]) -> None:

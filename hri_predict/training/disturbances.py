@@ -44,7 +44,7 @@ class Disturbance:
             return f"noise of {self.amount * 100:g} cm"
         if self.kind == "scale":
             return f"body scaled by {self.amount:g}"
-        return f"camera shifted by {self.amount * 100:g} cm after {self.at_s:g} s"
+        return f"camera shifted by {self.amount * 100:g} cm after {self.at_s:.3g} s"
 
     def apply(
         self,

@@ -174,7 +174,8 @@ def _sizes(judged: ZoneJudgement) -> list[Table]:
                     total = [*volumes[k], volumes[k].sum()]
                     pairs = zip(total, share, strict=True)
                     rows.append((method, *(_volume(v, s) for v, s in pairs)))
-                found.append(Table(title, ("method", *sizes.parts, "body"), tuple(rows)))
+                parts = (part.replace("_", " ") for part in sizes.parts)
+                found.append(Table(title, ("method", *parts, "body"), tuple(rows)))
     return found
 
 

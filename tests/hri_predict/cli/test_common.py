@@ -1,0 +1,53 @@
+"""Tables on the screen: whatever the terminal's width, nothing of them is cut off."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from hri_predict.cli.common import _fitting
+from hri_predict.training.report import Table
+
+INTERVALS = Table(
+    "Coverage, %",
+    ("stated", *(f"{ms} ms" for ms in (120, 200, 400, 600, 800, 1000))),
+    tuple((f"{p} %", *(f"{p}.0 [97.0, 100.0]" for _ in range(6))) for p in (90, 95, 99)),
+)
+ACTIONS = Table(
+    "By action",
+    ("condition", "recording", "held at 400 ms", "with self-check", "widened", "unlike"),
+    tuple(("camera shifted by 20 cm after 1.46 s", f"walking_extra_{k}", *4 * ["100.0"])
+          for k in range(9)),
+)  # fmt: skip
+
+
+def lines(table: Table, width: int) -> list[str]:
+    console = Console(width=width, file=io.StringIO(), record=True)
+    console.print(_fitting(table, console))
+    return console.export_text().splitlines()
+
+
+@pytest.mark.parametrize("width", [80, 120, 200])
+@pytest.mark.parametrize("table", [INTERVALS, ACTIONS])
+def test_no_word_is_cut_or_broken(table: Table, width: int) -> None:
+    shown = lines(table, width)
+    assert all(len(line) <= width for line in shown)
+    words = " ".join(shown).split()
+    for cell in (*table.columns, *(cell for row in table.rows for cell in row)):
+        assert set(cell.split()) <= set(words)
+
+
+def test_a_table_that_fits_is_shown_as_it_is() -> None:
+    assert lines(INTERVALS, 200)[2].split()[:3] == ["stated", "120", "ms"]
+
+
+def test_one_that_fits_only_turned_over_keeps_each_cell_in_a_line() -> None:
+    shown = lines(INTERVALS, 80)
+    assert shown[2].split() == ["stated", "90", "%", "95", "%", "99", "%"]
+    assert any(line.split()[:5] == ["1000", "ms", "90.0", "[97.0,", "100.0]"] for line in shown)
+
+
+def test_narrower_than_the_words_they_are_folded_not_dropped() -> None:
+    shown = lines(ACTIONS, 40)
+    assert all(len(line) <= 40 for line in shown)
+    assert "…" not in "".join(shown)
