@@ -36,6 +36,9 @@ from hri_predict.scene import Floats
 
 MM_PER_M = 1000.0
 MAX_POINTS, MAX_LABEL = 65535, 127
+MAX_BLOCK = 65536  # at which the points may start
+MAX_COUNT = 65535  # frames that the header can count
+MAX_FRAMES = 2**31  # that no file has
 PER_PARAMETER = 255  # labels: a dimension is one byte
 NO_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")  # labels of model outputs
 # Axes that are forward, left and up, where POINT:Y_SCREEN (the screen's vertical) is ...
@@ -114,8 +117,13 @@ def _layout(path: Path, data: bytes, parameters: Parameters) -> _Layout:
     end = parameters.words("TRIAL", "ACTUAL_END_FIELD")
     if len(start) == len(end) == 2:  # as two words, for more than 65535 frames
         frames = (end[0] + (end[1] << 16)) - (start[0] + (start[1] << 16)) + 1
+    else:
+        for name in ("FRAMES", "LONG_FRAMES"):  # or as a float; the latter counts
+            said = parameters.number("POINT", name, 0.0)
+            frames = int(said) if MAX_COUNT < said < MAX_FRAMES else frames
+    block = parameters.number("POINT", "DATA_START", word(data, 16))
     layout = _Layout(
-        start=(int(parameters.number("POINT", "DATA_START", word(data, 16))) - 1) * BLOCK,
+        start=(int(block) - 1) * BLOCK if 0 < block < MAX_BLOCK else 0,
         frames=frames,
         points=word(data, 2),
         analog=word(data, 4),
@@ -186,7 +194,7 @@ def write_c3d(path: Path, recording: Recording) -> Written:
     points[..., 3] = np.where(np.isnan(xyz).any(axis=-1), -1.0, 0.0)
     parameters = _parameters(labels, number, frames.rate_hz)
     header = struct.pack(
-        "<BBHHHHHfHHf", 2, MAGIC, len(labels), 0, 1, min(number, 65535), 0, -1.0,
+        "<BBHHHHHfHHf", 2, MAGIC, len(labels), 0, 1, min(number, MAX_COUNT), 0, -1.0,
         parameters.data_start, 0, frames.rate_hz,
     )  # fmt: skip
     path.write_bytes(header.ljust(BLOCK, b"\0") + parameters.packed + points.tobytes())
@@ -206,7 +214,7 @@ def _parameters(labels: Sequence[str], frames: int, rate_hz: float) -> _Packed:
         "SCALE": -1.0,
         "RATE": rate_hz,
         "DATA_START": 0,
-        "FRAMES": min(frames, 65535),
+        "FRAMES": min(frames, MAX_COUNT),
         "UNITS": "mm",
         "X_SCREEN": "+X",
         "Y_SCREEN": "+Z",

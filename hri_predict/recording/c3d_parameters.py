@@ -19,6 +19,7 @@ BLOCK = 512
 MAGIC = 0x50
 _INTEL, _DEC, _MIPS = 84, 85, 86
 _SIZES = {-1: 1, 1: 1, 2: 2, 4: 4}
+MAX_SECTION = 2**20  # bytes; the format counts 255 blocks of 512, and some programs write more
 
 
 class Damaged(Exception):
@@ -103,6 +104,7 @@ def read_parameters(data: bytes) -> Parameters:
     start = (data[0] - 1) * BLOCK
     if start < BLOCK or start + BLOCK > len(data):
         raise Damaged("where they start")
+    data = data[: start + MAX_SECTION]
     processor = data[start + 3]
     if processor not in (_INTEL, _DEC, _MIPS):
         raise Damaged(f"processor type {processor}")

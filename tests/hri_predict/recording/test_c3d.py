@@ -222,6 +222,41 @@ def _of_machine(data: bytes, machine: int) -> bytes:
     return bytes(out)
 
 
+def with_parameters(frames: int, points: int, **more: object) -> bytes:
+    """A file whose header counts no more than 65535 frames; ``more`` goes into POINT."""
+    packed = pack_parameters({"POINT": {"RATE": 100.0, "SCALE": -1.0, "UNITS": "m"} | more})
+    start, last = 2 + len(packed) // BLOCK, min(frames, 65535)
+    head = struct.pack("<BBHHHHHfHHf", 2, 0x50, points, 0, 1, last, 0, -1.0, start, 0, 100.0)
+    return head.ljust(BLOCK, b"\0") + packed + bytes(16 * frames * points)
+
+
+@pytest.mark.parametrize("name", ["LONG_FRAMES", "FRAMES"])
+def test_more_frames_than_the_header_can_count_are_all_read(tmp_path, name):
+    """Counted as a float (c3d.org: POINT:FRAMES, POINT:LONG_FRAMES), without the TRIAL group."""
+    path, more = tmp_path / "a.c3d", {"LABELS": ["C7"], name: 65537.0}
+    path.write_bytes(with_parameters(65537, 1, **more))
+    assert len(open_recording(path, any_joints=True).scenes) == 65537
+    path.write_bytes(with_parameters(65537, 1, **more)[: -16 * 3])
+    assert "65534 of 65537 frames" in _error(path)
+
+
+@pytest.mark.parametrize("start", [float("nan"), float("inf"), -1e30, 1e30, 0.5])
+def test_points_that_start_nowhere_are_refused(tmp_path, start):
+    path = tmp_path / "a.c3d"
+    path.write_bytes(with_parameters(2, 1, LABELS=["C7"], DATA_START=start))
+    assert "where the points start" in _error(path)
+
+
+def test_labels_end_with_the_section_of_parameters(tmp_path):
+    """A last parameter without an end must not make texts of the whole file."""
+    path = tmp_path / "a.c3d"
+    data = bytearray(with_parameters(2, 1, LABELS=["C7"]) + bytes(2**21))
+    at = data.index(b"LABELS") + len(b"LABELS")
+    data[at : at + 8] = struct.pack("<HbBBBBB", 0, -1, 4, 1, 255, 255, 24)
+    path.write_bytes(data)
+    assert "a parameter goes past the end" in _error(path)
+
+
 def test_cut_anywhere_it_is_an_error(tmp_path):
     path = ours(tmp_path / "a.c3d", np.zeros((3, 2, 3)), ["LWrist", "C7"])
     data = path.read_bytes()
