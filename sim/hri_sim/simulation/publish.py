@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from hri_predict.whole_file import write_whole
-from hri_sim.simulation.report import Judged, Row, Table, as_json, notes, predicted, tables
+from hri_sim.simulation.report import (
+    Judged,
+    Row,
+    Table,
+    as_json,
+    notes,
+    predicted,
+    recordings_table,
+    tables,
+)
 from hri_sim.simulation.whole_node import TOLERANCE_M, TOLERANCE_S
 
 
@@ -58,8 +67,9 @@ def report(result: Result, out: Path | None) -> Report:
     if out is not None:
         from hri_sim.simulation.plot import write_plots  # wants matplotlib
 
+        written = [*shown, recordings_table(result.results)]
         markdown = "\n\n".join(
-            ["# Closed loop", *[t.markdown() for t in shown], "\n".join(f"- {n}" for n in said)]
+            ["# Closed loop", *[t.markdown() for t in written], "\n".join(f"- {n}" for n in said)]
         )
         for name, content in (("simulate.md", markdown + "\n"), ("simulate.json", text + "\n")):
             write_whole(out / name, content.encode())

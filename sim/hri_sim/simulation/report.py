@@ -216,6 +216,29 @@ def tables(
     return [harm, work, touch]
 
 
+def recordings_table(results: Sequence[Judged]) -> Table:
+    """What each recording brings in, the longest first: they decide the rates."""
+    first = results[0].by_recording
+    longest_first = sorted(first, key=lambda name: -first[name]["seconds"])
+    variants = [f"{r.predictor} {r.variant}" for r in results]
+
+    def productivity(judged: Judged, name: str) -> str:
+        sums = judged.by_recording[name]
+        if not sums["cycles_empty"]:
+            return "–"
+        return f"{100.0 * sums['cycles'] / sums['cycles_empty']:.1f}"
+
+    return Table(
+        "Productivity, %, by recording",
+        ["recording", "approaches", "seconds", *variants],
+        [
+            [name, f"{first[name]['approaches']:.0f}", f"{first[name]['seconds']:.0f}"]
+            + [productivity(r, name) for r in results]
+            for name in longest_first
+        ],
+    )
+
+
 def notes(results: Sequence[Judged]) -> list[str]:
     """What a reader must know."""
     first = results[0].totals
@@ -238,8 +261,8 @@ def notes(results: Sequence[Judged]) -> list[str]:
         f"for neither column of stops: what would have come is not recorded.",
         "Missed: the unprotected robot would have been touched, and the advice was clear or warn "
         "until then. Lead time: since when it asked for less, in the others.",
-        "Rates are sums over sums, so that long recordings weigh more; simulate.json has the sums "
-        "of each recording.",
+        "Rates are sums over sums, so that long recordings weigh more; with --out, simulate.md has "
+        "each recording's productivity and simulate.json its sums.",
         "Productivity: work cycles while somebody is there, against an empty cell in the same time "
         "behind the same wire.",
     ]
