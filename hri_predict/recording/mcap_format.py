@@ -28,6 +28,7 @@ from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.protocol.definition import SCHEMA_VERSION
 from hri_predict.protocol.messages import Acknowledge, Message, RobotMode, RobotState
+from hri_predict.recording.labels import MAX_ID
 from hri_predict.scene import Floats, Person, Scene
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 from hri_predict.skeleton import JOINTS
@@ -35,6 +36,7 @@ from hri_predict.skeleton import JOINTS
 FORMAT_VERSION = "1"
 LIBRARY = "hri-predict"
 METADATA = "hri_predict"
+MAX_COUNT = 2**64  # no clock's nanoseconds and no sequence go beyond
 
 _NUMBER, _TEXT, _LIST = {"type": "number"}, {"type": "string"}, {"type": "array"}
 SCHEMAS: dict[str, dict[str, Any]] = {
@@ -114,7 +116,7 @@ class RecordingInfo:
                 predictor=metadata.get("predictor", ""),
                 forecast_rate_hz=float(metadata.get("forecast_rate_hz", "0")),
             )
-        except (KeyError, ValueError, TypeError) as error:
+        except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
             raise RecordingError(f"its metadata are damaged ({error}); record it again") from error
 
 
@@ -125,6 +127,9 @@ def _joint_map(metadata: Mapping[str, str]) -> JointMap:
     if rotation.shape != (3, 3) or weights.shape != (len(JOINTS), len(joints)):
         raise ValueError("joint map")
     scale_to_m = float(metadata["scale_to_m"])
+    sane = np.isfinite(rotation).all() and (weights >= 0).all() and (weights <= 1).all()
+    if not (sane and 0 < scale_to_m < math.inf):
+        raise ValueError("numbers of the joint map")
     return JointMap(metadata["joint_map"], joints, scale_to_m, rotation, weights)
 
 
@@ -169,7 +174,7 @@ def scene_from_dict(data: dict[str, Any], joints: int) -> tuple[Scene, int]:
     """Back from ``scene_to_dict``: the scene and its receipt (ns, clock of the recording node).
 
     Raises:
-        ValueError, KeyError, TypeError: ``data`` is not such a scene.
+        ValueError, KeyError, TypeError, OverflowError: ``data`` is not such a scene.
     """
     people = []
     for person in data["people"]:
@@ -180,11 +185,22 @@ def scene_from_dict(data: dict[str, Any], joints: int) -> tuple[Scene, int]:
         observed = np.array([c == "1" for c in person["observed"]], dtype=np.bool_)
         if positions.shape != (joints, 3) or observed.shape != (joints,):
             raise ValueError(f"a person has {len(observed)} joints, expected {joints}")
-        people.append(Person(int(person["id"]), positions, observed))
-    scene = Scene(
-        int(data["capture_ns"]), int(data["sequence"]), data["sees_room"] is True, tuple(people)
-    )
-    return scene, int(data["receipt_ns"])
+        people.append(Person(whole(person["id"], 0, MAX_ID), positions, observed))
+    capture_ns, sequence = whole(data["capture_ns"]), whole(data["sequence"])
+    scene = Scene(capture_ns, sequence, data["sees_room"] is True, tuple(people))
+    return scene, whole(data["receipt_ns"])
+
+
+def whole(value: Any, least: int = -MAX_COUNT, most: int = MAX_COUNT) -> int:
+    """A whole number of nanoseconds, a sequence, or an id.
+
+    Raises:
+        ValueError, TypeError, OverflowError: it is none, or beyond what there can be.
+    """
+    number = int(value)
+    if not least <= number <= most:
+        raise ValueError(f"a number is not {least} to {most}")
+    return number
 
 
 def message_to_dict(message: Message) -> dict[str, Any]:

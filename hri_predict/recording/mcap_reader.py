@@ -19,6 +19,7 @@ from hri_predict.recording.mcap_format import (
     RecordingInfo,
     received_from_dict,
     scene_from_dict,
+    whole,
 )
 from hri_predict.recording.recording import Recording, check_gaps
 from hri_predict.scene import Scene
@@ -125,9 +126,9 @@ def _take(
             scenes.append(scene)
             arrivals.append(arrival_ns)
         else:
-            message = received_from_dict(data)
+            message, received_ns = received_from_dict(data), whole(data["received_ns"])
             if message is not None:
-                received.append((str(data["link"]), Received(message, int(data["received_ns"]))))
+                received.append((str(data["link"]), Received(message, received_ns)))
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise RecordingError(
             f"recording {path}: a message on {topic} is damaged ({error}); record it again"
