@@ -150,7 +150,8 @@ def _fitting(table: "Table", console: Console) -> ScreenTable:
         needed = [max(map(len, column)) for column in zip(*turned, strict=True)]
         if sum(needed) <= _room(console, len(needed)):
             return _screen_table(table.title, turned, needed)
-    return _screen_table(table.title, rows, _wrapped_widths(rows, console))
+    widths = wrapped_widths(rows, _room(console, len(table.columns)))
+    return _screen_table(table.title, rows, widths)
 
 
 def _room(console: Console, columns: int) -> int:
@@ -158,14 +159,18 @@ def _room(console: Console, columns: int) -> int:
     return console.width - 2 * columns - 1
 
 
-def _wrapped_widths(rows: Sequence[Sequence[str]], console: Console) -> list[int | None]:
-    """No word is broken while all columns' longest words fit; what is left goes to the longest."""
+def wrapped_widths(rows: Sequence[Sequence[str]], room: int) -> list[int | None]:
+    """A width for each column, together no more than ``room`` (``None``: as rich can do it).
+
+    No word is broken while all columns' longest words fit; what is left goes to the longest texts.
+    """
     columns = list(zip(*rows, strict=True))
     least = [max(len(word) for cell in c for word in cell.split() or [""]) for c in columns]
     more = [max(map(len, c)) - n for c, n in zip(columns, least, strict=True)]
-    spare = _room(console, len(columns)) - sum(least)
+    spare = room - sum(least)
     if spare < 0:
-        return [None] * len(columns)  # nothing fits; rich folds words as it must
+        return [None] * len(columns)  # rich folds words as it must
+    spare = min(spare, sum(more))
     return [n + spare * m // max(1, sum(more)) for n, m in zip(least, more, strict=True)]
 
 

@@ -5,6 +5,7 @@ import math
 import sys
 import threading
 import time
+from bisect import bisect_right
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -16,9 +17,10 @@ from rich.table import Table
 from rich.text import Text
 
 from hri_predict import registry
+from hri_predict.cli.common import wrapped_widths
 from hri_predict.cli.terminal_view import COLOURS
 from hri_predict.errors import ConfigError, HriPredictError, LinkError
-from hri_predict.fleet import MAX_CELLS, SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
+from hri_predict.fleet import SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
 from hri_predict.protocol.messages import Level
 from hri_predict.settings import validated
 
@@ -26,8 +28,9 @@ READ_S = 0.1
 RETRY_S = 0.5
 REDRAW_HZ = 4
 FRAME_LINES = 7  # of a page, around its rows
-_COLUMNS = {
-    "cell": 12, "node": 9, "robots": 9, "people": 6, "age": 7, "heard": 11, "lost": 4, "because": 20
+HEAD_LINES = 4  # of those the table's own
+_COLUMNS = {  # least widths: with a space around each, less than 80
+    "cell": 11, "node": 8, "robots": 9, "people": 6, "age": 7, "heard": 6, "lost": 4, "because": 16
 }  # fmt: skip
 _BAD = ("fault", SILENT, UNKNOWN, "stop", "starting", "stopping", "degraded", "slow", "warn")
 _STATES = {"running": "green", "degraded": "yellow", "fault": "white on red", SILENT: "bold red"}
@@ -163,25 +166,29 @@ class _Watch:
         if not sys.stdout.isatty():
             while time.monotonic() < end:
                 time.sleep(min(1.0, max(0.0, end - time.monotonic())))
-            console.print(self._page(MAX_CELLS + FRAME_LINES))
+            console.print(self._page(console, math.inf))
             return
         with Live(
-            get_renderable=lambda: self._page(console.height),
+            get_renderable=lambda: self._page(console, console.height),
             console=console,
             refresh_per_second=REDRAW_HZ,
         ):
             while time.monotonic() < end:
                 time.sleep(min(1.0, max(0.0, end - time.monotonic())))
 
-    def _page(self, lines: int) -> RenderableType:
+    def _page(self, console: Console, lines: float) -> RenderableType:
         rows, room = self.rows(), max(1, lines - FRAME_LINES)
-        if len(rows) > room:  # what does not fit must be no worse than what does
+        shown = rows
+        if (
+            len(rows) > room or _height(rows, console) > room
+        ):  # what does not fit must be no worse than what does
             rows.sort(key=_how_bad)
-        parts: list[RenderableType] = [_table(rows[:room])]
+            shown = _fitting(rows, room, console)
+        parts: list[RenderableType] = [_table(shown, console)]
         if not rows:
             parts.append(Text("no cell heard yet"))
-        elif len(rows) > room:
-            parts.append(Text(f"and {len(rows) - room} cells that are no worse"))
+        elif len(shown) < len(rows):
+            parts.append(Text(f"and {len(rows) - len(shown)} cells that are no worse"))
         if self.trouble:
             parts.append(Text(f"not connected: {self.trouble}", style="bold red"))
         if self._fleet.left_out:
@@ -191,25 +198,50 @@ class _Watch:
         return Group(*parts)
 
 
-def _table(rows: list[CellRow]) -> Table:
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name, width in _COLUMNS.items():
-        table.add_column(name, no_wrap=True, min_width=width, overflow="ellipsis")
-    for row in rows:
-        robots = Text(" ").join(
-            Text.assemble(f"{r.robot}:", (r.level.upper(), _colour(r.level))) for r in row.robots
-        )
-        table.add_row(
-            Text(f"{row.site}/{row.cell}"),
-            Text(row.state, style=_STATES.get(row.state, "magenta")),
-            robots,
-            "-" if row.people is None else str(row.people),
-            "-" if row.age_s is None else f"{row.age_s * 1e3:.0f} ms" if row.age_s < 10 else "old",
-            "-" if row.heard_s is None else f"{row.heard_s:.1f} s ago",
-            f"{row.lost + row.refused}",
-            Text(row.why or _because(row)),
-        )
+def _fitting(rows: list[CellRow], room: float, console: Console) -> list[CellRow]:
+    """The first rows, as many as fit into ``room`` lines; one at least."""
+    counts = range(1, min(len(rows), math.floor(room)) + 1)
+    fitting = bisect_right(counts, room, key=lambda count: _height(rows[:count], console))
+    return rows[: max(1, fitting)]
+
+
+def _height(rows: list[CellRow], console: Console) -> int:
+    """Lines of the rows, without the heading: long texts wrap."""
+    return len(console.render_lines(_table(rows, console))) - HEAD_LINES
+
+
+def _table(rows: list[CellRow], console: Console) -> Table:
+    cells = [_cells(row) for row in rows]
+    plain = [[cell.plain for cell in line] for line in cells]
+    steady = ["x" * width for width in _COLUMNS.values()]  # so that numbers shift nothing
+    widths = wrapped_widths([list(_COLUMNS), steady, *plain], console.width - len(_COLUMNS) - 1)
+    table = Table(box=SIMPLE_HEAD, padding=0)
+    for name, width in zip(_COLUMNS, widths, strict=True):
+        table.add_column(name, width=width, overflow="fold")
+    for line in cells:
+        table.add_row(*line)
     return table
+
+
+def _cells(row: CellRow) -> list[Text]:
+    robots = Text(" ").join(
+        Text.assemble(f"{r.robot}:", (r.level.upper(), _colour(r.level))) for r in row.robots
+    )
+    age = "-" if row.age_s is None else f"{row.age_s * 1e3:.0f} ms" if row.age_s < 10 else "old"
+    return [
+        Text(f"{row.site}/{row.cell}"),
+        Text(row.state, style=_STATES.get(row.state, "magenta")),
+        robots,
+        Text("-" if row.people is None else str(row.people)),
+        Text(age),
+        Text("-" if row.heard_s is None else _seconds(row.heard_s)),
+        Text(f"{row.lost + row.refused}"),
+        Text(row.why or _because(row)),
+    ]
+
+
+def _seconds(since: float) -> str:
+    return f"{since:.1f} s" if since < 100 else f"{since:.0f} s"
 
 
 def _how_bad(row: CellRow) -> int:

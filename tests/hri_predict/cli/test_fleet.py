@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from hri_predict.cli.fleet import FRAME_LINES, _Watch
-from hri_predict.fleet import Fleet
+from hri_predict.cli.fleet import FRAME_LINES, _table, _Watch
+from hri_predict.fleet import CellRow, Fleet, RobotRow
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed_codec import Keyed, KeyedSender
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
@@ -202,11 +202,45 @@ def test_what_does_not_fit_on_the_screen_is_no_worse_than_what_does() -> None:
             view.take(Keyed(f"hri/plant/cell{i}/{unit.key}", unit.data), time.monotonic_ns())
             sender = KeyedSender()
     console = Console(width=120, record=True, file=io.StringIO())
-    console.print(_Watch(None, view)._page(FRAME_LINES + 3))
+    console.print(_Watch(None, view)._page(console, FRAME_LINES + 3))
     shown = console.export_text().splitlines()
     cells = [line.split()[0] for line in shown if "plant/" in line]
     assert cells == ["plant/cell7", "plant/cell0", "plant/cell1"]
     assert "and 6 cells that are no worse" in shown
+
+
+LONG = [
+    CellRow("plant", f"welding_station_{k}", "degraded", "input too old, or it comes too slowly",
+            1, 0.213, 0.1, tuple(RobotRow(i, "unknown", "unknown", None, None) for i in range(3)),
+            12345, 0)
+    for k in range(9)
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_long_texts_wrap_and_are_never_cut_off(width: int) -> None:
+    console = Console(width=width, record=True, file=io.StringIO())
+    console.print(_table(LONG[:1], console))
+    shown = console.export_text()
+    assert all(len(line) <= width for line in shown.splitlines())
+    assert "…" not in shown
+    words = shown.split()
+    for word in ("2:UNKNOWN", "213", "ms", "0.1", "12345", *LONG[0].why.split()):
+        assert word in words
+
+
+def test_a_page_of_wrapped_rows_is_no_taller_than_the_screen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    watch = _Watch(None, Fleet())
+    monkeypatch.setattr(watch, "rows", LONG.copy)
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(watch._page(console, 24))
+    shown = console.export_text()
+    cells = shown.count("degraded")
+    assert 1 < cells < len(LONG)
+    assert f"and {len(LONG) - cells} cells that are no worse" in shown
+    assert len(shown.splitlines()) <= 24
 
 
 def test_nobody_to_connect_to_is_an_error_that_names_the_endpoint() -> None:
