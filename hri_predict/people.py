@@ -5,6 +5,7 @@ from collections import Counter
 
 import numpy as np
 
+from hri_predict.body_size import is_human_sized
 from hri_predict.joint_map import JointMap
 from hri_predict.lost import PLACE_SLACK_M, LostPeople, in_region, match_places
 from hri_predict.people_settings import PeopleSettings
@@ -167,6 +168,9 @@ class People:
         )
         observed = observed & np.isfinite(positions).all(axis=1)
         if not observed.any():
+            return None
+        if not is_human_sized(positions, observed):
+            self._refuse("wrong_size_bodies")
             return None
         return Body(person.id, np.where(observed[:, None], positions, 0.0), observed)
 

@@ -88,7 +88,7 @@ _TEXT = {
     Reason.INPUT_STALE: ("the newest scene is too old", "fresh scenes arrive"),
     Reason.INPUT_FROZEN: ("the source repeats itself", "the source's data change again"),
     Reason.INPUT_IMPOSSIBLE: (
-        "a body moved as no body can, or its joints are not numbers",
+        "a body moved as no body can, is of no human size (units?), or its joints are not numbers",
         "plausible captures arrive",
     ),
     Reason.SOURCE_BLIND: ("the source says that it does not see the room", "it sees the room"),

@@ -309,7 +309,7 @@ def test_snapshots_are_whole_while_scenes_come_in(make_room):
         try:
             for i in range(1500):
                 positions = np.full((J, 3), 0.01 * i)
-                positions[:, 1:] = 0.0
+                positions[:, 1:] = SHAPE[:, 1:]
                 room.now += PERIOD
                 room.sequence += 1
                 person = Person(i // 300, positions, ALL)
