@@ -8,7 +8,7 @@ can be read are joints that somebody computed and saved beside them or instead.
 |---|---|---|
 | ``joints`` or ``Jtr`` | (F, J, 3) | metres, z up |
 | ``mocap_framerate``, ``mocap_frame_rate`` or ``fps`` | () | frames per second |
-| ``joint_names`` | (J,) | left out: SMPL's own names in its order, for the body's 22 or 24 joints |
+| ``joint_names`` | (J,) | left out: SMPL's names in its order, if J is one of ``BODIES`` |
 """
 
 import math
@@ -36,7 +36,9 @@ SMPL = (
     "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hand", "right_hand",
 )  # fmt: skip
 """smplx, joint_names.py; SMPL-H and SMPL-X have the first 22, then fingers."""
-BODY = 22
+BODIES = {22: 22, 24: 24, 45: 24, 52: 22, 55: 22, 73: 22, 127: 22, 144: 22}
+"""Joints in a file: how many of them, from the first, are SMPL's. Models of other numbers (25 of
+OpenPose or Kinect, 44 of SPIN) have other joints in other orders, whose names must be said."""
 
 
 def is_amass(path: Path) -> bool:
@@ -88,7 +90,7 @@ def read_amass(
 
 def _names(path: Path, arrays: Mapping[str, Any], count: int) -> list[str]:
     if arrays.get("joint_names") is None:
-        known = SMPL if count == len(SMPL) else SMPL[:BODY] if count >= BODY else ()
+        known = SMPL[: BODIES.get(count, 0)]
         return [*known, *(f"joint_{k}" for k in range(len(known), count))]
     names = [str(name) for name in np.asarray(arrays["joint_names"]).ravel()]
     if len(names) != count or len(set(names)) != count:

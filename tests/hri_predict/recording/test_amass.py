@@ -39,6 +39,12 @@ def test_joints_in_the_order_of_smpl(save, key, count):
         np.testing.assert_array_equal(mapped[JOINTS.index(name)], joints[2, column])
 
 
+@pytest.mark.parametrize("count", [17, 23, 25, 44])
+def test_as_many_joints_as_no_smpl_has_are_not_taken_for_it(save, count):
+    joints = np.random.default_rng(0).normal(size=(3, count, 3))
+    assert "no joint is known as" in _error(save(joints=joints, fps=30))
+
+
 def test_names_in_the_file_come_first(save):
     names = np.array([*JOINTS[::-1], "tool"])
     joints = np.random.default_rng(0).normal(size=(3, 22, 3))
