@@ -40,17 +40,21 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
         RecordingError: it cannot be written; the recording is not for this format.
         ConfigError: a file is there; the format cannot hold the joints' names.
     """
-    if output.exists():
-        if output.is_dir():
-            raise ConfigError(f"{output}: is a folder; name a file in it")
-        if recording.path.exists() and output.samefile(recording.path):
-            raise ConfigError(f"{output}: is the recording that is read; name another file")
-        if not force:
-            raise ConfigError(f"{output}: is there already; --force replaces it")
     try:
+        if output.exists():
+            _check_replaceable(recording, output, force)
         with whole_file(output) as partial:
             return WRITERS[to](partial, recording)
     except OSError as error:
         raise RecordingError(
             f"{output}: cannot be written: {error.strerror or error}; name another file"
         ) from error
+
+
+def _check_replaceable(recording: Recording, output: Path, force: bool) -> None:
+    if output.is_dir():
+        raise ConfigError(f"{output}: is a folder; name a file in it")
+    if recording.path.exists() and output.samefile(recording.path):
+        raise ConfigError(f"{output}: is the recording that is read; name another file")
+    if not force:
+        raise ConfigError(f"{output}: is there already; --force replaces it")

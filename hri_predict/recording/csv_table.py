@@ -220,8 +220,15 @@ def write_csv(path: Path, recording: Recording) -> Written:
 
 
 def _since(recording: Recording) -> list[int]:
+    """ns since the first scene; of scenes received together, each 1 ns after the one before.
+
+    Rows of one time are one scene.
+    """
     times_ns = true_times(recording)
-    return [ns - times_ns[0] for ns in times_ns]
+    since = [0]
+    for ns in times_ns[1:]:
+        since.append(max(ns - times_ns[0], since[-1] + 1))
+    return since
 
 
 def _cells(person: Person) -> list[str]:

@@ -93,6 +93,8 @@ def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli,
     assert cli("two.csv", "two.trc")[0] == 0
     before = Path("two.trc").read_bytes()
     assert "two.trc: is there already; --force replaces it" in mistake("two.csv", "two.trc")
+    assert "cannot be written: File name too long" in mistake("two.csv", f"{'a' * 300}.csv")
+    assert "cannot be written" in mistake("two.csv", "two.csv/three.csv")
     assert cli("two.csv", "two.trc", "--rate", 10, "--force")[0] == 0
     assert Path("two.trc").read_bytes() != before
     assert "is the recording that is read" in mistake("two.csv", "two.csv", "--force")

@@ -1,5 +1,6 @@
 """What is written is read back: joints, names, people, times, and what was not observed."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -194,3 +195,12 @@ def test_a_person_who_is_not_there_is_named():
 
 def test_every_writer_has_a_tolerance_or_its_own_tests():
     assert {*TOLERANCE_M, "bvh"} == set(WRITERS)
+
+
+@pytest.mark.parametrize("to", SEVERAL)
+def test_scenes_that_were_received_together_stay_two(tmp_path, to):
+    """As after a delay on the network, of a source whose clock is not the node's."""
+    arrival_s = (0, 0, 1, 1, 2, 3)
+    recording = replace(made(["a"], frames=6, missing=0), arrival_ns=[s * 10**9 for s in arrival_s])
+    found = through(recording, to, tmp_path)
+    assert sum(scene.people[0].observed.any() for scene in found.scenes) == 5
