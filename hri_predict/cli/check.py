@@ -81,15 +81,17 @@ def examine(config: Config) -> dict[str, Any]:
         model.name: model.stopping(settings.max_speed_m_s)
         for model, settings in zip(assembly.robots, config.node.robots, strict=True)
     }
-    reaction = sum(budget.terms().values())
+    terms = dict(budget.terms())
+    reaction_time_s = sum(terms.values())
+    terms["controller_reaction"] = terms.pop("reaction")  # one part of T_r, not all of it
     risk = _risk_needs(config, assembly, budget)
     return {
         "path": str(config.path),
-        "delay_budget_s": budget.terms(),
-        "reaction_s": reaction,
-        "refuse_advice_older_than_s": reaction - budget.terms()["reaction"],
+        "delay_budget_s": terms,
+        "reaction_time_s": reaction_time_s,
+        "refuse_advice_older_than_s": reaction_time_s - terms["controller_reaction"],
         "stopping": {name: {"time_s": t, "distance_m": d} for name, (t, d) in stops.items()},
-        "until_stopped_s": {name: reaction + t for name, (t, _) in stops.items()},
+        "until_stopped_s": {name: reaction_time_s + t for name, (t, _) in stops.items()},
         "horizon_s": assembly.prediction.predictor.horizon_steps
         / assembly.prediction.predictor.rate_hz,
         "risk": risk,
@@ -192,11 +194,22 @@ def _risk_table(risk: dict[str, Any]) -> Table:
     return table
 
 
+_DELAYS = {
+    "age": "age of the input at the tick",
+    "encoding": "from the tick to encoding",
+    "cycle": "one cycle",
+    "link_delay": "link: delay_s, and a frame on the wire",
+    "silence_timeout": "controller: silence_timeout_s",
+    "controller_reaction": "controller: reaction_s until it brakes",
+}
+
+
 def _delay_table(found: dict[str, Any]) -> Table:
     table = Table(title="Delay budget (worst case)", title_justify="left", show_header=False)
     for name, seconds in found["delay_budget_s"].items():
-        table.add_row(name.replace("_", " "), f"{seconds * 1e3:.0f} ms")
-    table.add_row("reaction, T_r", f"{found['reaction_s'] * 1e3:.0f} ms", end_section=True)
+        table.add_row(_DELAYS[name], f"{seconds * 1e3:.0f} ms")
+    total_ms = found["reaction_time_s"] * 1e3
+    table.add_row("T_r: reaction time, capture to braking", f"{total_ms:.0f} ms", end_section=True)
     table.add_row(
         "controllers: refuse advice older than",
         f"{found['refuse_advice_older_than_s'] * 1e3:.0f} ms",

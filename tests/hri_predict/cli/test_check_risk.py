@@ -35,8 +35,8 @@ def test_the_terms_at_full_speed(checked):
     found = checked("  mode: iso\n  intrusion_m: 0.16\n")
     needs, stop = found["risk"]["robots"]["arm"], found["stopping"]["arm"]
     # 1 m/s; v_h 1.6 m/s until it stands
-    assert needs["s_h"] == pytest.approx(1.6 * (found["reaction_s"] + stop["time_s"]))
-    assert needs["s_r"] == pytest.approx(1.0 * found["reaction_s"])
+    assert needs["s_h"] == pytest.approx(1.6 * (found["reaction_time_s"] + stop["time_s"]))
+    assert needs["s_r"] == pytest.approx(1.0 * found["reaction_time_s"])
     assert needs["s_s"] == stop["distance_m"]
     assert (needs["c"], needs["z_d"], needs["z_r"]) == (0.16, 0.05, 0.01)
     total = sum(needs[term] for term in ("s_h", "s_r", "s_s", "c", "z_d", "z_r"))

@@ -336,7 +336,7 @@ def test_check_of_what_is_shipped(cli, name, links):
     status, out, err = cli("check", data_path(name), "--json")
     assert (status, err) == (0, "")
     data = json.loads(out)
-    assert data["reaction_s"] == pytest.approx(sum(data["delay_budget_s"].values()))
+    assert data["reaction_time_s"] == pytest.approx(sum(data["delay_budget_s"].values()))
     assert data["until_stopped_s"]["arm"] <= data["horizon_s"]
     assert [link["name"] for link in data["links"]] == links
     for link in data["links"]:
@@ -345,5 +345,11 @@ def test_check_of_what_is_shipped(cli, name, links):
         assert link["spare"] >= 0
     status, out, _ = cli("check", data_path(name))
     assert status == 0
-    for part in ("silence timeout", "reaction, T_r", "stopping at full speed", links[-1], "fine"):
+    for part in (
+        "controller: reaction_s",
+        "T_r: reaction time, capture to braking",
+        "stopping at full speed",
+        links[-1],
+        "fine",
+    ):
         assert part in out
