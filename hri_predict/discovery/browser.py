@@ -9,7 +9,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-from zeroconf import ServiceBrowser, ServiceInfo, ServiceStateChange, Zeroconf
+from zeroconf import (
+    BadTypeInNameException,
+    ServiceBrowser,
+    ServiceInfo,
+    ServiceStateChange,
+    Zeroconf,
+)
 
 from hri_predict.discovery.services import KINDS, LOOPBACK, Service, ServiceSettings, printable
 from hri_predict.errors import DiscoveryError, nearest
@@ -114,7 +120,10 @@ def _keeper(seen: dict[str, tuple[str, bool]]) -> Any:
 
 def _read(zeroconf: Zeroconf, service_type: str, name: str, wait: bool = False) -> Service | None:
     """What a service says; without ``wait`` only what was heard already."""
-    info = ServiceInfo(service_type, name)
+    try:
+        info = ServiceInfo(service_type, name)
+    except BadTypeInNameException:  # whoever sent that cannot be asked
+        return None
     heard = info.request(zeroconf, ANSWER_S * 1e3) if wait else info.load_from_cache(zeroconf)
     if not heard:
         return None

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from zeroconf import ServiceInfo, Zeroconf
+from zeroconf import DNSOutgoing, DNSPointer, ServiceInfo, Zeroconf, const
 
 from hri_predict import config as configuration
 from hri_predict import session
@@ -102,6 +102,31 @@ def test_sources_and_controllers_are_found_looked_at_and_resolved(
     assert resolve(TCP, f"{TAG} camera", 5.0) == server.getsockname()
     with pytest.raises(DiscoveryError, match=rf"'{TAG} kamera' .*did you mean '{TAG} camera'"):
         resolve(TCP, f"{TAG} kamera", 0.5)
+
+
+@pytest.mark.realtime
+def test_names_that_no_service_can_have_hide_no_other(announced: Zeroconf) -> None:
+    """Whoever is on the network can send such an answer, unasked."""
+    over = threading.Event()
+
+    def send() -> None:
+        while not over.wait(0.05):
+            for bad in (f"{TAG} \x01\x1b[31m.{TCP}", f"{TAG} elsewhere.local."):
+                out = DNSOutgoing(const._FLAGS_QR_RESPONSE | const._FLAGS_AA)
+                pointer = DNSPointer(TCP, const._TYPE_PTR, const._CLASS_IN, 2, bad)
+                out.add_answer_at_time(pointer, 0)
+                announced.send(out)
+
+    sender = threading.Thread(target=send, daemon=True)
+    sender.start()
+    try:
+        found = {s.name.removeprefix(f"{TAG} "): s.liveness for s in mine(discover(0.5))}
+    finally:
+        over.set()
+        sender.join()
+    assert found.pop("??[31m") == "vanished"
+    assert found.pop("elsewhere.local.") == "vanished"
+    assert len(found) == 4
 
 
 @pytest.mark.realtime
