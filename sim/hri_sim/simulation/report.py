@@ -226,7 +226,8 @@ def recordings_table(results: Sequence[Judged]) -> Table:
         sums = judged.by_recording[name]
         if not sums["cycles_empty"]:
             return "–"
-        return f"{100.0 * sums['cycles'] / sums['cycles_empty']:.1f}"
+        percent = round(100.0 * sums["cycles"] / sums["cycles_empty"], 1)
+        return f"{percent + 0.0:.1f}"  # never -0.0, for sums are rounded
 
     return Table(
         "Productivity, %, by recording",

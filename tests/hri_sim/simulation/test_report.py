@@ -69,11 +69,11 @@ def test_what_each_recording_brings_in():
 
 
 def test_productivity_by_recording_the_longest_first():
-    iso = rows(seconds=(10.0, 99.6), cycles=(1.0, 1.0), cycles_empty=(4.0, 0.0))
+    iso = rows(seconds=(10.0, 99.6), cycles=(-1e-17, 1.0), cycles_empty=(4.0, 0.0))
     other = rows(seconds=(10.0, 99.6), cycles=(3.0, 1.0), cycles_empty=(4.0, 2.0))
     table = recordings_table([judged("p", "iso", iso), judged("p", "predictive", other)])
     assert table.columns[3:] == ["p iso", "p predictive"]
-    assert table.rows == [["b", "1", "100", "–", "50.0"], ["a", "1", "10", "25.0", "75.0"]]
+    assert table.rows == [["b", "1", "100", "–", "50.0"], ["a", "1", "10", "0.0", "75.0"]]
 
 
 def test_nothing_to_divide_by_is_a_dash():
