@@ -157,6 +157,8 @@ class MvnDecoder:
                 self._counters.malformed += 1
                 self._counters.note(
                     f"MVN character {number} has limbs of {length:.3g} m; correct 'units'"
+                    if length == length
+                    else f"of MVN character {number} no limb was sent; look at the suit in MVN"
                 )
                 return False
         return True

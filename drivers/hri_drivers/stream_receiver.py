@@ -21,7 +21,8 @@ from hri_predict.source import SourceCounters
 CHUNK = 65_536
 CONNECT_TIMEOUT_S = 2.0
 SILENT_S = 2.0
-"""A connection that has said nothing for so long gives its place to a new one."""
+"""A connection that has said nothing whole for so long gives its place to a new one: a byte now and
+then, or pings alone, keep no place."""
 
 
 class Splitter(Protocol):
@@ -133,8 +134,10 @@ class StreamServer:
         if not data:
             self._lose(connection)
             return []
-        self._senders[connection] = (splitter, time.monotonic())
-        return self._units(connection, data)
+        units = self._units(connection, data)
+        if units and connection in self._senders:
+            self._senders[connection] = (splitter, time.monotonic())
+        return units
 
     def _units(self, connection: socket.socket, data: bytes) -> list[bytes]:
         """What came of one sender."""

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from hri_drivers import stream_receiver
+from hri_drivers.scene_json import LineSplitter
 from hri_predict import registry
 from hri_predict.errors import ConfigError, SourceError
 from hri_predict.settings import validated
+from hri_predict.source import SourceCounters
 
 pytestmark = pytest.mark.realtime
 
@@ -114,6 +116,24 @@ def test_a_program_that_went_silent_gives_its_place(
         ear.scene()
         assert silent.recv(1) == b""
     assert ear.counters.disconnects >= 1
+
+
+def test_a_byte_now_and_then_keeps_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(stream_receiver.time, "monotonic", lambda: now[0])
+    server = stream_receiver.StreamServer("127.0.0.1", 0, LineSplitter, 1, SourceCounters())
+    server.open()
+    with connect(server.port) as slow:
+        assert server.read(5.0) == []  # let in
+        for now[0] in (1.0, 2.0, 3.0):
+            slow.sendall(b" ")
+            assert server.read(5.0) == []
+        with connect(server.port) as other:
+            assert server.read(5.0) == []
+            other.sendall(b"scene\n")
+            assert server.read(5.0) == [b"scene"]
+            assert slow.recv(1) == b""
+        server.close()
 
 
 def test_what_is_no_scene_is_counted_explained_and_passed_over(hear: Hear) -> None:
