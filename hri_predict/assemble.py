@@ -7,7 +7,7 @@ from typing import Any
 from hri_predict import registry
 from hri_predict.clock import Clock
 from hri_predict.config import Config
-from hri_predict.errors import ConfigError, HriPredictError
+from hri_predict.errors import ConfigError, HriPredictError, RobotError
 from hri_predict.link import Link, LinkSettings
 from hri_predict.node import Listener, Node
 from hri_predict.people import People
@@ -56,6 +56,17 @@ def build_predictor(config: Config) -> Predictor:
     settings = config.predictor.resolved(config.base_dir)
     predictor: Predictor = _built(cls, f"predictor '{settings.name}'", settings)
     return predictor
+
+
+def build_robots(config: Config) -> tuple[RobotModel, ...]:
+    """The robots, in the configuration's order."""
+    robots = []
+    for index, settings in enumerate(config.node.robots):
+        try:
+            robots.append(load_robot(settings, config.base_dir))
+        except RobotError as error:
+            raise RobotError(f"{config.path}: robots.{index}.{error}") from error
+    return tuple(robots)
 
 
 def build_people(config: Config, source: Source, predictor: Predictor) -> People:
@@ -189,7 +200,7 @@ def build(
     node = config.node
     source = source or build_source(config)
     predictor = build_predictor(config)
-    robots = tuple(load_robot(r, config.base_dir) for r in node.robots)
+    robots = build_robots(config)
     trackers = tuple(
         RobotTracker(settings, model, config.base_dir, clock.now_ns())
         for settings, model in zip(node.robots, robots, strict=True)

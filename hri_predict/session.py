@@ -97,6 +97,7 @@ def _cell(config: Config, clock: Clock, options: Options) -> Any | None:
         )
     if not simulated:
         return None
+    assemble.build_robots(config)  # what is wrong with one is named by its key, as without a cell
     cls = registry.load("cells", "mock")
     return cls(simulated, config.node.robots, config.base_dir, clock, options.factor or 1.0)
 

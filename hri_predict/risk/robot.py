@@ -304,13 +304,17 @@ def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:
         base_dir: what a relative path in it is relative to.
 
     Raises:
-        RobotError: broken chain, missing capsule, stopping table that falls, payload above it, ...
+        RobotError: broken chain, missing capsule, stopping table that falls, payload above it, ...;
+            begins with the key of the entry.
     """
-    file = read_robot_file(settings.model, base_dir)
+    try:
+        file = read_robot_file(settings.model, base_dir)
+    except RobotError as error:
+        raise RobotError(f"model: {error}") from error
     heaviest = file.stopping.rows[-1].payload_kg
     if settings.payload_kg is not None and settings.payload_kg > heaviest:
         raise RobotError(
-            f"robot '{settings.name}': payload_kg {settings.payload_kg:g} is above the stopping "
+            f"payload_kg: {settings.payload_kg:g} of '{settings.name}' is above the stopping "
             f"table of '{settings.model}', which ends at {heaviest:g} kg; "
             f"measure the stopping time with this load and add a row"
         )

@@ -167,7 +167,10 @@ CONFIG_MISTAKES: dict[str, tuple[list[Any], list[str]]] = {
         [(["predictor", "horizon_s"], 0.4)],
         ["predictor.horizon_s", "T_r", "T_s", "0.400"],
     ),
-    "unknown robot model": ([(["robots", 0, "model"], "ur6e")], ["ur6e", "ur5e"]),
+    "unknown robot model": (
+        [(["robots", 0, "model"], "ur5x")],
+        ["cell.yaml: robots.0.model", "'ur5x'", "did you mean 'ur5'?", "ur5e"],
+    ),
     "unknown trajectory": (
         [(["links", 0, "simulate", "trajectory"], "dance")],
         ["dance", "pick_and_place"],

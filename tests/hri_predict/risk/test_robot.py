@@ -364,7 +364,7 @@ def test_mistakes_give_one_line_that_names_the_file(tmp_path: Path, case: str) -
 
 
 def test_a_payload_above_the_table_is_refused() -> None:
-    with pytest.raises(RobotError, match=r"payload_kg 7.*ends at 5 kg.*add a row"):
+    with pytest.raises(RobotError, match=r"payload_kg: 7.*ends at 5 kg.*add a row"):
         ur5e(payload_kg=7.0)
 
 
