@@ -24,6 +24,7 @@ from hri_predict.fleet import SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
 from hri_predict.protocol.messages import Level
 from hri_predict.settings import validated
 
+MAX_S, MAX_SILENT_S = 1e9, 3600.0
 READ_S = 0.1
 RETRY_S = 0.5
 REDRAW_HZ = 4
@@ -59,9 +60,9 @@ def fleet(
 
     Example: hri-predict fleet --connect tcp/127.0.0.1:7447
     """
-    for flag, value in (("--seconds", seconds), ("--silent", silent)):
-        if value is not None and not 0 < value < math.inf:
-            raise ConfigError(f"{flag} {value}: give a number above 0")
+    for flag, value, most in (("--seconds", seconds, MAX_S), ("--silent", silent, MAX_SILENT_S)):
+        if value is not None and not 0 < value <= most:
+            raise ConfigError(f"{flag} {value}: give a number above 0, up to {most:.0f}")
     watch = _Watch(_observer(site, connect, listen, zenoh_config), Fleet(silent))
     watch.start()
     try:

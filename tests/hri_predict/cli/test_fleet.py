@@ -18,7 +18,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from hri_predict.cli.fleet import FRAME_LINES, _table, _Watch
+from hri_predict.cli.fleet import FRAME_LINES, _table, _Watch, fleet
+from hri_predict.errors import ConfigError
 from hri_predict.fleet import CellRow, Fleet, RobotRow
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed_codec import Keyed, KeyedSender
@@ -254,3 +255,10 @@ def test_nobody_to_connect_to_is_an_error_that_names_the_endpoint() -> None:
     assert done.returncode == 2
     assert f"zenoh {end}: nobody answers; start the router or peer there" in done.stderr
     assert "no cell heard yet" in done.stdout
+
+
+@pytest.mark.parametrize("flag", ["seconds", "silent"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 1e300])
+def test_times_that_no_clock_counts_are_refused(flag: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=f"--{flag} .*: give a number above 0, up to"):
+        fleet(**{flag: value})
