@@ -10,9 +10,9 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed_codec import Keyed, KeyedReceiver, split_key
 from hri_predict.protocol.messages import Advice, Message, NodeState, Schema, Status
+from hri_predict.protocol.reception import FORGET_S, SchemaGate
 
 MAX_CELLS = 256
 SILENT_S = 0.5  # Status comes at least ten times a second
@@ -77,13 +77,16 @@ class _Cell:
     receiver: KeyedReceiver = field(default_factory=KeyedReceiver)
     status: Status | None = None
     status_ns: int = 0
-    schema_matches: bool | None = None
+    schema: SchemaGate = field(default_factory=SchemaGate)
+    heard_ns: int = 0
     advices: dict[int, tuple[Advice, int]] = field(default_factory=dict)
     disputed_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DISPUTE))
     refused: int = 0
     out_of_order: int = 0
 
     def take(self, unit: Keyed, now_ns: int) -> None:
+        if now_ns - self.heard_ns > FORGET_S * 1e9:
+            self.schema.reset()  # another node, of another version even, may speak now
         before = self.receiver.counters.counter_errors
         messages = self.receiver.feed(unit)
         if not messages:
@@ -96,10 +99,11 @@ class _Cell:
             self._note(message, now_ns)
 
     def _note(self, message: Message, now_ns: int) -> None:
+        self.heard_ns = now_ns
         if isinstance(message, Status):
             self.status, self.status_ns = message, now_ns
         elif isinstance(message, Schema):
-            self.schema_matches = (message.version, message.hash) == (SCHEMA_VERSION, SCHEMA_HASH)
+            self.schema.take(message)
         elif isinstance(message, Advice):
             self.advices[message.robot] = (message, now_ns)
 
@@ -161,9 +165,9 @@ class Fleet:
         if silent:
             stopped = cell.status is not None and cell.status.node_state is NodeState.STOPPING
             return "its node was stopped" if stopped else "nothing heard"
-        if cell.schema_matches is None:
+        if cell.schema.heard is None:
             return "its schema is not heard yet"
-        if not cell.schema_matches:
+        if not cell.schema.open:
             return "its node has another version of the protocol"
         first_ns = cell.disputed_ns[0] if len(cell.disputed_ns) == DISPUTE else None
         if first_ns is not None and now_ns - first_ns < DISPUTE_S * 1e9:

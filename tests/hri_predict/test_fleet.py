@@ -76,6 +76,21 @@ def test_before_the_schema_and_with_another_all_is_unknown() -> None:
     assert only(fleet, S).robots[0].level == "clear"
 
 
+def test_after_a_silence_the_schema_must_come_again() -> None:
+    """Who speaks now may be a node of another version, whose bytes pass the CRC all the same."""
+    fleet = Fleet()
+    node = Node(fleet)
+    node.say(S, OURS, RUNNING, CLEAR)
+    node.say(2 * S, RUNNING, CLEAR)
+    assert only(fleet, 2 * S).robots[0].level == "clear"
+    node.say(3 * S + 1, RUNNING, CLEAR)
+    row = only(fleet, 3 * S + 1)
+    assert (row.state, row.robots[0].level) == ("unknown", "unknown")
+    assert row.why == "its schema is not heard yet"
+    node.say(3 * S + 2, OURS)
+    assert only(fleet, 3 * S + 2).robots[0].level == "clear"
+
+
 def test_an_old_or_unknown_capture_permits_nothing() -> None:
     for age_s in (None, 1.1):
         fleet = Fleet()
