@@ -260,5 +260,6 @@ def test_nobody_to_connect_to_is_an_error_that_names_the_endpoint() -> None:
 @pytest.mark.parametrize("flag", ["seconds", "silent"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 1e300])
 def test_times_that_no_clock_counts_are_refused(flag: str, value: float) -> None:
+    asked: dict[str, Any] = {flag: value}
     with pytest.raises(ConfigError, match=f"--{flag} .*: give a number above 0, up to"):
-        fleet(**{flag: value})
+        fleet(**asked)
