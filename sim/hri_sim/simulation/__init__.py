@@ -204,7 +204,8 @@ def _result(plan: Plan, store: Store) -> Result:
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
-        "recordings": ", ".join(Path(name).stem for name in plan.motions),
+        "recordings": [Path(name).stem for name in plan.motions],
+        "folders": sorted({"/".join(Path(name).parts[-3:-1]) for name in plan.motions} - {""}),
     }
     return Result(results, alone, predictions, checks, disagreements, asked)
 

@@ -19,6 +19,9 @@ from hri_sim.simulation.report import (
 )
 from hri_sim.simulation.whole_node import TOLERANCE_M, TOLERANCE_S
 
+NAMED = 3
+"""More recordings than these are counted, not named, in the notes."""
+
 
 @dataclass(frozen=True)
 class Result:
@@ -60,7 +63,7 @@ def report(result: Result, out: Path | None) -> Report:
         f"Run again through the whole node: {result.checks} episodes, {agree} agree (the same "
         f"contacts, stops to {TOLERANCE_S:g} s, smallest separation to {TOLERANCE_M:g} m)."
     )
-    said.append("Asked for: " + "; ".join(f"{k} {v}" for k, v in result.asked.items()) + ".")
+    said.append(asked_for(result.asked))
     said += [f"Disagrees: {line}" for line in result.disagreements]
     text = json.dumps(_data(result, said), indent=1)
     files = []
@@ -76,6 +79,17 @@ def report(result: Result, out: Path | None) -> Report:
             files.append(out / name)
         files += write_plots(result.results, out)
     return Report(shown, said, text, files)
+
+
+def asked_for(asked: Mapping[str, Any]) -> str:
+    """What decides the numbers, in a sentence: of many recordings how many, and from where."""
+    names, folders = asked["recordings"], asked["folders"]
+    recordings = f"recordings {', '.join(names)}"
+    if len(names) > NAMED:
+        where = f" from {' and '.join(folders)}" if folders else f" ({names[0]} and so on)"
+        recordings = f"{len(names)} recordings{where}; simulate.json and --json name them"
+    rest = (f"{k} {v}" for k, v in asked.items() if k not in ("recordings", "folders"))
+    return f"Asked for: {'; '.join(rest)}; {recordings}."
 
 
 def _data(result: Result, said: Sequence[str]) -> dict[str, Any]:

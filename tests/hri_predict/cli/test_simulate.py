@@ -47,6 +47,7 @@ def test_tables_files_and_resumed_json(cli, small, tmp_path):
     assert data == json.loads((out / "simulate.json").read_text())
     assert [r["mode"] for r in data["results"]] == ["iso", "predictive", "unprotected"]
     assert data["whole_node"] == {"episodes": 2, "disagreements": []}
+    assert data["asked"]["recordings"] == ["arms"]
 
 
 @pytest.mark.parametrize(

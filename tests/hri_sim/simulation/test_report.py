@@ -3,6 +3,7 @@
 import pytest
 
 from hri_sim.simulation.outcome import Outcome, Prediction
+from hri_sim.simulation.publish import asked_for
 from hri_sim.simulation.report import (
     METRICS,
     judged,
@@ -120,3 +121,18 @@ def test_tables_say_how_few_recordings_there_are_and_end_with_no_protection():
     for table in (harm, work, touch):
         assert all(len(row) == len(table.columns) for row in table.rows)
         assert table.markdown().count("\n") == 2 + 1 + len(table.rows)
+
+
+@pytest.mark.parametrize(
+    ("recordings", "folders", "said"),
+    [
+        (["a", "b"], ["lab/monday"], "recordings a, b."),
+        (list("abcd"), ["lab/monday"], "4 recordings from lab/monday; simulate.json and --json"),
+        (list("abcd"), ["lab/a", "lab/b"], "4 recordings from lab/a and lab/b; "),
+        (["procedural:0"] * 24, [], "24 recordings (procedural:0 and so on); "),
+    ],
+)
+def test_many_recordings_are_counted_and_a_few_are_named(recordings, folders, said):
+    asked = {"configuration": "c.yaml", "seed": 3, "recordings": recordings, "folders": folders}
+    line = asked_for(asked)
+    assert line.startswith(f"Asked for: configuration c.yaml; seed 3; {said}")
