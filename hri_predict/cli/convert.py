@@ -15,10 +15,9 @@ from hri_predict.recording.converting import ENDINGS, WRITERS, write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
-from hri_predict.recording.recording import Recording
+from hri_predict.recording.recording import SELF_EXPLAINED, Recording
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 
-SELF_EXPLAINED = ("cmu", "assembly", "mcap")  # units and axes of these are fixed
 _MAX_START_S = 1e9
 
 

@@ -19,6 +19,7 @@ from hri_predict.skeleton import JOINTS
 # Heading of a recording's start: the way first travelled, if it is long enough to be one.
 HEADING_WINDOW_S = 1.0
 HEADING_TRAVEL_M = 0.3
+SELF_EXPLAINED = ("cmu", "assembly", "mcap")  # kinds whose units and axes are fixed
 MAX_GAP_S = 3600.0  # between two scenes; a node that waits longer seems to hang
 
 

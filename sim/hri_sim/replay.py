@@ -20,6 +20,7 @@ from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.link import Received
 from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.recording.cutting import between, decimated
+from hri_predict.recording.recording import SELF_EXPLAINED
 from hri_predict.scene import Bools, Floats, Scene
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose, Vector3
 from hri_predict.source import SourceSettings
@@ -73,7 +74,7 @@ class RecordingSource:
 
         Raises:
             RecordingError: it cannot be read.
-            ConfigError: the part or rate asked for is not in it.
+            ConfigError: the part or rate asked for is not in it; units or axes that it states.
         """
         recording = open_recording(
             _find(settings.path, base_dir),
@@ -81,6 +82,7 @@ class RecordingSource:
             unit_m=settings.unit_m,
             axes=settings.axes,
         )
+        _check_own(recording, settings)
         if recording.note:
             log.warning("recording %s: %s", recording.path, recording.note)
         recording = placed(_part(recording, settings), settings.room_from_source, settings.place)
@@ -223,6 +225,15 @@ def _true_times(recording: Recording) -> list[int]:
     same_clock = abs(recording.arrival_ns[0] - captures[0]) < 1_000_000_000
     in_order = all(a < b for a, b in itertools.pairwise(captures))
     return captures if same_clock and in_order else list(recording.arrival_ns)
+
+
+def _check_own(recording: Recording, settings: RecordingSettings) -> None:
+    """Refuse units and axes that would be passed over."""
+    for key in ("unit_m", "axes"):
+        if getattr(settings, key) is not None and recording.kind in SELF_EXPLAINED:
+            raise ConfigError(
+                f"source.{key}: has no effect on {recording.path}, which states its own; remove it"
+            )
 
 
 def _part(recording: Recording, settings: RecordingSettings) -> Recording:

@@ -51,6 +51,14 @@ def walk(tmp_path: Path) -> Path:
     return tmp_path / "walk.npz"
 
 
+@pytest.mark.parametrize("more", [{"unit_m": 0.001}, {"axes": ["x", "y", "z"]}], ids=str)
+def test_units_and_axes_that_the_file_states_are_not_silently_passed_over(
+    walk: Path, more: dict[str, Any]
+) -> None:
+    with pytest.raises(ConfigError, match=rf"source\.{next(iter(more))}: has no effect on"):
+        _source(walk, **more)
+
+
 def test_scenes_come_at_their_true_time_and_then_it_ends(walk: Path) -> None:
     source = _source(walk)
     found = _all(source)
