@@ -123,7 +123,12 @@ class Summary:
     def _link_table(self) -> Table:
         table = Table(title="Links", title_justify="left")
         for name in _LINK_COLUMNS:
-            table.add_column(name.replace("_", " "), justify="left" if name == "name" else "right")
+            table.add_column(
+                name.replace("_", " "),
+                justify="left" if name == "name" else "right",
+                no_wrap=name not in ("name", "crc_errors"),  # these wrap where the screen is narrow
+                overflow="fold",
+            )
         for link in self.links:
             table.add_row(*(str(link[name]) for name in _LINK_COLUMNS))
         return table

@@ -198,3 +198,14 @@ def test_what_went_wrong_on_a_link_stands_under_the_table():
         "bus-off: [can0] is gone",
         None,
     ]
+
+
+def test_the_links_fit_an_ordinary_terminal():
+    out = io.StringIO()
+    summary = summary_of()
+    summary.links[0]["bytes"] = 123_456_789
+    summary.links[0]["name"] = "drive_of_the_press"
+    summary.print(Console(file=out, width=80))
+    assert "…" not in out.getvalue()
+    words = out.getvalue().replace("┃", " ").replace("│", " ").split()
+    assert {"superseded", "reconnects", "received", "123456789", "crc", "errors"} <= set(words)
