@@ -3,7 +3,7 @@
 Zenoh's own defaults listen on all interfaces and search by multicast. Here neither happens unless
 it is configured: endpoints are explicit, multicast and gossip are off, no message is longer than
 ``MAX_MESSAGE``. A file of zenoh's own (``zenoh_config``: TLS, access control) is taken as it is,
-wherever it says something.
+wherever it says something else than zenoh's own default, which cannot be told from silence.
 """
 
 import ipaddress
@@ -16,6 +16,7 @@ import zenoh
 from pydantic import Field, StringConstraints, model_validator
 
 from hri_predict.errors import ConfigError, LinkError
+from hri_predict.named_pipe import refuse_named_pipe
 from hri_predict.protocol.keyed_codec import Name
 from hri_predict.settings import Settings
 
@@ -57,10 +58,16 @@ class ZenohSettings(Settings):
         return self
 
     def resolved(self, base_dir: Path) -> Self:
-        """With ``zenoh_config`` found from ``base_dir``, where the configuration lies."""
+        """With ``zenoh_config`` found from ``base_dir``, where the configuration lies.
+
+        Raises:
+            ConfigError: the file cannot be read, or zenoh cannot understand it.
+        """
         if self.zenoh_config is None:
             return self
-        return self.model_copy(update={"zenoh_config": str(base_dir / self.zenoh_config)})
+        file = str(base_dir / self.zenoh_config)
+        _from_file(file)  # a mistake in it is to show before anything starts
+        return self.model_copy(update={"zenoh_config": file})
 
 
 class CellSettings(ZenohSettings):
@@ -151,7 +158,10 @@ def _from_file(path: str | None) -> zenoh.Config:
     if path is None:
         return zenoh.Config()
     try:
+        refuse_named_pipe(Path(path))
         return zenoh.Config.from_file(path)
+    except OSError as error:
+        raise ConfigError(f"zenoh_config {path}: {error.strerror}; check the path") from error
     except zenoh.ZError as error:
         raise ConfigError(f"zenoh_config {path}: {short(error)}; mend it or the path") from error
 
