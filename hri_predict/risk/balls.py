@@ -26,13 +26,24 @@ def cut(
         centre (..., 3) and radius (...), never larger than the smaller of the two radii.
     """
     apart = other_centre - centre
-    d = np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2 + apart[..., 2] ** 2)
+    d = np.sqrt(np.einsum("...i,...i->...", apart, apart))
+    part, within = along(d, radius, other_radius)
+    return centre + part[..., None] * apart, within
+
+
+def along(d: Floats, radius: Floats, other_radius: Floats) -> tuple[Floats, Floats]:
+    """The ball of ``cut`` by its place: which part of the way to the other centre, and its radius.
+
+    Args:
+        d: (...) distance of the centres, metres.
+        radius, other_radius: as for ``cut``.
+    """
+    both, way = radius + other_radius, np.maximum(d, 1e-12)
     with np.errstate(invalid="ignore", over="ignore"):
-        x = 0.5 * (d + (radius - other_radius) * (radius + other_radius) / np.maximum(d, 1e-12))
-        lens = (x > 0) & (x < d) & (d < radius + other_radius)
-        square = np.where(lens, (radius - x) * (radius + x), 0.0)
-        take_other = (~lens) & ((other_radius < radius) | (d >= radius + other_radius))
-        part = np.where(lens, x / np.maximum(d, 1e-12), np.where(take_other, 1.0, 0.0))
-    middle = centre + part[..., None] * apart
-    within = np.where(take_other, other_radius, radius)
-    return middle, np.where(lens, np.sqrt(np.maximum(square, 0.0)), within)
+        x = 0.5 * (d + (radius - other_radius) * both / way)
+        lens = (x > 0) & (x < d) & (d < both)
+        disc = np.sqrt(np.maximum((radius - x) * (radius + x), 0.0))
+        part = x / way
+    other = (other_radius < radius) | (d >= both)  # where there is no lens
+    within = np.where(lens, disc, np.where(other, other_radius, radius))
+    return np.where(lens, part, other), within

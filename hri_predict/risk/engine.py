@@ -14,7 +14,7 @@ from hri_predict.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings
 from hri_predict.risk.calibration import Calibration, Radii
 from hri_predict.risk.delay_budget import DelayBudget
-from hri_predict.risk.human_speed import HumanSpeeds, measure_people
+from hri_predict.risk.human_speed import HumanSpeeds, SnapshotVelocities, measure_people
 from hri_predict.risk.levels import Demand, LevelMachine, combined
 from hri_predict.risk.nearest_in_time import BodiesInTime
 from hri_predict.risk.robot_judge import Judgement, RobotJudge
@@ -72,7 +72,7 @@ class RiskEngine:
     ) -> None:
         self._settings = settings
         self._budget = budget
-        self._rate_hz = forecast_rate_hz
+        self._velocities = SnapshotVelocities(forecast_rate_hz)
         self._skeleton = skeleton
         trusted = horizon_steps if calibration is None else min(horizon_steps, calibration.steps)
         self._horizon_s = trusted / forecast_rate_hz
@@ -94,6 +94,7 @@ class RiskEngine:
                 forecast_rate_hz,
                 horizon_steps,
                 calibration.motion_ranges(skeleton),
+                self._velocities,
             )
         self._builder = ZoneBuilder(
             skeleton,
@@ -103,6 +104,7 @@ class RiskEngine:
             horizon_steps,
             steps if settings.beyond_horizon else horizon_steps,
             radii,
+            self._velocities,
         )
         self._named = tuple(NamedZone(z, settings.person_uncertainty_m) for z in named_zones)
         self._next_latch = 0
@@ -154,11 +156,7 @@ class RiskEngine:
             for zone in self._named
         )
         speeds = measure_people(
-            snapshot.history,
-            snapshot.observed,
-            self._rate_hz,
-            self._skeleton,
-            self._settings.limits,
+            self._velocities.of(snapshot), self._skeleton, self._settings.limits
         )
         in_time = None
         if len(bodies.zones.ids) and any(judge.in_time for judge in self._judges):

@@ -14,9 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hri_predict.risk.kinematics import norm
 from hri_predict.risk.settings import HumanLimits
 from hri_predict.scene import Bools, Floats
 from hri_predict.skeleton import Skeleton
+from hri_predict.snapshot import PeopleSnapshot
 
 SPAN_S = 0.2
 """Over this time before the newest capture speeds are measured."""
@@ -28,7 +30,11 @@ _TRUNK = ("waist", "torso")
 _HANDS = ("l_wrist", "l_hand", "r_wrist", "r_hand")
 
 
-def joint_velocities(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floats, Bools]:
+Velocities = tuple[Floats, Bools]
+"""(P, J, 3) m/s, always finite, and (P, J) whether it was measured; else it is 0."""
+
+
+def joint_velocities(history: Floats, observed: Bools, rate_hz: float) -> Velocities:
     """Velocity of every joint over the last ``SPAN_S`` of the history.
 
     Args:
@@ -37,8 +43,8 @@ def joint_velocities(history: Floats, observed: Bools, rate_hz: float) -> tuple[
         rate_hz: steps per second of the history.
 
     Returns:
-        (P, J, 3) m/s, always finite, and (P, J) whether it was measured: 0 and false where the
-        observed steps do not span half of ``SPAN_S`` (no two of them, a short history).
+        Not measured is a joint whose observed steps do not span half of ``SPAN_S`` (no two of them,
+        a short history).
     """
     steps = max(2, round(SPAN_S * rate_hz) + 1)
     points, seen = history[:, -steps:], observed[:, -steps:]
@@ -60,19 +66,36 @@ def joint_velocities(history: Floats, observed: Bools, rate_hz: float) -> tuple[
 def joint_speeds(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floats, Bools]:
     """(P, J) speed of every joint, m/s, and whether it was measured; see ``joint_velocities``."""
     velocity, measured = joint_velocities(history, observed, rate_hz)
-    return np.linalg.norm(velocity, axis=-1), measured
+    return norm(velocity), measured
 
 
-def growth_speeds(
-    history: Floats, observed: Bools, rate_hz: float, assumed_m_s: Floats | float
-) -> Floats:
+class SnapshotVelocities:
+    """The joints' velocities in a snapshot, measured once for all who ask for them in a tick.
+
+    Args:
+        rate_hz: steps per second of the snapshots' history.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._newest: tuple[PeopleSnapshot, Velocities] | None = None
+
+    def of(self, snapshot: PeopleSnapshot) -> Velocities:
+        """As ``joint_velocities``."""
+        if self._newest is None or self._newest[0] is not snapshot:
+            found = joint_velocities(snapshot.history, snapshot.observed, self._rate_hz)
+            self._newest = snapshot, found
+        return self._newest[1]
+
+
+def growth_speeds(velocities: Velocities, assumed_m_s: Floats | float) -> Floats:
     """(P, J) speeds at which zones without a forecast grow: as assumed, or as measured if faster.
 
     Args:
-        history, observed, rate_hz: as for ``joint_velocities``.
+        velocities: of all joints.
         assumed_m_s: (P, J), or what broadcasts to it.
     """
-    return np.maximum(joint_speeds(history, observed, rate_hz)[0], assumed_m_s)
+    return np.maximum(norm(velocities[0]), assumed_m_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,23 +123,21 @@ class HumanSpeeds:
         return np.where(self.fast, np.maximum(self.trunk, self.hand) + MARGIN_M_S, 0.0)
 
 
-def measure_people(
-    history: Floats, observed: Bools, rate_hz: float, skeleton: Skeleton, limits: HumanLimits
-) -> HumanSpeeds:
-    """Measure everybody in a history; see ``joint_velocities`` for its arguments.
+def measure_people(velocities: Velocities, skeleton: Skeleton, limits: HumanLimits) -> HumanSpeeds:
+    """How fast everybody is by the velocities of their joints.
 
     A skeleton without joints of these names has its roots for a trunk, and no hands.
     """
     roots = [j for j, parent in enumerate(skeleton.parents) if parent < 0]
     trunk = _indices(skeleton, _TRUNK) or roots
-    joints = trunk + _indices(skeleton, _HANDS)
-    velocity, measured = joint_velocities(history[:, :, joints], observed[:, :, joints], rate_hz)
-    of_trunk, of_hands = velocity[:, : len(trunk)], velocity[:, len(trunk) :]
-    count = np.maximum(measured[:, : len(trunk)].sum(1), 1)[:, None]
+    hands = _indices(skeleton, _HANDS)
+    velocity, measured = velocities
+    of_trunk, of_hands = velocity.take(trunk, axis=1), velocity[:, hands]
+    count = np.maximum(measured.take(trunk, axis=1).sum(1), 1)[:, None]
     mean = of_trunk.sum(1) / count  # what was not measured is 0 in the sum
-    relative = np.linalg.norm(of_hands - mean[:, None], axis=-1)
-    hand_speed = np.where(measured[:, len(trunk) :], relative, 0.0).max(1, initial=0.0)
-    trunk_speed = np.linalg.norm(of_trunk, axis=-1).max(1)
+    relative = norm(of_hands - mean[:, None])
+    hand_speed = np.where(measured[:, hands], relative, 0.0).max(1, initial=0.0)
+    trunk_speed = norm(of_trunk).max(1)
     fast = (trunk_speed > limits.body_speed_m_s) | (hand_speed > limits.arm_speed_m_s)
     return HumanSpeeds(trunk_speed, hand_speed, fast)
 

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from hri_predict.predictors.base import Forecast
 from hri_predict.risk.calibration import Radii
-from hri_predict.risk.human_speed import growth_speeds
+from hri_predict.risk.human_speed import SnapshotVelocities, growth_speeds
 from hri_predict.risk.motion_class import trunk_speed
 from hri_predict.risk.reach import BodyReach
 from hri_predict.risk.self_check import Trust
@@ -102,6 +102,7 @@ class JointZones:
         horizon_steps: H of the forecast.
         times_s: (K+1,) ends of the intervals after now, from 0.
         radii: calibrated ones; ``None``: the predictor is not calibrated.
+        velocities: shared with whoever else measures them.
     """
 
     def __init__(
@@ -112,6 +113,7 @@ class JointZones:
         horizon_steps: int,
         times_s: Floats,
         radii: Radii | None,
+        velocities: SnapshotVelocities | None = None,
     ) -> None:
         self._skeleton = skeleton
         self._limits = limits
@@ -119,6 +121,7 @@ class JointZones:
         self._horizon_steps = horizon_steps
         self._times_s = times_s
         self._radii = radii
+        self._velocities = velocities or SnapshotVelocities(rate_hz)
         self._trusted_steps = horizon_steps if radii is None else min(horizon_steps, radii.steps)
         self._body = BodyReach(limits, skeleton, rate_hz)
         arm = np.zeros(len(skeleton.joints), dtype=bool)
@@ -165,7 +168,7 @@ class JointZones:
         people, joints = len(snapshot.ids), len(self._skeleton.joints)
         if trust is None:
             return np.full((people, self._horizon_steps, joints), np.inf)
-        speed = trunk_speed(snapshot.history, snapshot.observed, self._rate_hz, self._skeleton)
+        speed = trunk_speed(self._velocities.of(snapshot), self._skeleton)
         claimed = self._radii.of(speed, trust.surprise_m)
         recent = snapshot.observed[:, -RECENT_STEPS:].sum(1)  # (P, J)
         settled = recent >= min(SETTLED_STEPS, snapshot.observed.shape[1])
@@ -207,9 +210,7 @@ class JointZones:
         captures = np.array(
             [*snapshot.capture_ns, *(p.last_seen_ns for p in snapshot.lost)], dtype=np.int64
         )
-        present = growth_speeds(
-            snapshot.history, snapshot.observed, self._rate_hz, self._limits.physical_speed_m_s
-        )
+        present = growth_speeds(self._velocities.of(snapshot), self._limits.physical_speed_m_s)
         reference = snapshot.now_ns if capture_ns is None else capture_ns
         return _Tracks(
             last=last,
@@ -224,8 +225,8 @@ class JointZones:
         """(P, H+1, J, 3) the forecast's path from the capture on; others stay where they are."""
         people = len(forecast.positions)
         knots = np.repeat(tracks.last[:, None], self._horizon_steps + 1, axis=1)
-        follows = tracks.forecast[:people, None, :, None]
-        knots[:people, 1:] = np.where(follows, forecast.positions, knots[:people, 1:])
+        follows = np.broadcast_to(tracks.forecast[:people, None, :, None], forecast.positions.shape)
+        np.copyto(knots[:people, 1:], forecast.positions, where=follows)
         return knots
 
     def _deviation(

@@ -13,6 +13,8 @@ import numpy as np
 
 from hri_predict.scene import Floats
 
+_NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
@@ -54,9 +56,9 @@ def _turn(axis: Floats, angle: float) -> Floats:
 
 def cross(u: Floats, v: Floats) -> Floats:
     """Cross product over the last axis; on small arrays much faster than ``numpy.cross``."""
-    result: Floats = np.empty(np.broadcast_shapes(u.shape, v.shape))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        np.subtract(u[..., j] * v[..., k], u[..., k] * v[..., j], out=result[..., i])
+    u_next, u_after = u.take(_NEXT, axis=-1), u.take(_AFTER, axis=-1)
+    result: Floats = u_next * v.take(_AFTER, axis=-1)
+    result -= u_after * v.take(_NEXT, axis=-1)
     return result
 
 
@@ -82,35 +84,34 @@ class Chain:
         self.dof = len(joints)
         self._base = base
         self._joints = joints
-        # pre Rot(q) post is linear in 1, sin q and cos q (Rodrigues): three constant 3 x 4 blocks
-        # per joint, so that all joints' local transforms are one product: (N, 3, 12).
-        blocks = np.empty((self.dof, 3, 3, 4))
+        # pre Rot(q) post is linear in 1, sin q and cos q (Rodrigues): three constant 4 x 4 blocks
+        # per joint, so that all joints' local transforms are one product: (N, 3, 16).
+        blocks = np.zeros((self.dof, 3, 4, 4))
         for i, joint in enumerate(joints):
             along = np.outer(joint.axis, joint.axis)
             for k, rotation in enumerate((along, _skew(joint.axis), np.eye(3) - along)):
-                blocks[i, k] = joint.pre[:3, :3] @ rotation @ joint.post[:3]
-            blocks[i, 0, :, 3] += joint.pre[:3, 3]
-        self._blocks = blocks.reshape(self.dof, 3, 12)
+                blocks[i, k, :3] = joint.pre[:3, :3] @ rotation @ joint.post[:3]
+            blocks[i, 0, :3, 3] += joint.pre[:3, 3]
+            blocks[i, 0, 3, 3] = 1.0
+        self._blocks = blocks.reshape(self.dof, 3, 16)
         # (N, 3, 2) each joint's axis and its origin, in the parent's frame
         self._axis_and_origin = np.array(
             [np.column_stack([j.pre[:3, :3] @ j.axis, j.pre[:3, 3]]) for j in joints]
         )
 
     def links(self, q: Floats) -> Floats:
-        """(..., N+1, 3, 4) rotation and position of every link at configurations q (..., N)."""
+        """(N+1, ..., 3, 4) rotation and position of every link at configurations q (..., N)."""
         q = np.asarray(q, dtype=np.float64)
         flat = q.reshape(-1, self.dof).T
         terms = np.ones((*flat.shape, 3))
         np.sin(flat, out=terms[..., 1])
         np.cos(flat, out=terms[..., 2])
-        local = np.matmul(terms, self._blocks).reshape(*flat.shape, 3, 4)  # (N, R, 3, 4)
-        links = np.empty((flat.shape[1], self.dof + 1, 3, 4))
-        links[:, 0] = self._base[:3]
+        local = np.matmul(terms, self._blocks).reshape(*flat.shape, 4, 4)  # (N, R, 4, 4)
+        links = np.empty((self.dof + 1, flat.shape[1], 3, 4))
+        links[0] = self._base[:3]
         for i in range(self.dof):
-            parent, child = links[:, i], links[:, i + 1]
-            np.matmul(parent[..., :3], local[i], out=child)
-            child[..., 3] += parent[..., 3]
-        result: Floats = links.reshape(*q.shape[:-1], self.dof + 1, 3, 4)
+            np.matmul(links[i], local[i], out=links[i + 1])
+        result: Floats = links.reshape(self.dof + 1, *q.shape[:-1], 3, 4)
         return result
 
     def twists(self, links: Floats, qd: Floats) -> tuple[Floats, Floats]:
@@ -121,15 +122,17 @@ class Chain:
             qd: (..., N) rad/s.
 
         Returns:
-            ``omega, v0``, each (..., N+1, 3): a point x of link i moves at ``v0 + omega x x``.
+            ``omega, v0``, each (N+1, ..., 3): a point x of link i moves at ``v0 + omega x x``.
         """
-        parent = links[..., :-1, :, :]
-        turned = np.matmul(parent[..., :3], self._axis_and_origin)  # (..., N, 3, 2)
+        parent = links[:-1]
+        qd = np.asarray(qd)
+        axis_and_origin = self._axis_and_origin.reshape(self.dof, *(1,) * (qd.ndim - 1), 3, 2)
+        turned = np.matmul(parent[..., :3], axis_and_origin)  # (N, ..., 3, 2)
         axis, on_axis = turned[..., 0], turned[..., 1] + parent[..., 3]
-        turn = axis * np.asarray(qd)[..., None]
+        turn = axis * np.moveaxis(qd, -1, 0)[..., None]
         omega, v0 = np.zeros((2, *links.shape[:-2], 3))
-        np.cumsum(turn, axis=-2, out=omega[..., 1:, :])
-        np.cumsum(cross(on_axis, turn), axis=-2, out=v0[..., 1:, :])
+        np.cumsum(turn, axis=0, out=omega[1:])
+        np.cumsum(cross(on_axis, turn), axis=0, out=v0[1:])
         return omega, v0
 
     def arms(self, link: int, point: Floats) -> Floats:

@@ -19,7 +19,8 @@ World", 2005, section 4.5).
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.risk.human_speed import joint_velocities
+from hri_predict.risk.human_speed import Velocities
+from hri_predict.risk.kinematics import norm
 from hri_predict.scene import Bools, Floats
 from hri_predict.skeleton import Skeleton
 
@@ -36,20 +37,18 @@ CLASSES = tuple(f"{speed}, {grade}" for speed in SPEED_CLASSES for grade in (*GR
 _TRUNK = ("waist", "torso", "neck", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
 
 
-def trunk_speed(history: Floats, observed: Bools, rate_hz: float, skeleton: Skeleton) -> Floats:
+def trunk_speed(velocities: Velocities, skeleton: Skeleton) -> Floats:
     """(P,) speed of the trunk in m/s, the mean of its measured joints; NaN where none is.
 
     Args:
-        history: (P, T, J, 3) metres.
-        observed: (P, T, J).
-        rate_hz: steps per second.
+        velocities: of all joints.
         skeleton: names the joints.
     """
     trunk = [i for i, name in enumerate(skeleton.joints) if name in _TRUNK]
-    velocity, measured = joint_velocities(history[:, :, trunk], observed[:, :, trunk], rate_hz)
-    count = measured.sum(1)
-    mean = velocity.sum(1) / np.maximum(count, 1)[:, None]  # 0 where it was not measured
-    return np.where(count > 0, np.linalg.norm(mean, axis=-1), np.nan)
+    velocity, measured = velocities
+    count = measured[:, trunk].sum(1)
+    mean = velocity[:, trunk].sum(1) / np.maximum(count, 1)[:, None]  # 0 where it was not measured
+    return np.where(count > 0, norm(mean), np.nan)
 
 
 def is_moving(speed_m_s: Floats) -> Bools:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.risk.human_speed import joint_speeds
+from hri_predict.risk.human_speed import Velocities, joint_speeds
+from hri_predict.risk.kinematics import norm
 from hri_predict.scene import Bools, Floats
 
 BONE_S = 0.4
@@ -98,10 +99,8 @@ def motion_ranges(
 
 
 def is_out_of_range(
-    history: Floats,
-    observed: Bools,
-    rate_hz: float,
-    parents: Sequence[int],
+    velocities: Velocities,
+    bones: Floats,
     ranges: MotionRanges,
     speed_margin: float,
     bone_tolerance: float,
@@ -110,10 +109,14 @@ def is_out_of_range(
 
     Either a joint is faster than ``speed_margin`` times the fastest, or more than half of the
     measured bones are shorter or longer than any by more than the share ``bone_tolerance``.
+
+    Args:
+        velocities: of P people's joints.
+        bones: (P, J) their ``bone_lengths``.
+        ranges, speed_margin, bone_tolerance: see above.
     """
-    speed, measured = joint_speeds(history, observed, rate_hz)
-    fast = (measured & (speed > speed_margin * ranges.speed_m_s)).any(1)
-    bones = bone_lengths(history, observed, rate_hz, parents)
+    velocity, measured = velocities
+    fast = (measured & (norm(velocity) > speed_margin * ranges.speed_m_s)).any(1)
     shortest, longest = ranges.bone_m.T
     known = np.isfinite(bones) & np.isfinite(shortest)
     # a bone of no length (two joints of one place) is within tolerance of nothing but itself

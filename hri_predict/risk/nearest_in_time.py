@@ -40,13 +40,12 @@ class BodiesInTime:
     """
 
     def __init__(self, people: Capsules) -> None:
-        by_step = [v.swapaxes(0, 1) for v in (people.a, people.b, people.radius)]  # (K, P, S)
-        steps, count, segments = by_step[2].shape
-        balls = _balls(Capsules(*by_step))
+        persons, self._steps, segments = people.radius.shape
         with np.errstate(invalid="ignore"):
-            self._persons = _around(balls)  # (5, K, P)
-        self._segments = balls.reshape(5, steps * count, segments)
-        self._rows = _rows(Capsules(*by_step))  # (7, K P S)
+            self._rows = _rows(people)  # (7, P K S)
+            balls = _balls(self._rows)
+            self._persons = _around(balls.reshape(5, persons, self._steps, segments))  # (5, P, K)
+        self._segments = balls.reshape(5, persons * self._steps, segments)
 
     def nearest(self, robot: Capsules, steps: int | None = None) -> NearestInTime:
         """Smallest distance between any of the people and the robot, step by step.
@@ -58,7 +57,7 @@ class BodiesInTime:
         Returns:
             (K,) each; a step in which anything is not finite has the distance minus infinity.
         """
-        step = np.arange(self._persons.shape[1])[:steps]
+        step = np.arange(self._steps)[:steps]
         place = step if len(robot.radius) > 1 else np.zeros_like(step)
         return self._search(robot, step, place, step, np.full(len(step), np.inf))
 
@@ -95,26 +94,30 @@ class BodiesInTime:
             group: (R,) ascending from 0, every one.
             enough_m: of each group.
         """
-        people = self._persons.shape[2]
-        rows = np.arange(len(step))
-        # whole people against links: (R, C, P)
-        part, person = _balls(robot).take(place, axis=1), self._persons.take(step, axis=1)
-        least = _apart(part[..., None], person[:, :, None])
-        least -= part[_SIZE, ..., None] + person[_SIZE][:, None]
-        likely, likely_person = np.divmod(least.reshape(len(step), -1).argmin(1), people)
-        likely_body = self._segments.take(step * people + likely_person, axis=1)
-        first = _at_most(part[:, rows, likely][..., None], likely_body).min(1)
+        persons, segments = self._persons.shape[1], self._segments.shape[2]
+        places, links = robot.radius.shape
+        robot_rows = _rows(robot)  # (7, Q C)
+        parts = _balls(robot_rows)
         starts = np.searchsorted(group, np.arange(len(enough_m)))
-        limit = np.minimum(enough_m, np.minimum.reduceat(first, starts)) + ROUNDING_M
-        links, segments = part.shape[2], self._segments.shape[2]
-        pairs = np.flatnonzero(~(least > limit[group][:, None, None]))  # NaN stays in
-        row_link, p = np.divmod(pairs, people)
-        row, c = np.divmod(row_link, links)
-        of = group[row]
 
-        # their segments: (n, S)
-        part = part.reshape(5, -1).take(row_link, axis=1)[..., None]
-        body_at = step[row] * people + p
+        # Whole people against links: (C, P, R), rows last because they are many.
+        part = parts.reshape(5, places, links).swapaxes(1, 2).take(place, axis=2)[:, :, None]
+        person = self._persons.take(step, axis=2)
+        least = _apart(part, person[:, None])
+        least -= part[_SIZE] + person[_SIZE]
+        least = least.reshape(links * persons, -1)
+        c, p = np.divmod(least.argmin(0), persons)
+        likely_part = parts.take(place * links + c, axis=1)[..., None]
+        likely_body = self._segments.take(p * self._steps + step, axis=1)
+        first = _at_most(likely_part, likely_body).min(1)
+        limit = np.minimum(enough_m, np.minimum.reduceat(first, starts)) + ROUNDING_M
+        row, pair = np.nonzero(~(least > limit.take(group)).T)  # NaN stays in
+        c, p = np.divmod(pair, persons)
+        of = group.take(row)
+
+        # Their segments: (n, S).
+        part_at, body_at = place.take(row) * links + c, p * self._steps + step.take(row)
+        part = parts.take(part_at, axis=1)[..., None]
         body = self._segments.take(body_at, axis=1)
         most = _at_most(part, body)
         if len(of):
@@ -122,11 +125,11 @@ class BodiesInTime:
             closest = np.minimum.reduceat(most.reshape(-1), starts * segments)
             limit[some] = np.minimum(limit[some], closest + ROUNDING_M)
         least = most - (part[_SIZE] - part[_THICK] + (body[_SIZE] - body[_THICK]))
-        n, s = np.divmod(np.flatnonzero(~(least > limit[of][:, None])), segments)
-        bodies = self._rows.take(body_at[n] * segments + s, axis=1)
-        parts = _rows(robot).take((place[row] * links + c)[n], axis=1)
-        exact = axis_distance(*_axes(bodies), *_axes(parts)) - bodies[6] - parts[6]
-        return _nearest(exact, of[n], enough_m, (p[n], s, c[n]))
+        n, s = np.nonzero(~(least > limit.take(of)[:, None]))
+        bodies = self._rows.take(body_at.take(n) * segments + s, axis=1)
+        links_at = robot_rows.take(part_at.take(n), axis=1)
+        exact = axis_distance(*_axes(bodies), *_axes(links_at)) - bodies[6] - links_at[6]
+        return _nearest(exact, of.take(n), enough_m, (p.take(n), s, c.take(n)))
 
 
 def nearest_in_time(people: Capsules, robot: Capsules) -> NearestInTime:
@@ -169,15 +172,13 @@ def _axes(rows: Floats) -> tuple[Xyz, Xyz]:
     return (rows[0], rows[1], rows[2]), (rows[3], rows[4], rows[5])
 
 
-def _balls(capsules: Capsules) -> Floats:
-    """(5, ...) sphere about each capsule's middle: x, y, z, and the rows below."""
-    middle, axis = 0.5 * (capsules.a + capsules.b), capsules.b - capsules.a
-    square = axis[..., 0] ** 2 + axis[..., 1] ** 2 + axis[..., 2] ** 2
-    balls = np.empty((5, *capsules.radius.shape))
-    for i in range(3):
-        balls[i] = middle[..., i]
-    balls[_THICK] = capsules.radius
-    balls[_SIZE] = capsules.radius + 0.5 * np.sqrt(square)
+def _balls(rows: Floats) -> Floats:
+    """(5, M) sphere about each capsule's middle: x, y, z, and the rows below."""
+    balls = np.empty((5, rows.shape[1]))
+    axis = rows[3:6]
+    np.add(rows[:3], 0.5 * axis, out=balls[:3])
+    balls[_THICK] = rows[6]
+    np.add(rows[6], 0.5 * np.sqrt(_square(axis)), out=balls[_SIZE])
     return balls
 
 
@@ -192,13 +193,17 @@ def _around(balls: Floats) -> Floats:
 
 def _apart(a: Floats, b: Floats) -> Floats:
     """Distance of the middles of balls, broadcast."""
-    square: Floats = a[0] - b[0]
-    square *= square
-    for i in (1, 2):
-        gap = a[i] - b[i]
-        gap *= gap
-        square += gap
-    return np.sqrt(square, out=square)
+    distance = _square(a[:3] - b[:3])
+    return np.sqrt(distance, out=distance)
+
+
+def _square(vectors: Floats) -> Floats:
+    """Squared length of (3, ...) vectors."""
+    square = vectors * vectors
+    result: Floats = square[0]
+    result += square[1]
+    result += square[2]
+    return result
 
 
 def _at_most(part: Floats, body: Floats) -> Floats:

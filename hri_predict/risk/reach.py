@@ -10,7 +10,7 @@ the bones, outwards from the pelvis: a joint is within its bone's length of wher
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.risk.balls import cut
+from hri_predict.risk.balls import along, cut
 from hri_predict.risk.settings import HumanLimits
 from hri_predict.scene import Bools, Floats
 from hri_predict.skeleton import Skeleton
@@ -83,12 +83,8 @@ class BodyReach:
         speed = np.sqrt((v**2).sum(-1))[:, None]
         by_velocity = np.where(known[:, None], change + speed * half, np.inf)
         ahead = last[:, None] + v[:, None] * middle
-        # Where a ball lies inside both bounds there is nothing to cut, and mostly it does.
-        if not _inside(mid, around, last[:, None], by_speed).all():
-            mid, around = cut(mid, around, last[:, None], by_speed)
-        if not _inside(mid, around, ahead, by_velocity).all():
-            mid, around = cut(mid, around, ahead, by_velocity)
-        return mid, around
+        mid, around = _cut_outside(mid, around, last[:, None], by_speed)
+        return _cut_outside(mid, around, ahead, by_velocity)
 
     def cut_by_bones(
         self, mid: Floats, around: Floats, last: Floats, seen: Bools, all_joints: bool = False
@@ -107,25 +103,43 @@ class BodyReach:
         both = seen & seen[:, parents]
         longest = np.where(seen | all_joints, self._bone, np.inf)
         bone = np.where(both, length, longest)  # (P, J)
-        mid, around = mid.copy(), around.copy()
+        # Coordinates and joints first: a generation is then long rows of numbers.
+        centre = mid.transpose(3, 2, 0, 1).copy()  # (3, J, P, K)
+        radius = around.transpose(2, 0, 1).copy()
+        bones = bone.T[..., None]
         for children in self._generations:
             of = parents[children]
-            bound = around[:, :, of] + bone[:, None, children]
-            if _inside(mid[:, :, children], around[:, :, children], mid[:, :, of], bound).all():
+            own, bound = radius[children], radius[of] + bones[children]
+            apart = centre[:, of] - centre[:, children]
+            square = np.einsum("i...,i...->...", apart, apart)
+            if _inside(square, own, bound).all():
                 continue
-            mid[:, :, children], around[:, :, children] = cut(
-                mid[:, :, children], around[:, :, children], mid[:, :, of], bound
-            )
-        return mid, around
+            part, radius[children] = along(np.sqrt(square), own, bound)
+            apart *= part
+            centre[:, children] += apart
+        return centre.transpose(2, 3, 1, 0), radius.transpose(1, 2, 0)
 
 
-def _inside(mid: Floats, around: Floats, centre: Floats, radius: Floats) -> Bools:
-    """Whether balls lie in other balls."""
-    apart = mid - centre
-    room = radius - around
-    square = apart[..., 0] ** 2 + apart[..., 1] ** 2 + apart[..., 2] ** 2
+def _inside(square: Floats, radius: Floats, bound: Floats) -> Bools:
+    """Whether balls lie in other balls, of that squared distance of the centres."""
+    room = bound - radius
     result: Bools = (room >= 0) & (square <= room * room)
     return result
+
+
+def _cut_outside(
+    mid: Floats, around: Floats, centre: Floats, radius: Floats
+) -> tuple[Floats, Floats]:
+    """``cut`` where a ball does not lie in the other anyway, which mostly it does."""
+    apart = mid - centre
+    outside = ~_inside(np.einsum("...i,...i->...", apart, apart), around, radius)
+    some = np.nonzero(outside)
+    if not len(some[0]):
+        return mid, around
+    mid, around = mid.copy(), around.copy()
+    other, bound = np.broadcast_to(centre, mid.shape)[some], np.broadcast_to(radius, around.shape)
+    mid[some], around[some] = cut(mid[some], around[some], other, bound[some])
+    return mid, around
 
 
 def _generations(parents: tuple[int, ...]) -> list[NDArray[np.intp]]:

@@ -132,7 +132,7 @@ class RobotModel:
 
     def capsules(self, q: Floats) -> Capsules:
         """Capsules (..., C) in the room at joint positions ``q`` (..., N) rad."""
-        return self._place(self._chain.links(q))
+        return self._capsules(self._ends_at(self._chain.links(q)))
 
     def tip_speed(self, q: Floats, qd: Floats) -> Floats:
         """Speed bound (...,) m/s of the fastest point of any capsule.
@@ -145,13 +145,12 @@ class RobotModel:
     def moving(self, q: Floats, qd: Floats) -> tuple[Capsules, Floats]:
         """``capsules`` and ``tip_speed`` at once."""
         links = self._chain.links(q)
-        placed = self._place(links)
+        ends = self._ends_at(links)
         omega, v0 = self._chain.twists(links, qd)
-        turn, shift = omega.take(self._link, axis=-2), v0.take(self._link, axis=-2)
-        ends = np.stack([placed.a, placed.b])  # at once: for one q calls cost more than numbers
+        turn, shift = (np.moveaxis(v.take(self._link, axis=0), 0, -2) for v in (omega, v0))
         fastest = norm(shift + cross(turn, ends)).max(axis=0)
         speed: Floats = (fastest + norm(turn) * self._radius).max(axis=-1)
-        return placed, speed
+        return self._capsules(ends), speed
 
     def stopping(self, speed_m_s: float) -> tuple[float, float]:
         """Time (s) and distance (m) from the onset of braking to rest, with this payload.
@@ -242,15 +241,16 @@ class RobotModel:
                 stretch.
             half: (..., K) h of each stretch; 0 for entry 0.
         """
-        placed = self._place(self._chain.links(q))
-        a, reach_a = _middles(placed.a)
-        b, reach_b = _middles(placed.b)
+        ends = self._ends_at(self._chain.links(q))
+        before = np.concatenate([ends[..., :1, :, :], ends[..., :-1, :, :]], axis=-3)
+        a, b = 0.5 * (ends + before)
+        reach_a, reach_b = 0.5 * norm(ends - before)
+        # the sum of length_i times the sum over j <= i of q_j' is that of q_j' times (beyond j)
         turning = np.cumsum(dq_most, axis=-1)
-        curving = 1.5 * turning**2 - np.cumsum(dq_most**2, axis=-1) / 2
-        bend = (curving + np.cumsum(ddq_most, axis=-1)) @ self._arms.T
+        bend = (1.5 * turning**2) @ self._arms.T + (ddq_most - dq_most**2 / 2) @ self._beyond.T
         h = half[..., None]
         grow = np.maximum(reach_a, reach_b) + bend * (h * h / 2)
-        return Capsules(a, b, placed.radius + np.minimum(grow, (dq_most @ self._beyond.T) * h))
+        return Capsules(a, b, self._radius + np.minimum(grow, (dq_most @ self._beyond.T) * h))
 
     def shift_m(self, off: Floats) -> float:
         """How far any point may be off where every joint is off by at most ``off`` (N,) rad."""
@@ -278,22 +278,16 @@ class RobotModel:
         travel: Floats = np.minimum(np.maximum(times_s, 0.0), onset) + after - lost
         return travel
 
-    def _place(self, links: Floats) -> Capsules:
-        """Capsules on links (..., N+1, 3, 4): one product of matrices for each capsule's ends."""
-        lead, count = links.shape[:-3], len(self._link)
-        at = links.reshape(-1, *links.shape[-3:]).transpose(1, 0, 2, 3).take(self._link, axis=0)
-        ends = np.matmul(at.reshape(count, -1, 4), self._ends_h).reshape(count, -1, 3, 2)
-        a, b = (
-            np.ascontiguousarray(ends[..., i].transpose(1, 0, 2)).reshape(*lead, count, 3)
-            for i in (0, 1)
-        )
-        return Capsules(a, b, np.broadcast_to(self._radius, (*lead, count)))
+    def _ends_at(self, links: Floats) -> Floats:
+        """(2, ..., C, 3) both ends of every capsule on links (N+1, ..., 3, 4)."""
+        lead, count = links.shape[1:-2], len(self._link)
+        at = links.take(self._link, axis=0).reshape(count, -1, 4)
+        # one product of matrices for each capsule's ends
+        ends = np.matmul(at, self._ends_h).reshape(count, -1, 3, 2)
+        return np.ascontiguousarray(ends.transpose(3, 1, 0, 2)).reshape(2, *lead, count, 3)
 
-
-def _middles(points: Floats) -> tuple[Floats, Floats]:
-    """Middle (..., K, C, 3) between each entry and the one before, and half their distance."""
-    before = np.concatenate([points[..., :1, :, :], points[..., :-1, :, :]], axis=-3)
-    return 0.5 * (points + before), 0.5 * norm(points - before)
+    def _capsules(self, ends: Floats) -> Capsules:
+        return Capsules(ends[0], ends[1], np.broadcast_to(self._radius, ends.shape[1:-1]))
 
 
 def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:

@@ -170,10 +170,9 @@ class RobotJudge:
 
     def _motion(self, now: RobotNow, bodies: BodyZones) -> RobotMotion | None:
         """The robot's motion, or ``None`` if its stop is not covered by the zones."""
-        model = self.tracker.model
         until_braking_s = self._budget.after_now_s(self.name)
-        stopping_s = max(model.stopping(now.speed_m_s)[0], float(self._curve.time_s[-1]))
-        end_s = until_braking_s + stopping_s
+        stopping = self.tracker.model.stopping(now.speed_m_s)
+        end_s = until_braking_s + max(stopping[0], float(self._curve.time_s[-1]))
         times_s = bodies.zones.times_s
         if self.in_time:
             extend = self._settings.beyond_horizon
@@ -183,7 +182,8 @@ class RobotJudge:
             times_s = times_s[: int(np.searchsorted(times_s, end_s)) + 1]
         return RobotMotion.of(
             now,
-            model,
+            stopping,
+            self.tracker.model,
             self._curve,
             self.tracker.plan,
             self._settings.clearance_m,

@@ -54,6 +54,7 @@ class RobotMotion:
     def of(
         cls,
         now: RobotNow,
+        stopping: tuple[float, float],
         model: RobotModel,
         curve: StoppingCurve,
         plan: Plan | None,
@@ -61,10 +62,10 @@ class RobotMotion:
         times_s: Floats,
         until_braking_s: float,
     ) -> "RobotMotion":
-        """The motion of a robot whose joints are known."""
+        """The motion of a robot whose joints are known; ``stopping``: T_s and S_s now."""
         assert now.q is not None  # the judge has seen to that
         assert now.qd is not None
-        stopping_s, stopping_m = model.stopping(now.speed_m_s)
+        stopping_s, stopping_m = stopping
         return cls(
             q=now.q,
             qd=now.qd,

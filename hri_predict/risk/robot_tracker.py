@@ -173,11 +173,9 @@ class RobotTracker:
         if state.mode != RobotMode.AUTOMATIC:
             reasons.append(Reason.ROBOT_NOT_AUTOMATIC)
         ahead_s = min(age_s, motion.stale_s) + motion.delay_s
-        q = np.clip(
-            state.q + state.qd * ahead_s,
-            np.minimum(self.model.position_min, state.q),
-            np.maximum(self.model.position_max, state.q),
-        )
+        lowest = np.minimum(self.model.position_min, state.q)
+        highest = np.maximum(self.model.position_max, state.q)
+        q = np.minimum(np.maximum(state.q + state.qd * ahead_s, lowest), highest)
         capsules, speed = self.model.moving(q, state.qd)
         return RobotNow(
             q,

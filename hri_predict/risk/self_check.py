@@ -30,8 +30,15 @@ from hri_predict.predictors.base import Forecast
 from hri_predict.reasons import Reason
 from hri_predict.ring_buffer import NEVER
 from hri_predict.risk.adaptive_widening import AdaptiveWidening
+from hri_predict.risk.human_speed import SnapshotVelocities
 from hri_predict.risk.motion_class import SURPRISE_S
-from hri_predict.risk.motion_ranges import SHORT_S, MotionRanges, is_out_of_range, short_ratio
+from hri_predict.risk.motion_ranges import (
+    SHORT_S,
+    MotionRanges,
+    bone_lengths,
+    is_out_of_range,
+    short_ratio,
+)
 from hri_predict.risk.past_forecasts import Ints, Judged, PastForecasts, Stamps, mean_error
 from hri_predict.risk.self_check_report import Tally
 from hri_predict.scene import Bools, Floats
@@ -120,6 +127,7 @@ class SelfCheck:
         rate_hz: steps per second of the forecasts and of the snapshots' history.
         horizon_steps: H of the forecasts.
         ranges: of the calibration; ``None``: nothing is known, so no motion is out of range.
+        velocities: shared with whoever else measures them.
     """
 
     def __init__(
@@ -130,8 +138,10 @@ class SelfCheck:
         rate_hz: float,
         horizon_steps: int,
         ranges: MotionRanges | None,
+        velocities: SnapshotVelocities | None = None,
     ) -> None:
         self._settings = settings
+        self._velocities = velocities or SnapshotVelocities(rate_hz)
         self._of = of
         self._rate_hz = rate_hz
         self._ranges = ranges
@@ -210,8 +220,9 @@ class SelfCheck:
         """(P,) the slot of each person, -1 where none is free."""
         here = set(snapshot.ids)
         for slot, number in enumerate(self._ids):
-            gone_ns = snapshot.now_ns - int(self._present_ns[slot])
-            if number is not None and number not in here and gone_ns > self._horizon_ns:
+            if number is None or number in here:
+                continue
+            if snapshot.now_ns - int(self._present_ns[slot]) > self._horizon_ns:
                 self._release(slot)
         slots = np.full(len(snapshot.ids), -1, np.intp)
         for person, number in enumerate(snapshot.ids):
@@ -259,12 +270,11 @@ class SelfCheck:
         sign = self._adapt(judged, slots, np.minimum(np.maximum(elapsed, 0.0), MAX_DT_S))
         if self._ranges is not None:
             sign |= self._is_wrong_at_once(judged, len(new), self._ranges)
-            everybody = len(new) == len(snapshot.ids)  # as mostly: then nothing needs to be copied
+            velocity, measured = self._velocities.of(snapshot)
+            bones = bone_lengths(snapshot.history, snapshot.observed, self._rate_hz, PARENTS)
             sign |= is_out_of_range(
-                snapshot.history if everybody else snapshot.history[new],
-                snapshot.observed if everybody else snapshot.observed[new],
-                self._rate_hz,
-                PARENTS,
+                (velocity[new], measured[new]),
+                bones[new],
                 self._ranges,
                 self._settings.speed_margin,
                 self._settings.bone_tolerance,

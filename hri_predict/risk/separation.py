@@ -154,16 +154,9 @@ class StoppingCurve:
         other = self.speed_m_s * reaction_s + self.distance_m + clearance_m
         return other + person_travel(reaction_s + self.time_s, other, human_m_s)
 
-    def speed_limits(
-        self,
-        distances_m: Sequence[float],
-        reaction_s: float,
-        clearance_m: float,
-        human_m_s: float = 0.0,
-    ) -> tuple[float, ...]:
-        """Highest tabled speed whose S_p fits into each distance; 0 where none does."""
-        required = self.required_m(reaction_s, clearance_m, human_m_s)
-        fits = np.searchsorted(required, np.asarray(distances_m), side="right")
+    def speed_limits(self, distances_m: Sequence[float], required_m: Floats) -> tuple[float, ...]:
+        """Highest tabled speed whose S_p (N,) fits into each distance; 0 where none does."""
+        fits = np.searchsorted(required_m, np.asarray(distances_m), side="right")
         return tuple(float(v) for v in np.where(fits > 0, self.speed_m_s[fits - 1], 0.0))
 
 
@@ -220,6 +213,8 @@ def closing_s(slack_m: float, speed_m_s: float) -> float:
 
 def worst_of(findings: Sequence[Finding]) -> Finding:
     """All findings as one: that with the least slack, with the lowest limits of any."""
+    if len(findings) == 1:
+        return findings[0]
     worst = min(findings, key=lambda f: f.slack_m)
     return replace(
         worst,

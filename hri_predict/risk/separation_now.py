@@ -45,15 +45,14 @@ def judge_iso(
         speed_m_s, reaction_s, *stopping, intrusion_m=clearance_m, human_m_s=human_m_s
     ).total
     slack = distance_m - needed
-    standing = float(curve.required_m(reaction_s, clearance_m)[0])
-    limits = curve.speed_limits(
-        [distance_m - m for m in margins_m], reaction_s, clearance_m, human_m_s
-    )
+    assumed = curve.required_m(reaction_s, clearance_m)
+    required = curve.required_m(reaction_s, clearance_m, human_m_s) if human_m_s else assumed
+    limits = curve.speed_limits([distance_m - m for m in margins_m], required)
     return Finding(
         separation_m=distance_m,
         predicted_m=distance_m - (needed - clearance_m),
         slack_m=slack,
-        near=distance_m < standing,
+        near=distance_m < float(assumed[0]),
         breach_s=closing_s(slack, speed_m_s),
         limits=limits,
         person=who[0],

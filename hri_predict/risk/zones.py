@@ -16,6 +16,7 @@ from hri_predict.errors import ConfigError
 from hri_predict.predictors.base import Forecast
 from hri_predict.reasons import Reason
 from hri_predict.risk.calibration import Radii
+from hri_predict.risk.human_speed import SnapshotVelocities
 from hri_predict.risk.joint_zones import FRESH_S, Ints, JointZones
 from hri_predict.risk.self_check import Trust
 from hri_predict.risk.settings import HumanLimits
@@ -61,6 +62,7 @@ class ZoneBuilder:
         horizon_steps: H of the forecast.
         steps: how many steps of zones to build after now; defaults to ``horizon_steps``.
         radii: calibrated ones; ``None``: the predictor is not calibrated.
+        velocities: shared with whoever else measures them.
 
     Attributes:
         joints: see ``JointZones``.
@@ -78,6 +80,7 @@ class ZoneBuilder:
         horizon_steps: int,
         steps: int | None = None,
         radii: Radii | None = None,
+        velocities: SnapshotVelocities | None = None,
     ) -> None:
         self.limits = limits
         self.horizon_steps = horizon_steps
@@ -95,7 +98,9 @@ class ZoneBuilder:
         # (S, J): a sphere of this size about joint k holds the whole of segment s
         self._reach: Floats = np.maximum(skeleton.reach[self._a], skeleton.reach[self._b])
         self.times_s: Floats = np.arange(1 + (steps or horizon_steps)) / rate_hz
-        self.joints = JointZones(skeleton, limits, rate_hz, horizon_steps, self.times_s, radii)
+        self.joints = JointZones(
+            skeleton, limits, rate_hz, horizon_steps, self.times_s, radii, velocities
+        )
 
     def build(
         self,

@@ -18,6 +18,7 @@ from hri_predict.predictors.base import Predictor, checked
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.recording import Recording
 from hri_predict.ring_buffer import resample
+from hri_predict.risk.human_speed import joint_velocities
 from hri_predict.risk.joint_zones import SETTLED_STEPS
 from hri_predict.risk.motion_class import SURPRISE_S, trunk_speed
 from hri_predict.risk.past_forecasts import forecast_errors, mean_error
@@ -193,7 +194,7 @@ def score_presence(
         observed,
         forecast,
         error,
-        trunk_speed(history, observed, predictor.rate_hz, predictor.skeleton),
+        trunk_speed(joint_velocities(history, observed, predictor.rate_hz), predictor.skeleton),
         _surprise(presence, at, forecast, predictor.rate_hz),
         presence,
     )

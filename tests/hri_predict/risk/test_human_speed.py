@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from hri_predict.risk.human_speed import (
+    Velocities,
     growth_speeds,
     joint_speeds,
     joint_velocities,
@@ -24,6 +25,10 @@ def moving(velocity: ArrayLike, steps: int = 25) -> tuple[Floats, Bools]:
     start = np.random.default_rng(3).normal(size=(JOINTS, 3))
     history = start + time[:, None, None] * np.asarray(velocity)
     return history[None], np.ones((1, steps, JOINTS), bool)
+
+
+def velocities(velocity: ArrayLike) -> Velocities:
+    return joint_velocities(*moving(velocity), RATE_HZ)
 
 
 def test_constant_velocity_is_measured_exactly():
@@ -83,8 +88,8 @@ def test_a_short_history_is_not_measured():
 
 def test_a_runner_is_fast_and_a_walker_is_not():
     limits = HumanLimits()
-    walker = measure_people(*moving([1.5, 0, 0]), RATE_HZ, CANONICAL, limits)
-    runner = measure_people(*moving([3.0, 0, 0]), RATE_HZ, CANONICAL, limits)
+    walker = measure_people(velocities([1.5, 0, 0]), CANONICAL, limits)
+    runner = measure_people(velocities([3.0, 0, 0]), CANONICAL, limits)
     assert not walker.fast.any()
     assert runner.fast.all()
     assert runner.trunk[0] == pytest.approx(3.0)
@@ -96,29 +101,29 @@ def test_a_hand_counts_relative_to_the_trunk():
     velocity = np.zeros((JOINTS, 3))
     velocity[:] = [1.4, 0.0, 0.0]  # walks
     velocity[CANONICAL.index("r_wrist")] = [3.3, 0.0, 0.0]  # swings: 1.9 m/s of its own
-    assert not measure_people(*moving(velocity), RATE_HZ, CANONICAL, limits).fast.any()
+    assert not measure_people(velocities(velocity), CANONICAL, limits).fast.any()
     velocity[CANONICAL.index("r_wrist")] = [3.5, 0.0, 0.0]
-    fast = measure_people(*moving(velocity), RATE_HZ, CANONICAL, limits)
+    fast = measure_people(velocities(velocity), CANONICAL, limits)
     assert fast.fast.all()
     assert fast.hand[0] == pytest.approx(2.1)
     velocity[CANONICAL.index("r_wrist")] = velocity[0]
     velocity[CANONICAL.index("l_foot")] = [6.0, 0.0, 0.0]  # feet are faster than the trunk
-    assert not measure_people(*moving(velocity), RATE_HZ, CANONICAL, limits).fast.any()
+    assert not measure_people(velocities(velocity), CANONICAL, limits).fast.any()
 
 
 def test_a_hand_counts_relative_to_the_room_where_the_trunk_is_not_seen():
     history, observed = moving([2.2, 0, 0])
     for joint in ("waist", "torso"):
         observed[:, :, CANONICAL.index(joint)] = False
-    fast = measure_people(history, observed, RATE_HZ, CANONICAL, HumanLimits())
+    fast = measure_people(joint_velocities(history, observed, RATE_HZ), CANONICAL, HumanLimits())
     assert fast.trunk[0] == 0
     assert fast.hand[0] == pytest.approx(2.2)
     assert fast.fast.all()
 
 
 def test_who_is_fast_counts_at_what_was_measured_and_a_margin():
-    walker = measure_people(*moving([1.5, 0, 0]), RATE_HZ, CANONICAL, HumanLimits())
-    runner = measure_people(*moving([3.0, 0, 0]), RATE_HZ, CANONICAL, HumanLimits())
+    walker = measure_people(velocities([1.5, 0, 0]), CANONICAL, HumanLimits())
+    runner = measure_people(velocities([3.0, 0, 0]), CANONICAL, HumanLimits())
     assert walker.beyond_standard_m_s.tolist() == [0.0]
     assert runner.beyond_standard_m_s == pytest.approx([3.4])
 
@@ -126,7 +131,7 @@ def test_who_is_fast_counts_at_what_was_measured_and_a_margin():
 def test_zones_without_a_forecast_grow_at_least_at_the_present_speed():
     history, observed = moving([3.0, 0, 0])
     observed[:, :, 7] = False
-    speeds = growth_speeds(history, observed, RATE_HZ, 2.0)
+    speeds = growth_speeds(joint_velocities(history, observed, RATE_HZ), 2.0)
     assert speeds[0, 7] == 2.0
     assert speeds[0, 6] == pytest.approx(3.0)
-    assert growth_speeds(*moving([0.5, 0, 0]), RATE_HZ, 2.0).tolist() == [[2.0] * JOINTS]
+    assert growth_speeds(velocities([0.5, 0, 0]), 2.0).tolist() == [[2.0] * JOINTS]

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hri_predict.risk.human_speed import joint_velocities
 from hri_predict.risk.motion_class import (
     CLASSES,
     GRADES,
@@ -34,7 +35,7 @@ def walk(velocity=(0.0, 0.0, 0.0), steps=15, seed=1):
 
 
 def speed_of(history, observed):
-    return trunk_speed(history, observed, RATE_HZ, CANONICAL)[0]
+    return trunk_speed(joint_velocities(history, observed, RATE_HZ), CANONICAL)[0]
 
 
 @pytest.mark.parametrize(

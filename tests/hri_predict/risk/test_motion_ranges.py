@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.risk.human_speed import joint_velocities
 from hri_predict.risk.motion_ranges import (
     MotionRanges,
     bone_lengths,
@@ -37,7 +38,9 @@ def ranges():
 
 def out(history, observed, limits=None):
     limits = limits or ranges()
-    return bool(is_out_of_range(history, observed, RATE_HZ, PARENTS, limits, MARGIN, TOLERANCE)[0])
+    velocities = joint_velocities(history, observed, RATE_HZ)
+    bones = bones_of(history, observed)
+    return bool(is_out_of_range(velocities, bones, limits, MARGIN, TOLERANCE)[0])
 
 
 def test_bones_are_distances_to_the_parents():

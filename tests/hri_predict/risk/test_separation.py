@@ -94,7 +94,7 @@ def test_round_trip_through_the_closed_form(v, a, reaction_s, clearance):
 def test_the_table_agrees_with_the_closed_form(d, a, reaction_s, clearance):
     curve = constant(a)
     exact = min(speed_limit(d, reaction_s, a, clearance), 2.5)
-    (found,) = curve.speed_limits([d], reaction_s, clearance)
+    (found,) = curve.speed_limits([d], curve.required_m(reaction_s, clearance))
     assert found <= exact + 1e-9
     assert found >= exact - 2.5 / 256 - 1e-6
 
@@ -111,7 +111,7 @@ def test_a_measured_table_is_inverted(steps, reaction_s):
     )
     for v in (0.0, 0.4, 1.1, 1.5):
         d = protective_distance(v, reaction_s, *curve.at(v), intrusion_m=0.1).total
-        (found,) = curve.speed_limits([d + 1e-9], reaction_s, 0.1)
+        (found,) = curve.speed_limits([d + 1e-9], curve.required_m(reaction_s, 0.1))
         assert found >= v - 1.5 / 256
         assert (
             protective_distance(found, reaction_s, *curve.at(found), intrusion_m=0.1).total
