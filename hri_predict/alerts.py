@@ -3,6 +3,7 @@
 The loop hands a change over and goes on; writing and running happen in a thread of their own.
 """
 
+import errno
 import json
 import queue
 import subprocess
@@ -17,6 +18,8 @@ from typing import TextIO
 from pydantic import Field
 
 from hri_predict.clock import Clock
+from hri_predict.errors import ConfigError
+from hri_predict.named_pipe import refuse_named_pipe
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
@@ -27,7 +30,7 @@ class AlertSettings(Settings):
     """``alerts:`` in the configuration."""
 
     terminal: bool = Field(True, description="a line on standard error per change")
-    file: str | None = Field(None, description="JSON lines are appended to this file")
+    file: str | None = Field(None, min_length=1, description="JSON lines are appended to this file")
     command: list[str] | None = Field(
         None, description="program and arguments; gets the alert as JSON on standard input"
     )
@@ -87,8 +90,11 @@ class Alerts:
 
     On the virtual clock nothing waits, so alerts are told at once and the command is not run.
 
-    ``dropped`` counts alerts lost because the thread could not keep up, ``failures`` commands that
-    could not run, failed or were ended.
+    ``dropped`` counts alerts lost because the thread could not keep up, ``failures`` those that the
+    file did not take, and commands that could not run, failed or were ended.
+
+    Raises:
+        ConfigError: the file can be none.
     """
 
     def __init__(
@@ -109,7 +115,7 @@ class Alerts:
         self._states: dict[int, tuple[Level, Reason | None]] = {}
         self._zones: dict[str, str] = {}
         self._queue: queue.Queue[AnyAlert | None] = queue.Queue(maxsize=256)
-        self._file = base_dir / settings.file if settings.file else None
+        self._file = alert_file(settings, base_dir)
         self._last_run_ns: int | None = None
         self._thread: threading.Thread | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -246,3 +252,23 @@ class Alerts:
             self.failures += 1
             print("alert command took too long and was ended", file=sys.stderr)
         self._process = None
+
+
+def alert_file(settings: AlertSettings, base_dir: Path) -> Path | None:
+    """The file to append to, where one is configured.
+
+    Raises:
+        ConfigError: it can be none.
+    """
+    if settings.file is None:
+        return None
+    path = base_dir / settings.file
+    try:
+        if path.is_dir():
+            raise OSError(errno.EISDIR, "is a folder")
+        if not path.parent.is_dir():
+            raise OSError(errno.ENOENT, f"there is no folder {path.parent}")
+        refuse_named_pipe(path)
+    except OSError as error:
+        raise ConfigError(f"alerts.file {path}: {error.strerror}; name another file") from error
+    return path

@@ -208,8 +208,9 @@ class _Session:
 
     def summary(self, assembly: assemble.Assembly, pace: Pace) -> Summary:
         counters = dict(self.levels.people_counters)
-        counters["alerts_dropped"] = self.alerts.dropped
         self.close()
+        counters["alerts_dropped"] = self.alerts.dropped
+        counters["alert_failures"] = self.alerts.failures
         if self.recorder is not None:
             counters["recorder_dropped"] = self.recorder.dropped
         result = summarise(assembly.node, pace, assembly.links, self.levels, counters)

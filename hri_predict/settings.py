@@ -4,6 +4,7 @@ Each source, predictor, robot and link has its own model beside its code, derive
 """
 
 import math
+import os
 import reprlib
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
@@ -13,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from hri_predict.errors import ConfigError, nearest
+from hri_predict.named_pipe import refuse_named_pipe
 from hri_predict.scene import Floats
 from hri_predict.yaml_text import MAX_CHARACTERS, load_yaml
 
@@ -121,6 +123,7 @@ def read_text(path: Path, what: str) -> str:
         ConfigError: the file is missing, unreadable, too long, or not UTF-8.
     """
     try:
+        refuse_named_pipe(path)
         with path.open(encoding="utf-8") as file:
             text = file.read(MAX_CHARACTERS + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path, or not UTF-8
@@ -192,4 +195,4 @@ def data_path(*parts: str) -> Path:
     """Path of a file shipped under ``configs/``: the package's copy, else the checkout's."""
     here = Path(__file__).resolve().parent
     packaged = here.joinpath("configs", *parts)
-    return packaged if packaged.exists() else here.parent.joinpath("configs", *parts)
+    return packaged if os.path.exists(packaged) else here.parent.joinpath("configs", *parts)

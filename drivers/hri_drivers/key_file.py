@@ -8,6 +8,7 @@ import stat
 from pathlib import Path
 
 from hri_predict.errors import SourceError
+from hri_predict.named_pipe import refuse_named_pipe
 
 log = logging.getLogger(__name__)
 
@@ -52,8 +53,7 @@ def read_key(path: str, base_dir: Path | None = None) -> Key:
     """
     file = base_dir / path if base_dir is not None else Path(path)
     try:
-        if stat.S_ISFIFO(file.stat().st_mode):  # to open it would wait for a writer, for ever
-            raise SourceError(f"key_file {file}: is a pipe, not a file; check the path")
+        refuse_named_pipe(file)
         with file.open("rb") as stream:
             mode = os.fstat(stream.fileno()).st_mode
             secret = stream.read(MAX_BYTES + 1).strip()

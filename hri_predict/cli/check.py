@@ -11,6 +11,7 @@ from rich.table import Table
 
 from hri_predict import assemble, registry
 from hri_predict import config as configuration
+from hri_predict.alerts import alert_file
 from hri_predict.assemble import Assembly
 from hri_predict.cli.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
@@ -76,6 +77,7 @@ def examine(config: Config) -> dict[str, Any]:
     simulated = [link for link in config.links if link.simulate is not None]
     if simulated:  # not started: to be built, its settings must be right
         registry.load("cells", "mock")(simulated, config.node.robots, config.base_dir, clock, 1.0)
+    alert_file(config.node.alerts, config.base_dir)
     budget = assemble.build_budget(config, source)
     stops = {
         model.name: model.stopping(settings.max_speed_m_s)

@@ -21,6 +21,7 @@ from mcap.writer import CompressionType, Writer
 
 from hri_predict.errors import RecordingError
 from hri_predict.link import Received
+from hri_predict.named_pipe import refuse_named_pipe
 from hri_predict.predictors.base import Forecast
 from hri_predict.recording.mcap_format import (
     LIBRARY,
@@ -96,6 +97,7 @@ class Recorder(Listener):
         self._ticks = 0
         self._path = path
         try:
+            refuse_named_pipe(path)
             self._file: IO[bytes] = path.open("wb")
             self._writer, self._channels = _begin(self._file, info)
         except OSError as error:  # a full disk shows at the first write

@@ -198,9 +198,9 @@ def test_nobody_there_is_an_error_that_names_the_endpoint(endpoint: str) -> None
 
 
 def test_a_missing_file_of_zenohs_own_is_an_error_that_names_it(tmp_path: Path) -> None:
-    settings = ZenohLinkSettings(name="f", cell="c", zenoh_config="no.json5").resolved(tmp_path)
+    settings = ZenohLinkSettings(name="f", cell="c", zenoh_config="no.json5")
     with pytest.raises(ConfigError, match=r"zenoh_config .*/no.json5: .*; mend it or the path"):
-        open_session(settings)
+        settings.resolved(tmp_path)
 
 
 @pytest.mark.parametrize(
