@@ -22,6 +22,7 @@ from hri_predict.settings import Settings, data_path, read_text, read_yaml, vali
 from hri_predict.source import SourceSettings
 
 MAX_ROBOTS = 8
+MAX_LINKS = 32  # each has a thread of its own
 
 
 class NodeSettings(Settings):
@@ -36,9 +37,9 @@ class NodeSettings(Settings):
     robots: list[RobotSettings] = Field(min_length=1, max_length=MAX_ROBOTS)
     risk: RiskSettings = RiskSettings()
     zones: list[NamedZoneSettings] = []
-    links: list[dict[str, Any]] = []
+    links: list[dict[str, Any]] = Field([], max_length=MAX_LINKS)
     alerts: AlertSettings = AlertSettings()
-    record: str | None = Field(None, description="file to record into (MCAP)")
+    record: str | None = Field(None, min_length=1, description="file to record into (MCAP)")
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; absent: nothing is announced"
     )

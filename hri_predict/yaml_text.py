@@ -10,6 +10,7 @@ import yaml
 
 MAX_CHARACTERS = 1_000_000  # of a file; the longest that is shipped has 8000
 MAX_VALUES = 100_000  # with every alias written out
+MAX_SCALAR = 2000  # characters of one value; half of the longest path
 
 
 def load_yaml(text: str) -> Any:
@@ -17,7 +18,8 @@ def load_yaml(text: str) -> Any:
 
     Raises:
         yaml.YAMLError: not YAML, a key that stands twice in one mapping, an alias within itself or
-            a document that aliases blow up, or a scalar that is not what its form or tag says.
+            a document that aliases blow up, or a scalar that is too long, holds a control character
+            or is not what its form or tag says.
         RecursionError: nested too deeply.
     """
     return yaml.load(text, Loader=_Loader)  # derived from the safe loader
@@ -42,6 +44,7 @@ def _check(node: yaml.Node, sizes: dict[int, int]) -> int:
     """Values in ``node`` with every alias written out; ``sizes`` of nodes that were seen (0: is
     being looked into)."""
     if isinstance(node, yaml.ScalarNode):
+        _check_scalar(node)
         return 1
     if id(node) in sizes:
         if sizes[id(node)] == 0:
@@ -58,6 +61,13 @@ def _check(node: yaml.Node, sizes: dict[int, int]) -> int:
         raise _error(f"more than {MAX_VALUES} values, with its aliases written out", node)
     sizes[id(node)] = size
     return size
+
+
+def _check_scalar(node: yaml.ScalarNode) -> None:
+    if len(node.value) > MAX_SCALAR:
+        raise _error(f"a value of more than {MAX_SCALAR} characters", node)
+    if any((ord(c) < 32 and c not in "\n\t") or ord(c) == 127 for c in node.value):
+        raise _error(f"{_short(node)} holds a control character", node)
 
 
 def _check_keys(node: yaml.MappingNode) -> None:

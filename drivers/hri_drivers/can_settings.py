@@ -22,6 +22,9 @@ from hri_predict.protocol.can_codec import (
 from hri_predict.protocol.wire import LinkKind, classic_bits, wire_bits
 from hri_predict.settings import Settings
 
+OWN_ARGUMENTS = ("interface", "bustype", "channel", "bitrate", "fd", "data_bitrate")
+"""Of python-can's bus, those that have a key of their own, on which the link's load rests."""
+
 
 class IsoTpSettings(Settings):
     """``isotp:`` of a CAN link: who takes Zone and Pose on classic CAN."""
@@ -68,6 +71,12 @@ class CanLinkSettings(LinkSettings):
                 listen_only_options(self.interface)
         except (LinkError, ConfigError) as error:
             raise ValueError(str(error)) from error
+        for key in OWN_ARGUMENTS:
+            if key in self.options:
+                own = "interface" if key == "bustype" else key
+                raise ValueError(f"options.{key}: set the link's own '{own}' instead")
+        if self.options.get("receive_own_messages"):
+            raise ValueError("options.receive_own_messages: a link must not hear itself; remove it")
         if self.channel is None and self.simulate is None:
             raise ValueError("give 'channel' (such as can0 or /dev/ttyACM0), or 'simulate'")
         if self.fd and self.data_bitrate < self.bitrate:

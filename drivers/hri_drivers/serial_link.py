@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import ClassVar, Self
 from urllib.parse import urlsplit
 
@@ -15,7 +16,7 @@ from hri_drivers.serial_transport import Parity, SerialTransport, StopBits
 from hri_drivers.transport import Transport
 from hri_drivers.usb_ports import UsbDevice
 from hri_predict.clock import Clock
-from hri_predict.errors import LinkError
+from hri_predict.errors import ConfigError, LinkError
 from hri_predict.link import LinkCounters, LinkLoad, LinkSettings
 from hri_predict.protocol.messages import Message, Pose, Zone
 from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
@@ -233,6 +234,20 @@ class SerialLink(SupervisedLink[bytes]):
             LinkError: one line with the load and what would fit.
         """
         check_load(cls.load(settings, rate_hz, robots))
+
+    @staticmethod
+    def check_together(links: Sequence[SerialLinkSettings]) -> None:
+        """Refuse two links on one port.
+
+        Raises:
+            ConfigError: names both, and what to change.
+        """
+        for a, b in combinations([link for link in links if link.simulate is None], 2):
+            if (a.port, a.usb) == (b.port, b.usb):
+                raise ConfigError(
+                    f"links '{a.name}' and '{b.name}' are both on {a.port or 'one USB adapter'}, "
+                    "which serves one; put their robots on one link, or correct 'port'"
+                )
 
     @staticmethod
     def receiver(settings: SerialLinkSettings) -> SerialReceiver:

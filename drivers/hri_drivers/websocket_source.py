@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
-from websockets.exceptions import ConnectionClosed, WebSocketException
+from websockets.exceptions import ConnectionClosed, InvalidURI, WebSocketException
 from websockets.frames import Frame, Opcode
 from websockets.http11 import Request
 from websockets.server import ServerProtocol
 from websockets.sync.client import ClientConnection, connect
+from websockets.uri import parse_uri
 
 from hri_drivers.json_source import SceneJsonSettings, SceneJsonSource
 from hri_drivers.scene_json import MAX_BYTES, plain
@@ -64,6 +65,12 @@ class WebSocketSettings(SceneJsonSettings):
     def _known_scheme(cls, url: str | None) -> str | None:
         if url is not None and not url.startswith(("ws://", "wss://")):
             raise ValueError("must begin with ws:// or wss://")
+        try:
+            if url is not None:
+                parse_uri(url)
+        except (InvalidURI, ValueError) as error:
+            why = str(error).splitlines()[0]
+            raise ValueError(f"{why}; give it as ws://192.168.0.7:8765/scenes") from None
         return url
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import JointMap, resolve_bvh_map
+from hri_predict.recording.bounded import read_bounded
 from hri_predict.recording.bvh_writer import AXES, CM_PER_M
 from hri_predict.recording.naming import unknown_map
 from hri_predict.recording.recording import Recording, check_rate, recording_of_one
@@ -77,7 +78,10 @@ def _check_complete(path: Path) -> bool:
     Returns whether every chain ends in an "End Site" (else a leaf's end is not known).
     """
     try:
-        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+        text = read_bounded(path)
+        if b"\0" in text[:4096]:
+            raise RecordingError(f"recording {path}: not a BVH file (not text)")
+        lines = [line for line in text.decode("utf-8").splitlines() if line.strip()]
     except UnicodeDecodeError as error:
         raise RecordingError(f"recording {path}: not a BVH file (not text)") from error
     heads = [line.split()[0] for line in lines]

@@ -93,6 +93,16 @@ def test_links_that_do_not_meet_are_fine(second):
     check_together([link("a"), link("b", **second)])
 
 
+@pytest.mark.parametrize(
+    "option", ["interface", "bustype", "channel", "bitrate", "fd", "data_bitrate"]
+)
+def test_options_do_not_undo_the_links_own_keys(option):
+    with pytest.raises(ValidationError, match=f"options.{option}: set the link's own"):
+        link("a", options={option: 1})
+    with pytest.raises(ValidationError, match="a link must not hear itself"):
+        link("a", options={"receive_own_messages": True})
+
+
 def test_check_refuses_such_a_configuration_and_explains_links(tmp_path):
     data = yaml.safe_load((CONFIGS / "demo.yaml").read_text(encoding="utf-8"))
     data["links"] = [

@@ -15,7 +15,7 @@ from hri_drivers.serial_link import SerialLink, SerialLinkSettings
 from hri_drivers.serial_transport import SerialTransport
 from hri_drivers.transport import TransportBusy
 from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
+from hri_predict.errors import ConfigError, LinkError
 from hri_predict.protocol.messages import Acknowledge, Advice, Level
 from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
 from hri_predict.reasons import Reason
@@ -216,6 +216,16 @@ def test_a_controller_in_another_process_answers_every_advice():
     finally:
         child.kill()
         child.wait()
+
+
+def test_two_links_on_one_port_are_refused():
+    def link(name: str, **more: Any) -> SerialLinkSettings:
+        return SerialLinkSettings.model_validate({"name": name, "port": "/dev/ttyUSB0"} | more)
+
+    with pytest.raises(ConfigError, match="'a' and 'b' are both on /dev/ttyUSB0"):
+        SerialLink.check_together([link("a"), link("b")])
+    fine = [link("a"), link("b", port="/dev/ttyUSB1"), link("c", simulate={})]
+    SerialLink.check_together(fine)
 
 
 def test_closing_twice_and_stopping_unstarted_is_fine():

@@ -115,3 +115,10 @@ def test_nobody_there_says_so(hear: Hear) -> None:
             {"kind": "websocket", "room_from_source": {}, "rate_hz": 30, "url": "http://x"},
             "source",
         )
+
+
+@pytest.mark.parametrize("url", ["ws://", "ws://[", "wss://x:99999", "ws://x:y"])
+def test_an_address_that_is_none_is_refused_before_anything_starts(url: str) -> None:
+    data = {"kind": "websocket", "room_from_source": {}, "rate_hz": 30, "url": url}
+    with pytest.raises(ConfigError, match=r"source: url: .*give it as ws://"):
+        validated(WebSocketSettings, data, "source")

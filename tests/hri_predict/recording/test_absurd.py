@@ -57,6 +57,12 @@ def _error(path: Path) -> str:
     return str(caught.value)
 
 
+def test_a_bvh_of_zeros_is_no_text(tmp_path: Path) -> None:
+    with (tmp_path / "zeros.bvh").open("wb") as file:
+        file.truncate(2**20)
+    assert "not a BVH file (not text)" in _error(tmp_path / "zeros.bvh")
+
+
 @pytest.mark.parametrize("fps", [1e9, 1e300, 1e-300, 0.001, 0.0, -1.0])
 def test_an_absurd_rate_of_an_npz_is_refused(tmp_path: Path, fps: float) -> None:
     assert "it must be 0.1 to 10000" in _error(_npz(tmp_path / "a.npz", fps=fps))
