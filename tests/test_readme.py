@@ -16,6 +16,8 @@ import numpy as np
 import pytest
 
 from hri_drivers.scene_codec import SEES_ROOM, open_datagram
+from hri_predict.cli.check import examine
+from hri_predict.config import load
 from hri_predict.predictors.base import checked
 from hri_predict.risk.robot_file import read_robot_file
 
@@ -151,6 +153,18 @@ def test_an_unknown_fault_lists_those_there_are(folder):
     assert done.returncode == 2
     assert "vanish" in done.stderr
     assert "bit_errors" in done.stderr
+
+
+def test_the_controllers_that_stand_in_for_hardware_are_valid(folder):
+    block = re.search(r"```yaml\n(links:\n(?:  .*\n)*?.*simulate: (?:.*\n)*?)```", README)
+    assert block
+    cell = (folder / "cell.yaml").read_text(encoding="utf-8")
+    before, _, after = re.split(r"(links:\n(?:  .*\n)+)", cell)
+    assert "socketcan" not in before + after
+    (folder / "cell.yaml").write_text(before + block[1] + after, encoding="utf-8")
+    found = examine(load(folder / "cell.yaml"))
+    assert [link["name"] for link in found["links"]] == ["plc", "drive"]
+    assert "simulated links: mock controllers, no hardware" in found["notes"]
 
 
 @pytest.mark.slow

@@ -29,7 +29,11 @@ Shadow = Annotated[
 ]
 Faults = Annotated[
     list[str] | None,
-    typer.Option("--fault", help="Inject a fault: kind@start+duration[:key=value]. Repeatable."),
+    typer.Option(
+        "--fault",
+        help="Inject a fault: kind[@start[+seconds]][:key=value]; without a time from the first "
+        "scene to the last. Repeatable.",
+    ),
 ]
 
 BESIDE_THE_ROBOT = [-1.9, 2.0, 0.0]  # where a recording starts, unless something says otherwise
