@@ -16,9 +16,8 @@ import zenoh
 from pydantic import Field, StringConstraints, model_validator
 
 from hri_predict.errors import ConfigError, LinkError
-from hri_predict.named_pipe import refuse_named_pipe
 from hri_predict.protocol.keyed_codec import Name
-from hri_predict.settings import Settings
+from hri_predict.settings import Settings, read_text
 
 ROUTER = "tcp/127.0.0.1:7447"
 CONNECT_S = 0.5
@@ -158,10 +157,8 @@ def _from_file(path: str | None) -> zenoh.Config:
     if path is None:
         return zenoh.Config()
     try:
-        refuse_named_pipe(Path(path))
+        read_text(Path(path), "zenoh_config")  # zenoh reads whatever never ends, for ever
         return zenoh.Config.from_file(path)
-    except OSError as error:
-        raise ConfigError(f"zenoh_config {path}: {error.strerror}; check the path") from error
     except zenoh.ZError as error:
         raise ConfigError(f"zenoh_config {path}: {short(error)}; mend it or the path") from error
 

@@ -199,7 +199,13 @@ def test_nobody_there_is_an_error_that_names_the_endpoint(endpoint: str) -> None
 
 def test_a_missing_file_of_zenohs_own_is_an_error_that_names_it(tmp_path: Path) -> None:
     settings = ZenohLinkSettings(name="f", cell="c", zenoh_config="no.json5")
-    with pytest.raises(ConfigError, match=r"zenoh_config .*/no.json5: .*; mend it or the path"):
+    with pytest.raises(ConfigError, match=r"zenoh_config .*/no.json5: .*; check the path"):
+        settings.resolved(tmp_path)
+
+
+def test_a_file_of_zenohs_own_that_never_ends_is_refused(tmp_path: Path) -> None:
+    settings = ZenohLinkSettings(name="f", cell="c", zenoh_config="/dev/zero")
+    with pytest.raises(ConfigError, match=r"zenoh_config /dev/zero: longer than"):
         settings.resolved(tmp_path)
 
 
