@@ -47,8 +47,8 @@ class Parameters:
         while record := self.records.get((group, name if part == 1 else f"{name}{part}")):
             part += 1
             if record.kind == -1 and record.data:
-                width = record.dimensions[0]
-                count = math.prod(record.dimensions[1:])
+                width, *counts = record.dimensions or (1,)  # without any, a single character
+                count = math.prod(counts)
                 cut = [record.data[k * width : (k + 1) * width] for k in range(count)]
                 found += [text.split(b"\0")[0].decode("latin-1").strip() for text in cut]
         return found

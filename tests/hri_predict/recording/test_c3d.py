@@ -247,6 +247,18 @@ def test_points_that_start_nowhere_are_refused(tmp_path, start):
     assert "where the points start" in _error(path)
 
 
+@pytest.mark.parametrize("name", ["UNITS", "LABELS", "Y_SCREEN"])
+def test_a_text_without_dimensions_is_one_character(tmp_path, name):
+    path = tmp_path / "a.c3d"
+    data = bytearray(with_parameters(2, 1, **{"LABELS": ["C7"], "Y_SCREEN": "+Y", name: "mm"}))
+    at = data.index(name.encode()) + len(name) + 3  # behind its name, offset and type
+    data[at : at + 3] = b"\0m\0"
+    path.write_bytes(data)
+    recording = open_recording(path, any_joints=True)
+    assert len(recording.scenes) == 2
+    assert recording.joint_map.source_joints == ("m" if name == "LABELS" else "C7",)
+
+
 def test_labels_end_with_the_section_of_parameters(tmp_path):
     """A last parameter without an end must not make texts of the whole file."""
     path = tmp_path / "a.c3d"
