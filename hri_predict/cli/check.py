@@ -147,6 +147,8 @@ def _notes(config: Config) -> list[str]:
     notes += [f"source {config.source.kind}: {note}" for note in config.source.notes]
     if config.source.field_of_view is None:
         notes.append("no source.field_of_view: the whole room counts as seen")
+    if config.node.risk.intrusion_m == 0:
+        notes.append("risk.intrusion_m, C, is 0: right only if the sensor sees even fingers")
     if unused := assemble.unused_coverage(config):
         notes.append(unused)
     if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):

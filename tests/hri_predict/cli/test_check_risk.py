@@ -45,6 +45,12 @@ def test_the_terms_at_full_speed(checked):
     assert not any("fixed_radius_m" in note for note in found["notes"])
 
 
+def test_nothing_for_what_reaches_in_unseen_is_noted(checked):
+    assert any("risk.intrusion_m, C, is 0" in n for n in checked("  mode: iso\n")["notes"])
+    found = checked("  mode: iso\n  intrusion_m: 0.16\n")
+    assert not any("intrusion_m" in note for note in found["notes"])
+
+
 def test_a_circle_that_is_too_small_is_noted(checked):
     small = checked("  mode: fixed\n  fixed_radius_m: 2.0\n")
     assert small["risk"]["robots"]["arm"]["fixed_radius_m"] == 2.0
