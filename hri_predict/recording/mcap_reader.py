@@ -9,8 +9,8 @@ from typing import Any
 
 import zstandard
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
-from mcap.records import Channel, Footer, Message, Metadata
-from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.records import Channel, Chunk, Footer, Message, Metadata
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from hri_predict.errors import RecordingError
 from hri_predict.link import Received
@@ -91,8 +91,31 @@ def read_mcap(path: Path) -> Recording:
 
 
 def _records(file: Any) -> Iterator[Any]:
-    reader = StreamReader(file, validate_crcs=True, record_size_limit=_RECORD_LIMIT)
-    yield from reader.records
+    reader = StreamReader(
+        file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_LIMIT
+    )
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            _check_unpacked(record)
+            yield from breakup_chunk(record, validate_crc=True)
+        else:
+            yield record
+
+
+def _check_unpacked(chunk: Chunk) -> None:
+    """Refuse what would fill the memory: a few bytes may unpack to any number.
+
+    Raises:
+        ValueError, zstandard.ZstdError: too large when unpacked, or not packed as ours are.
+    """
+    sizes = [chunk.uncompressed_size]
+    if chunk.compression == "zstd":
+        said = zstandard.get_frame_parameters(chunk.data).content_size
+        sizes += [said] if said != zstandard.CONTENTSIZE_UNKNOWN else []
+    elif chunk.compression:
+        raise ValueError(f"compression {chunk.compression[:20]!r}")
+    if max(sizes) > _RECORD_LIMIT:
+        raise ValueError(f"a chunk of {max(sizes)} bytes when unpacked")
 
 
 def _cut_note(arrivals: list[int]) -> str:
