@@ -30,7 +30,7 @@ from pydantic import Field
 
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.base import PredictorSettings
-from hri_predict.risk.motion_class import CLASSES, SPEED_CLASSES, motion_class
+from hri_predict.risk.motion_class import CLASSES, GRADES, SPEED_CLASSES, motion_class
 from hri_predict.risk.motion_ranges import MotionRanges
 from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.scene import Floats
@@ -40,6 +40,9 @@ from hri_predict.skeleton import JOINTS, Skeleton
 OFS: tuple[Literal["joint", "body"], ...] = ("joint", "body")
 FOLDER = Path(__file__).parents[1] / "weights"
 """Calibrations of shipped predictors lie beside the weights, the baselines' too."""
+
+VERSION = 2
+"""Of the files; 2 has three speed classes."""
 
 Millimetres = Annotated[int, Field(ge=1, le=100_000)]
 Row = list[Millimetres | None]  # by step; None: not known, so unbounded
@@ -70,7 +73,7 @@ class UsedRecording(Settings):
 class CalibrationFile(Settings):
     """A calibration as stored."""
 
-    version: Literal[1] = 1
+    version: int = VERSION
     predictor: str
     settings: dict[str, Any]
     weights: str | None = Field(description="first digits of the weights' SHA-256")
@@ -96,9 +99,9 @@ class Calibration:
         predictor, settings, weights: what it belongs to.
         rate_hz: steps per second.
         joints: names of the G joints, without their side.
-        thresholds_m: (2, 2) see ``motion_class``.
+        thresholds_m: (3, 2) see ``motion_class``.
         estimated: per question (L, C, G, H) metres, infinite where nothing is known.
-        guaranteed: per question (L, 2, G, H) by speed class, infinite where unsupported.
+        guaranteed: per question (L, 3, G, H) by speed class, infinite where unsupported.
         recordings: those used.
         ranges: of the bodies and motions in them.
     """
@@ -229,6 +232,8 @@ def load_calibration(path: Path) -> Calibration:
         raise ConfigError(f"{what}: is not JSON ({error}); make it by hri-predict calibrate") from (
             error
         )
+    if isinstance(data, dict) and data.get("version") != VERSION:
+        raise ConfigError(f"{what}: is of another version; make it anew by hri-predict calibrate")
     file = validated(CalibrationFile, data, what)
     try:
         return _unpacked(file)
@@ -280,8 +285,9 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         want = (len(LEVELS), classes, len(file.joints), file.steps)
         tables[name] = {of: _table(stored[of], want) for of in OFS}
     thresholds = np.array(file.thresholds_m, dtype=np.float64)
-    if thresholds.shape != (2, 2) or not (np.diff(thresholds) >= 0).all() or thresholds.max() > 10:
-        raise ValueError("thresholds_m must be two rising pairs of metres")
+    of_speeds = thresholds.shape == (len(SPEED_CLASSES), len(GRADES) - 1)
+    if not of_speeds or not (np.diff(thresholds) >= 0).all() or thresholds.max() > 10:
+        raise ValueError("thresholds_m must be a rising pair of metres for each speed class")
     return Calibration(
         file.predictor,
         file.settings,

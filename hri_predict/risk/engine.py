@@ -17,8 +17,9 @@ from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.human_speed import HumanSpeeds, SnapshotVelocities, measure_people
 from hri_predict.risk.levels import Demand, LevelMachine, combined
 from hri_predict.risk.nearest_in_time import BodiesInTime
+from hri_predict.risk.outlook import Outlook, outlooks
 from hri_predict.risk.robot_judge import Judgement, RobotJudge
-from hri_predict.risk.robot_tracker import RobotTracker
+from hri_predict.risk.robot_tracker import RobotNow, RobotTracker
 from hri_predict.risk.self_check import SelfCheck, SelfCheckSettings, Trust
 from hri_predict.risk.separation import Finding
 from hri_predict.risk.settings import HumanLimits, RiskSettings
@@ -158,12 +159,11 @@ class RiskEngine:
         speeds = measure_people(
             self._velocities.of(snapshot), self._skeleton, self._settings.limits
         )
-        in_time = None
-        if len(bodies.zones.ids) and any(judge.in_time for judge in self._judges):
-            in_time = BodiesInTime(bodies.zones.capsules)
+        nows = [judge.tracker.at(snapshot.now_ns) for judge in self._judges]
+        outlook = {} if blind else self._outlooks(nows, bodies)
         advices = tuple(
-            self._advise(robot, snapshot, bodies, named, blind, speeds, in_time)
-            for robot in range(len(self._judges))
+            self._advise(robot, now, snapshot, bodies, named, blind, speeds, outlook.get(robot))
+            for robot, now in enumerate(nows)
         )
         return Assessment(advices, bodies.zones, named, bodies.reasons)
 
@@ -197,22 +197,38 @@ class RiskEngine:
             reasons.append(Reason.CLOCK_JUMP)
         return tuple(dict.fromkeys(reasons))
 
+    def _outlooks(self, nows: Sequence[RobotNow], bodies: BodyZones) -> dict[int, Outlook]:
+        """Of the robots that are judged time by time, as far as their motion is known."""
+        if not len(bodies.zones.ids):
+            return {}
+        motions = {
+            robot: judge.motion(now, bodies)
+            for robot, (judge, now) in enumerate(zip(self._judges, nows, strict=True))
+            if judge.in_time and not now.reasons
+        }
+        known = {robot: motion for robot, motion in motions.items() if motion is not None}
+        if not known:
+            return {}
+        judging = [self._judges[robot].time_by_time(motion) for robot, motion in known.items()]
+        found = outlooks(list(known.values()), judging, BodiesInTime(bodies.zones.capsules))
+        return dict(zip(known, found, strict=True))
+
     def _advise(
         self,
         robot: int,
+        now: RobotNow,
         snapshot: PeopleSnapshot,
         bodies: BodyZones,
         named: tuple[NamedZoneState, ...],
         blind: tuple[Reason, ...],
         speeds: HumanSpeeds,
-        in_time: BodiesInTime | None,
+        outlook: Outlook | None,
     ) -> Advice:
         judge, machine = self._judges[robot], self._machines[robot]
-        now = judge.tracker.at(snapshot.now_ns)
         judgement = Judgement(Demand.nothing(judge.max_speed_m_s), None, False)
         demands = [Demand.unknown(reason) for reason in (*blind, *now.reasons)]
         if not demands:
-            judgement = judge.judge(now, bodies, speeds.beyond_standard_m_s, in_time)
+            judgement = judge.judge(now, bodies, speeds.beyond_standard_m_s, outlook)
             demands = [judgement.demand] + [
                 zone.demand(state, judge.name, judge.max_speed_m_s)
                 for zone, state in zip(self._named, named, strict=True)

@@ -1,5 +1,6 @@
 """Which body segment is nearest to which part of the robot, step by step."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,21 @@ class NearestInTime:
     link: Ints
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Courses:
+    """Ways one robot may go.
+
+    Attributes:
+        capsules: (L, K, C) of each of L courses, step by step.
+        until: (L,) the last step that counts, at least 1; the first is step 1.
+        enough_m: (L,) a distance above it need not be known: then it is ``enough_m``.
+    """
+
+    capsules: Capsules
+    until: Ints
+    enough_m: Floats
+
+
 class BodiesInTime:
     """Everybody's capsules step by step, ready to be compared with a robot's.
 
@@ -47,40 +63,57 @@ class BodiesInTime:
             self._persons = _around(balls.reshape(5, persons, self._steps, segments))  # (5, P, K)
         self._segments = balls.reshape(5, persons * self._steps, segments)
 
-    def nearest(self, robot: Capsules, steps: int | None = None) -> NearestInTime:
+    def nearest(self, robot: Capsules) -> NearestInTime:
         """Smallest distance between any of the people and the robot, step by step.
 
         Args:
             robot: (K, C) capsules, or (1, C): it stays where it is.
-            steps: how many of the K steps are wanted; default all.
 
         Returns:
             (K,) each; a step in which anything is not finite has the distance minus infinity.
         """
-        step = np.arange(self._steps)[:steps]
+        step = np.arange(self._steps)
         place = step if len(robot.radius) > 1 else np.zeros_like(step)
         return self._search(robot, step, place, step, np.full(len(step), np.inf))
 
-    def least(self, robot: Capsules, until: Ints, enough_m: Floats) -> NearestInTime:
-        """Smallest distance over some time of each of several courses of the robot.
+    def standing(self, robots: Sequence[Capsules], steps: Sequence[int]) -> list[NearestInTime]:
+        """``nearest`` of each of several robots that stay where they are.
 
         Args:
-            robot: (L, K, C) capsules.
-            until: (L,) the last step that counts, at least 1; the first is step 1.
-            enough_m: (L,) a distance above it need not be known: then it is ``enough_m``.
+            robots: (C,) capsules each.
+            steps: how many of the K steps are wanted of each.
+        """
+        places = [Capsules(r.a[None], r.b[None], r.radius[None]) for r in robots]
+        step = np.concatenate([np.arange(n) for n in steps])
+        place = np.repeat(np.arange(len(robots)), steps)
+        group = np.arange(len(step))
+        found = self._search(_one_by_one(places), step, place, group, np.full(len(step), np.inf))
+        return _parted(found, steps)
+
+    def least(self, robots: Sequence[Courses]) -> list[NearestInTime]:
+        """Smallest distance over some time of each of several courses of each of several robots.
 
         Returns:
             (L,) each; minus infinity where anything is not finite.
         """
-        courses, steps, links = robot.radius.shape
-        counts = np.minimum(until, steps - 1)
-        course = np.repeat(np.arange(courses), counts)
-        step = np.concatenate([np.arange(1, n + 1) for n in counts])
-        flat = Capsules(
-            robot.a.reshape(-1, links, 3), robot.b.reshape(-1, links, 3),
-            robot.radius.reshape(-1, links),
-        )  # fmt: skip
-        return self._search(flat, step, course * steps + step, course, enough_m)
+        steps = [np.minimum(r.until, r.capsules.radius.shape[1] - 1) for r in robots]
+        counts = np.concatenate(steps)
+        # every course's steps after now, course after course
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        length = np.repeat([r.capsules.radius.shape[1] for r in robots], [len(n) for n in steps])
+        place = np.repeat(np.cumsum(length) - length, counts) + within + 1
+        group = np.repeat(np.arange(len(counts)), counts)
+        flat = [
+            Capsules(
+                c.a.reshape(-1, *c.a.shape[2:]),
+                c.b.reshape(-1, *c.b.shape[2:]),
+                c.radius.reshape(-1, c.radius.shape[2]),
+            )
+            for c in (r.capsules for r in robots)
+        ]
+        enough_m = np.concatenate([r.enough_m for r in robots])
+        found = self._search(_one_by_one(flat), within + 1, place, group, enough_m)
+        return _parted(found, [len(n) for n in steps])
 
     @np.errstate(invalid="ignore")  # what is not finite is found and answered below
     def _search(
@@ -135,6 +168,37 @@ class BodiesInTime:
 def nearest_in_time(people: Capsules, robot: Capsules) -> NearestInTime:
     """``BodiesInTime(people).nearest(robot)``, for one comparison."""
     return BodiesInTime(people).nearest(robot)
+
+
+def _one_by_one(robots: Sequence[Capsules]) -> Capsules:
+    """(Q, C) capsules of each robot, one after the other; those of fewer have the first again."""
+    if len(robots) == 1:
+        return robots[0]
+    links = max(r.radius.shape[1] for r in robots)
+
+    def joined(parts: Sequence[Floats]) -> Floats:
+        return np.concatenate(
+            [np.concatenate([p, *[p[:, :1]] * (links - p.shape[1])], axis=1) for p in parts]
+        )
+
+    return Capsules(
+        joined([r.a for r in robots]),
+        joined([r.b for r in robots]),
+        joined([r.radius for r in robots]),
+    )
+
+
+def _parted(found: NearestInTime, counts: Sequence[int]) -> list[NearestInTime]:
+    ends = np.cumsum(counts).tolist()
+    return [
+        NearestInTime(
+            found.distance[start:end],
+            found.person[start:end],
+            found.segment[start:end],
+            found.link[start:end],
+        )
+        for start, end in zip([0, *ends], ends, strict=False)
+    ]
 
 
 def _groups(group: Ints) -> tuple[Ints, Ints]:

@@ -11,6 +11,7 @@ from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.geometry import horizontal_distance
 from hri_predict.risk.levels import Demand, demand_of, margins
 from hri_predict.risk.nearest_in_time import BodiesInTime, NearestInTime, nearest_in_time
+from hri_predict.risk.outlook import Outlook, outlooks
 from hri_predict.risk.retreat import retreat_steps
 from hri_predict.risk.robot import RobotModel, RobotSettings
 from hri_predict.risk.robot_motion import RobotMotion
@@ -22,7 +23,7 @@ from hri_predict.risk.separation import (
     protective_distance,
     worst_of,
 )
-from hri_predict.risk.separation_in_time import Course, farthest, judge_in_time
+from hri_predict.risk.separation_in_time import Course, TimeByTime, farthest
 from hri_predict.risk.separation_now import judge_fixed, judge_iso, judge_retreat
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Capsules
@@ -102,7 +103,7 @@ class RobotJudge:
         now: RobotNow,
         bodies: BodyZones,
         human_m_s: Floats | None = None,
-        in_time: BodiesInTime | None = None,
+        outlook: Outlook | None = None,
     ) -> Judgement:
         """Judge the robot as it is ``now`` against ``bodies``.
 
@@ -111,18 +112,21 @@ class RobotJudge:
             bodies: the people.
             human_m_s: (P,) of who is faster than the standard assumes, 0 of the others, in the
                 order of ``bodies`` as far as it goes; ``None``: nobody is.
-            in_time: the zones of ``bodies``, where another robot needed them in this tick already.
+            outlook: its own, where all robots' were found together; see ``outlooks``.
         """
-        if now.q is None or now.qd is None or not _is_finite(now):
-            reason = next(iter(now.reasons), Reason.ROBOT_STATE_INVALID)
-            return Judgement(Demand.unknown(reason), None, False)
-        motion = self._motion(now, bodies)
+        motion = outlook.motion if outlook is not None else self.motion(now, bodies)
         if motion is None:
-            return Judgement(Demand.unknown(Reason.HORIZON_TOO_SHORT), None, False)
+            reason = next(iter(now.reasons), Reason.ROBOT_STATE_INVALID)
+            if _is_known(now):
+                reason = Reason.HORIZON_TOO_SHORT
+            return Judgement(Demand.unknown(reason), None, False)
         people, demand = None, Demand.nothing(self.max_speed_m_s)
         if len(bodies.zones.ids):
             fast = np.zeros(0) if human_m_s is None else human_m_s
-            people, demand = self._of_people(motion, bodies, fast, in_time)
+            if self.in_time and outlook is None:
+                judging = self.time_by_time(motion)
+                (outlook,) = outlooks([motion], [judging], BodiesInTime(bodies.zones.capsules))
+            people, demand = self._of_people(motion, bodies, fast, outlook)
         unseen = None if self._view is None else self._unseen(motion, bodies.age_s, self._view)
         if unseen is None:
             return Judgement(demand, people, False)
@@ -136,23 +140,23 @@ class RobotJudge:
         motion: RobotMotion,
         bodies: BodyZones,
         human_m_s: Floats,
-        in_time: BodiesInTime | None,
+        outlook: Outlook | None,
     ) -> tuple[Finding, Demand]:
         """What the people ask for, and the finding that it rests on.
 
         ``predictive`` asks for what the milder of two asks: the zones over time, and the standard's
         separation. Either keeps the robot away by itself, as long as what it assumes holds.
         """
-        if not self.in_time:
+        if outlook is None:
             found = self._now(motion, bodies, human_m_s)
             return found, self._demand(found, _reason(found, bodies))
-        found, standing = self._by_time(motion, in_time or BodiesInTime(bodies.zones.capsules))
+        found = outlook.finding
         demand = self._demand(found, _reason(found, bodies))
         free = demand == Demand.nothing(self.max_speed_m_s)
         # zones that are no numbers are a fault, not a reason to look at the distance instead
         if self._settings.mode != "predictive" or free or not np.isfinite(found.slack_m):
             return found, demand
-        now = self._now(motion, bodies, human_m_s, standing)
+        now = self._now(motion, bodies, human_m_s, outlook.standing)
         by_standard = self._demand(now, _reason(now, bodies))
         both = demand.milder(by_standard)
         rests_on_zones = (both.level, both.limit_m_s) == (demand.level, demand.limit_m_s)
@@ -168,8 +172,10 @@ class RobotJudge:
     def _demand(self, finding: Finding, reason: Reason) -> Demand:
         return demand_of(finding, self._settings, self.max_speed_m_s, reason)
 
-    def _motion(self, now: RobotNow, bodies: BodyZones) -> RobotMotion | None:
-        """The robot's motion, or ``None`` if its stop is not covered by the zones."""
+    def motion(self, now: RobotNow, bodies: BodyZones) -> RobotMotion | None:
+        """The robot's motion; ``None``: it is not known, or zones end before the robot stands."""
+        if not _is_known(now):
+            return None
         until_braking_s = self._budget.after_now_s(self.name)
         stopping = self.tracker.model.stopping(now.speed_m_s)
         end_s = until_braking_s + max(stopping[0], float(self._curve.time_s[-1]))
@@ -191,18 +197,18 @@ class RobotJudge:
             until_braking_s,
         )
 
-    def _by_time(self, motion: RobotMotion, course: BodiesInTime) -> tuple[Finding, NearestInTime]:
-        """Modes ``predictive`` and ``reactive``; and who is how near to the robot as it is now."""
-        standing = course.nearest(_once(motion.capsules), len(motion.times_s))
-
-        def at_speeds(speeds_m_s: Floats, enough_m: Floats) -> NearestInTime:
-            robot, until = motion.stopping_at(speeds_m_s)
-            return course.least(robot, until, enough_m)
-
-        ahead = at_speeds if motion.is_foreseen else None
-        distance = float(standing.distance[0])
-        course_of = Course(distance, _later(standing), ahead)
-        return self._over_time(course_of, motion), standing
+    def time_by_time(self, motion: RobotMotion) -> TimeByTime:
+        """How it is judged in the modes ``predictive`` and ``reactive``."""
+        return TimeByTime(
+            motion.times_s,
+            motion.speed_m_s,
+            (motion.stopping_s, motion.stopping_m),
+            self._curve,
+            motion.until_braking_s,
+            motion.clearance_m,
+            self._margins,
+            self._farthest(len(motion.times_s), motion),
+        )
 
     def _now(
         self,
@@ -280,7 +286,7 @@ class RobotJudge:
             return NearestInTime(least, unknown, unknown, unknown)
 
         ahead = at_speeds if motion.is_foreseen else None
-        return self._over_time(Course(distance, standing, ahead), motion)
+        return self.time_by_time(motion).judged(Course(distance, standing, ahead))
 
     def _iso(
         self,
@@ -332,19 +338,6 @@ class RobotJudge:
             self._settings, tracker.settings, tracker.model, budget, human_m_s
         ).total
 
-    def _over_time(self, course: Course, motion: RobotMotion) -> Finding:
-        return judge_in_time(
-            course,
-            motion.times_s,
-            motion.speed_m_s,
-            (motion.stopping_s, motion.stopping_m),
-            self._curve,
-            motion.until_braking_s,
-            motion.clearance_m,
-            self._margins,
-            self._farthest(len(motion.times_s), motion),
-        )
-
     def _farthest(self, steps: int, motion: RobotMotion) -> Floats:
         """As ``separation.farthest``; the same tick after tick unless the steps change."""
         key = steps, motion.until_braking_s
@@ -379,21 +372,13 @@ def _reason(finding: Finding, bodies: BodyZones) -> Reason:
     return Reason.PERSON_NEAR if finding.near else Reason.PERSON_APPROACHING
 
 
-def _is_finite(now: RobotNow) -> bool:
+def _is_known(now: RobotNow) -> bool:
+    if now.q is None or now.qd is None:
+        return False
     values = (now.q, now.qd, now.speed_m_s, now.uncertainty_m)
-    return all(bool(np.isfinite(v).all()) for v in values if v is not None) and now.speed_m_s >= 0
+    return all(bool(np.isfinite(v).all()) for v in values) and now.speed_m_s >= 0
 
 
 def _once(capsules: Capsules) -> Capsules:
     """(C,) to (1, C): the same at every step."""
     return Capsules(capsules.a[None], capsules.b[None], capsules.radius[None])
-
-
-def _later(nearest: NearestInTime) -> NearestInTime:
-    """Without entry 0, the bodies as captured."""
-    return NearestInTime(
-        nearest.distance[..., 1:],
-        nearest.person[..., 1:],
-        nearest.segment[..., 1:],
-        nearest.link[..., 1:],
-    )

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from hri_predict.errors import ConfigError
 from hri_predict.risk.calibration import OFS, Calibration, UsedRecording, needed, plain
-from hri_predict.risk.motion_class import CLASSES, GRADES, SPEED_CLASSES, is_moving, motion_class
+from hri_predict.risk.motion_class import CLASSES, GRADES, SPEED_CLASSES, motion_class, speed_class
 from hri_predict.risk.motion_ranges import SHORT_S, motion_ranges, short_ratio
 from hri_predict.risk.settings import LEVELS
 from hri_predict.scene import Floats
@@ -74,7 +74,7 @@ def calibrate(
     )
     windows = _Windows(error, kind, unit, group)
     estimated = _inflated(windows, _estimated(windows))
-    guaranteed = _guaranteed(error, is_moving(speed), unit, group, len(joints), rate_hz)
+    guaranteed = _guaranteed(error, speed_class(speed), unit, group, len(joints), rate_hz)
     ranges = _ranges(scores, estimated["joint"][-1], kind, error, group, joints, rate_hz, skeleton)
     return Calibration(
         predictor,
@@ -94,14 +94,14 @@ def calibrate(
 
 
 def _terciles(speed: Floats, surprise: Floats) -> Floats:
-    """(2, 2) thresholds of surprise in each speed class; those of all where a class is empty.
+    """(3, 2) thresholds of surprise in each speed class; those of all where a class is empty.
 
     Where no surprise is known (a horizon of less than ``SURPRISE_S``), any one is surprising.
     """
-    moving = is_moving(speed)
+    fast = speed_class(speed)
     found = []
-    for wanted in (False, True):
-        own = surprise[(moving == wanted) & np.isfinite(surprise)]
+    for wanted in range(len(SPEED_CLASSES)):
+        own = surprise[(fast == wanted) & np.isfinite(surprise)]
         known = own if own.size else surprise[np.isfinite(surprise)]
         shares = np.arange(1, len(GRADES)) / len(GRADES)
         found.append(np.quantile(known, shares) if known.size else np.zeros(len(shares)))
@@ -182,14 +182,14 @@ def _of_equals(samples: Sequence[Floats], level: float) -> float:
 
 
 def _guaranteed(
-    error: Floats, moving: Any, unit: Ints, group: Ints, joints: int, rate_hz: float
+    error: Floats, fast: Ints, unit: Ints, group: Ints, joints: int, rate_hz: float
 ) -> dict[str, Floats]:
-    """Per question (L, 2, G, H): ranks of the recordings' largest errors."""
+    """Per question (L, 3, G, H): ranks of the recordings' largest errors."""
     steps = error.shape[1]
     shape = body_shape(np.arange(1, steps + 1) / rate_hz)
-    tables = {of: np.full((len(LEVELS), 2, joints, steps), np.inf) for of in OFS}
+    tables = {of: np.full((len(LEVELS), len(SPEED_CLASSES), joints, steps), np.inf) for of in OFS}
     for s in range(len(SPEED_CLASSES)):
-        chosen = moving == bool(s)
+        chosen = fast == s
         present = np.unique(unit[chosen])
         largest = [_largest_of(error[chosen & (unit == u)], group, joints) for u in present]
         if not largest:

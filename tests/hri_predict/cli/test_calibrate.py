@@ -76,7 +76,7 @@ def test_a_calibration_is_made_and_says_what_it_rests_on(cli, folder, tmp_path):
     assert status == 0
     assert "5 recordings" in text
     assert "estimated; a guarantee takes" in text
-    assert "94 more with people moving" in " ".join(text.split())  # 99 % takes 99
+    assert "94 more with people brisk" in " ".join(text.split())  # 99 % takes 99
     calibration = load_calibration(out)
     assert calibration.predictor == "constant_velocity"
     assert calibration.steps == 30

@@ -28,7 +28,7 @@ def calibration_of(recordings=120, steps=25, step_m=0.01, joints=PLAIN, **change
         weights=None,
         rate_hz=25.0,
         joints=tuple(joints),
-        thresholds_m=np.array([[0.1, 0.2], [0.3, 0.6]]),
+        thresholds_m=np.array([[0.1, 0.2], [0.3, 0.6], [0.3, 0.6]]),
         estimated={"joint": estimated, "body": 1.0 + estimated},
         guaranteed={"joint": guaranteed, "body": 1.0 + guaranteed},
         recordings=tuple(

@@ -90,14 +90,15 @@ def _row(data, row):
         (lambda d: d.update(radius=1), "radius: unknown key"),
         (lambda d: d.update(estimated_mn=d.pop("estimated_mm")), "estimated_mm"),
         (lambda d: d.pop("thresholds_m"), "thresholds_m: required key is missing"),
-        (lambda d: d.update(version=2), "version"),
+        (lambda d: d.update(version=1), "is of another version; make it anew"),
+        (lambda d: d.pop("version"), "is of another version"),
         (lambda d: d.update(steps=4), "a table has the shape"),
         (lambda d: d["joints"].append("tail"), "joints must be those of the canonical skeleton"),
         (lambda d: d["joints"].append(d["joints"][0]), "each once"),
         (lambda d: d["joints"].pop(), "a table has the shape"),
         (lambda d: d["estimated_mm"]["joint"].reverse(), "of a higher level is smaller"),
         (lambda d: d["estimated_mm"]["joint"][0][0][0].__setitem__(0, 0), "estimated_mm"),
-        (lambda d: d.update(thresholds_m=[[0.1, 0.2], [1.0, 1e9]]), "thresholds_m"),
+        (lambda d: d["thresholds_m"][2].__setitem__(1, 1e9), "thresholds_m"),
         (lambda d: d["estimated_mm"]["joint"].pop(), "a table has the shape"),
         (lambda d: d["estimated_mm"].pop("body"), "body"),
         (lambda d: _row(d, [1, 2]), "own.calibration.json"),
@@ -109,10 +110,10 @@ def _row(data, row):
         (lambda d: _row(d, [1, 2, 10**9]), "estimated_mm"),
         (lambda d: _row(d, [1, 2, float("nan")]), "estimated_mm"),
         (lambda d: _row(d, [1, 2, "far"]), "estimated_mm"),
-        (lambda d: d.update(thresholds_m=[[0.1, 0.2]]), "thresholds_m"),
-        (lambda d: d.update(thresholds_m=[[0.2, 0.1], [0.1, 0.2]]), "thresholds_m"),
-        (lambda d: d.update(thresholds_m=[[0.1, float("nan")], [0.1, 0.2]]), "thresholds_m"),
-        (lambda d: d.update(thresholds_m=[[0.1, float("inf")], [0.1, 0.2]]), "thresholds_m"),
+        (lambda d: d["thresholds_m"].pop(), "thresholds_m"),
+        (lambda d: d["thresholds_m"][0].reverse(), "thresholds_m"),
+        (lambda d: d["thresholds_m"][1].__setitem__(1, float("nan")), "thresholds_m"),
+        (lambda d: d["thresholds_m"][2].__setitem__(1, float("inf")), "thresholds_m"),
         (lambda d: d.update(levels=[0.5, 0.6, 0.7]), "another version"),
         (lambda d: d["classes"].reverse(), "another version"),
         (lambda d: d["recordings"][0].update(windows=[9]), "windows"),
@@ -185,19 +186,20 @@ def test_radii_are_of_the_level_the_question_the_class_the_joint_and_the_step(ma
     assert radius(0.0, 0.0, level=0.99, of="joint") == pytest.approx(base + 0.4)
     assert radius(0.0, 0.0, level=0.9, of="body") == pytest.approx(base + 1)
     assert radius(0.0, 0.15, level=0.9, of="joint") == pytest.approx(base + 0.04)
-    # of whom no surprise is known: the last of the four grades, so classes 3 and 7
-    assert radius(0.0, np.nan, level=0.9, of="joint") == pytest.approx(base + 3 * 0.04)
-    assert radius(1.0, np.nan, level=0.9, of="joint") == pytest.approx(base + 7 * 0.04)
-    # guaranteed ones know the speed class alone: moving begins with the fifth of the classes
+    # of whom no surprise is known: the last of the four grades, so classes 3, 7 and 11
+    for speed, c in ((0.0, 3), (0.5, 7), (1.0, 11)):
+        assert radius(speed, np.nan, level=0.9, of="joint") == pytest.approx(base + c * 0.04)
+    # guaranteed ones know the speed class alone: they are those of its first motion class
     held = {"level": 0.9, "of": "joint", "basis": "guaranteed"}
     assert radius(0.0, 9.0, **held) == pytest.approx(base + 2)
     for surprise in (0.0, 9.0, np.nan):
-        assert radius(1.0, surprise, **held) == pytest.approx(base + 2 + 4 * 0.04)
+        assert radius(0.5, surprise, **held) == pytest.approx(base + 2 + 4 * 0.04)
+        assert radius(1.0, surprise, **held) == pytest.approx(base + 2 + 8 * 0.04)
 
 
 def test_people_are_told_apart_and_sides_share_their_radii(make_calibration):
     radii = Radii(make_calibration(), CoverageSettings(), CANONICAL, 25)
-    found = radii.of(np.array([0.0, 1.0, np.nan]), np.array([0.0, 0.0, 0.0]))
+    found = radii.of(np.array([0.0, 0.5, np.nan]), np.array([0.0, 0.0, 0.0]))
     assert found.shape == (3, 25, len(JOINTS))
     assert (found[1] > found[0]).all()
     assert np.array_equal(found[1], found[2])
@@ -245,16 +247,15 @@ def test_a_guarantee_takes_so_many_recordings(make_calibration, level, wanted):
 
 
 def test_recordings_count_for_the_speeds_that_they_show(make_calibration):
-    still_only = (0, 0, 0, 1, 0, 0, 0, 0)  # one window, of somebody new
+    still_only = (0, 0, 0, 1, *(0,) * 8)  # one window, of somebody new
     recordings = tuple(UsedRecording(name=f"walking_{n}", windows=still_only) for n in range(20))
     made = replace(make_calibration(), recordings=recordings)
-    assert (made.independent(0), made.independent(1)) == (20, 0)
-    one = UsedRecording(name="walking_0", windows=(0, 0, 0, 0, 1, 0, 0, 0))
-    first_moving = replace(made, recordings=(one,))
-    assert (first_moving.independent(0), first_moving.independent(1)) == (0, 1)
-    with pytest.raises(
-        ConfigError, match=r"0 recordings show people moving, 19 are needed.*19 more"
-    ):
+    assert [made.independent(c) for c in range(3)] == [20, 0, 0]
+    for c in range(3):  # the first grade of each speed
+        one = UsedRecording(name="walking_0", windows=tuple(4 * c == k for k in range(12)))
+        only = replace(made, recordings=(one,))
+        assert [only.independent(k) for k in range(3)] == [c == k for k in range(3)]
+    with pytest.raises(ConfigError, match=r"0 recordings show people slow, 19 are needed.*19 more"):
         Radii(made, CoverageSettings(level=0.95, basis="guaranteed"), CANONICAL, 25)
 
 
@@ -263,7 +264,8 @@ def test_levels_are_labelled(make_calibration):
     assert levels_text(made) == [
         "90 %: guaranteed",
         "95 %: guaranteed",
-        "99 %: estimated; a guarantee takes 80 more with people still, 80 more with people moving",
+        "99 %: estimated; a guarantee takes 80 more with people still, 80 more with people slow,"
+        " 80 more with people brisk",
     ]
 
 

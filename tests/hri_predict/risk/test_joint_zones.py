@@ -121,16 +121,20 @@ def test_intervals_that_end_between_steps_have_the_later_step(calibration, age_s
 
 
 def test_radii_are_those_of_how_people_move_and_how_they_were_forecast(calibration):
-    still, moving = seen(), seen(velocity=(1.0, 0.0, 0.0))
+    still, slow, brisk = (seen(velocity=(v, 0.0, 0.0)) for v in (0.0, 0.5, 1.5))
     for snapshot, surprise, wanted in (
         (still, 0.0, 0),
         (still, 0.15, 1),
         (still, 9.0, 2),
         (still, np.nan, 3),
-        (moving, 0.0, 4),
-        (moving, 0.4, 5),
-        (moving, 9.0, 6),
-        (moving, np.nan, 7),
+        (slow, 0.0, 4),
+        (slow, 0.4, 5),
+        (slow, 9.0, 6),
+        (slow, np.nan, 7),
+        (brisk, 0.0, 8),
+        (brisk, 0.4, 9),
+        (brisk, 9.0, 10),
+        (brisk, np.nan, 11),
     ):
         balls = built(calibration, snapshot, trusted(surprise=surprise))
         assert balls.claimed[0] == pytest.approx(table(calibration, wanted))
@@ -139,12 +143,12 @@ def test_radii_are_those_of_how_people_move_and_how_they_were_forecast(calibrati
 
 
 def test_a_zone_holds_the_forecast_during_the_whole_interval(calibration):
-    # 1 m/s: interval k goes from k - 1 to k steps, so its middle is half a step back, +- 0.02 m
-    snapshot = seen(velocity=(1.0, 0.0, 0.0))
-    balls = built(calibration, snapshot, trusted(), staying(snapshot, (1.0, 0.0, 0.0)))
+    # 0.5 m/s: interval k goes from k - 1 to k steps, so its middle is half a step back, +- 0.01 m
+    snapshot = seen(velocity=(0.5, 0.0, 0.0))
+    balls = built(calibration, snapshot, trusted(), staying(snapshot, (0.5, 0.0, 0.0)))
     ahead = balls.mid[0, 1:] - snapshot.history[0, -1]
-    assert ahead[:, WAIST, 0] == pytest.approx((np.arange(1, STEPS + 1) - 0.5) / RATE_HZ)
-    assert balls.radius[0, 1:] == pytest.approx(table(calibration, 4) + 0.02)
+    assert ahead[:, WAIST, 0] == pytest.approx(0.5 * (np.arange(1, STEPS + 1) - 0.5) / RATE_HZ)
+    assert balls.radius[0, 1:] == pytest.approx(table(calibration, 4) + 0.01)
 
 
 # -- widening, and what is not trusted ------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Motion classes: what is seen of people tells them apart, and no speed seen counts as moving."""
+"""Motion classes: what is seen of people tells them apart, and no speed seen counts as slow."""
 
 import numpy as np
 import pytest
@@ -7,19 +7,20 @@ from hypothesis import strategies as st
 
 from hri_predict.risk.human_speed import joint_velocities
 from hri_predict.risk.motion_class import (
+    BRISK_M_S,
     CLASSES,
     GRADES,
-    MOVING_M_S,
     NEW,
     SPEED_CLASSES,
-    is_moving,
+    STILL_M_S,
     motion_class,
+    speed_class,
     trunk_speed,
 )
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 RATE_HZ = 25.0
-THRESHOLDS = np.array([[0.1, 0.2], [0.3, 0.6]])
+THRESHOLDS = np.array([[0.1, 0.2], [0.3, 0.6], [0.05, 0.1]])
 ARMS = [JOINTS.index(f"{side}_{n}") for side in "lr" for n in ("elbow", "wrist", "hand")]
 
 
@@ -46,31 +47,35 @@ def speed_of(history, observed):
         (0.39, 0.1, "still, usual"),
         (0.39, 0.199, "still, usual"),
         (0.39, 0.2, "still, surprising"),
-        (0.4, 0.1, "moving, calm"),  # the thresholds are those of the speed class
-        (0.4, 0.3, "moving, usual"),
-        (5.0, 0.6, "moving, surprising"),
-        (5.0, np.inf, "moving, surprising"),
+        (0.4, 0.1, "slow, calm"),  # the thresholds are those of the speed class
+        (0.4, 0.3, "slow, usual"),
+        (0.99, 0.6, "slow, surprising"),
+        (1.0, 0.04, "brisk, calm"),
+        (1.0, 0.05, "brisk, usual"),
+        (5.0, 0.6, "brisk, surprising"),
+        (5.0, np.inf, "brisk, surprising"),
     ],
 )
 def test_thresholds_belong_to_the_upper_class(speed, surprise, wanted):
-    assert MOVING_M_S == 0.4
+    assert (STILL_M_S, BRISK_M_S) == (0.4, 1.0)
     assert class_of(speed, surprise) == wanted
 
 
-def test_who_has_no_known_speed_moves():
-    assert class_of(np.nan, 0.0) == "moving, calm"
-    assert class_of(np.nan, 0.3) == "moving, usual"  # by the thresholds of who moves
-    assert class_of(np.nan, np.nan) == "moving, new"
-    assert is_moving(np.array([np.nan, 0.0, 1.0])).tolist() == [True, False, True]
+def test_who_has_no_known_speed_is_slow():
+    assert class_of(np.nan, 0.0) == "slow, calm"
+    assert class_of(np.nan, 0.3) == "slow, usual"  # by the thresholds of who is slow
+    assert class_of(np.nan, np.nan) == "slow, new"
+    assert speed_class(np.array([np.nan, 0.0, 0.5, 1.0, np.inf])).tolist() == [1, 0, 1, 2, 2]
 
 
 def test_who_is_new_is_a_class_of_their_own():
     assert class_of(0.0, np.nan) == "still, new"
-    assert class_of(5.0, np.nan) == "moving, new"
+    assert class_of(0.5, np.nan) == "slow, new"
+    assert class_of(5.0, np.nan) == "brisk, new"
     # whatever the thresholds: who was never judged is neither calm nor surprising
-    for thresholds in (np.zeros((2, 2)), np.full((2, 2), np.inf)):
+    for thresholds in (np.zeros((3, 2)), np.full((3, 2), np.inf)):
         found = motion_class(np.array([0.0, 1.0]), np.array([np.nan, np.nan]), thresholds)
-        assert [CLASSES[c] for c in found] == ["still, new", "moving, new"]
+        assert [CLASSES[c] for c in found] == ["still, new", "brisk, new"]
 
 
 @settings(max_examples=100, deadline=None)
@@ -81,10 +86,10 @@ def test_nobody_of_whom_a_surprise_is_known_is_new(speed, surprise):
 
 def test_classes_are_ordered_by_speed_and_then_by_grade():
     assert tuple(f"{speed}, {g}" for speed in SPEED_CLASSES for g in (*GRADES, NEW)) == CLASSES
-    assert len(CLASSES) == 2 * (3 + 1)
-    speeds = np.repeat([0.0, 1.0], 4)
-    surprise = np.array([0.0, 0.15, 9.0, np.nan, 0.0, 0.4, 9.0, np.nan])
-    assert motion_class(speeds, surprise, THRESHOLDS).tolist() == list(range(8))
+    assert len(CLASSES) == 3 * (3 + 1)
+    speeds = np.repeat([0.0, 0.5, 1.0], 4)
+    surprise = np.array([0.0, 0.15, 9.0, np.nan, 0.0, 0.4, 9.0, np.nan, 0.0, 0.07, 9.0, np.nan])
+    assert motion_class(speeds, surprise, THRESHOLDS).tolist() == list(range(12))
 
 
 @settings(max_examples=100, deadline=None)
@@ -125,7 +130,7 @@ def test_a_source_of_arms_alone_has_its_shoulders_for_a_trunk():
     only[:, :, seen] = True
     assert speed_of(history, only) == pytest.approx(0.6)
     only[:, :, [JOINTS.index("l_shoulder"), JOINTS.index("r_shoulder")]] = False
-    assert np.isnan(speed_of(history, only))  # arms alone say nothing of the trunk: moving
+    assert np.isnan(speed_of(history, only))  # arms alone say nothing of the trunk: slow
 
 
 def test_nobody_observed_has_no_speed():

@@ -8,7 +8,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hri_predict.risk.geometry import capsule_distance
-from hri_predict.risk.nearest_in_time import BodiesInTime, NearestInTime, nearest_in_time
+from hri_predict.risk.nearest_in_time import (
+    BodiesInTime,
+    Courses,
+    NearestInTime,
+    nearest_in_time,
+)
 from hri_predict.risk.separation import (
     StoppingCurve,
     person_travel,
@@ -184,7 +189,8 @@ def test_least_is_that_of_the_steps_that_count(seed, enough):
         return Capsules(a, a + rng.normal(size=(*batch, 3)) * 0.5, rng.random(batch) * 0.3)
 
     body, robot, until = capsules(3, 6, 4), capsules(3, 6, 2), np.array([1, 4, 9])
-    found = BodiesInTime(body).least(robot, until, np.array([np.inf, np.inf, enough]))
+    asked = Courses(robot, until, np.array([np.inf, np.inf, enough]))
+    (found,) = BodiesInTime(body).least([asked])
     a, b, radius = (v[:, :, None] for v in (robot.a, robot.b, robot.radius))
     of_robot = Capsules(a[:, :, :, :, None], b[:, :, :, :, None], radius[..., None])
     swapped = [v.swapaxes(0, 1)[:, :, None] for v in (body.a, body.b, body.radius)]
@@ -197,12 +203,37 @@ def test_least_is_that_of_the_steps_that_count(seed, enough):
             assert (every[course, 1 : last + 1][:, *at] == least).any()
 
 
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(-0.5, 3))
+def test_robots_together_are_as_one_by_one(seed, enough):
+    rng = np.random.default_rng(seed)
+
+    def capsules(*batch: int) -> Capsules:
+        a = rng.normal(size=(*batch, 3)) * 2
+        return Capsules(a, a + rng.normal(size=(*batch, 3)) * 0.5, rng.random(batch) * 0.3)
+
+    bodies = BodiesInTime(capsules(3, 6, 4))
+    robots = [capsules(2), capsules(4), capsules(1)]  # not equally many links each
+    ways = [
+        Courses(capsules(2, 5, 2), np.array([4, 2]), np.array([np.inf, enough])),
+        Courses(capsules(1, 6, 3), np.array([9]), np.array([enough])),
+    ]
+    ways[1].capsules.a[0, 2, 1, 0] = np.nan if seed % 2 else 0.0
+    alone = [bodies.standing([r], [n])[0] for r, n in zip(robots, (6, 3, 1), strict=True)]
+    alone += [bodies.least([way])[0] for way in ways]
+    together = bodies.standing(robots, [6, 3, 1]) + bodies.least(ways)
+    for one, among in zip(alone, together, strict=True):
+        for name in ("distance", "person", "segment", "link"):
+            assert getattr(one, name).tolist() == getattr(among, name).tolist()
+
+
 def test_least_is_minus_infinity_where_anything_is_not_finite():
     body = Capsules(np.zeros((1, 3, 2, 3)) + 5, np.zeros((1, 3, 2, 3)) + 6, np.full((1, 3, 2), 0.1))
     robot = Capsules(np.zeros((2, 3, 1, 3)), np.zeros((2, 3, 1, 3)), np.full((2, 3, 1), 0.1))
     robot.a[1, 2, 0, 1] = np.nan
     for until, expected in ((1, False), (2, True)):
-        found = BodiesInTime(body).least(robot, np.full(2, until), np.full(2, 1.0))
+        asked = Courses(robot, np.full(2, until), np.full(2, 1.0))
+        (found,) = BodiesInTime(body).least([asked])
         assert found.distance[0] == 1.0
         assert (found.distance[1] == -np.inf) == expected
 
@@ -256,22 +287,26 @@ def course(
     return Course(distance, standing, at_speeds)
 
 
+def judged_in_time(
+    of: Course,
+    v: float,
+    curve: StoppingCurve,
+    reaction_s: float,
+    margins: tuple[float, ...],
+) -> Finding:
+    """Judged at ``v`` with a clearance of 0.1 m."""
+    far = farthest(curve, TIMES, reaction_s)
+    judging = TimeByTime(TIMES, v, curve.at(v), curve, reaction_s, 0.1, margins, far)
+    return judging.judged(of)
+
+
 @given(
     st.floats(0.1, 2.5), st.floats(0, 2), st.floats(0, 1.5), st.floats(2, 20), st.floats(0.05, 0.3)
 )
 def test_a_robot_within_its_limit_keeps_clear_in_any_direction(d, approach, v, a, reaction_s):
     curve = constant(a, 1.5)
     assume(reaction_s + 1.5 / a < TIMES[-1])
-    finding = judge_in_time(
-        course(d, approach, a, reaction_s, 0),
-        TIMES,
-        v,
-        curve.at(v),
-        curve,
-        reaction_s,
-        0.1,
-        (0, 0.2),
-    )
+    finding = judged_in_time(course(d, approach, a, reaction_s, 0), v, curve, reaction_s, (0, 0.2))
     for limit, margin in zip(finding.limits, (0, 0.2), strict=True):
         t = np.linspace(0, reaction_s + limit / a, 200)
         gap = (d - approach * t - line(limit, a, reaction_s, t)).min()
@@ -286,15 +321,8 @@ def test_a_robot_within_its_limit_keeps_clear_in_any_direction(d, approach, v, a
 def test_moving_away_permits_more_than_moving_near():
     curve = constant(5.0, 1.5)
     limits = {
-        direction: judge_in_time(
-            course(0.9, 1.0, 5.0, 0.2, direction),
-            TIMES,
-            0.3,
-            curve.at(0.3),
-            curve,
-            0.2,
-            0.1,
-            (0.2, 0.3),
+        direction: judged_in_time(
+            course(0.9, 1.0, 5.0, 0.2, direction), 0.3, curve, 0.2, (0.2, 0.3)
         ).limits
         for direction in (-1.0, 0.0, 1.0)
     }
@@ -314,15 +342,8 @@ def test_predictive_nearer_is_never_faster(d, nearer, approach, v, direction):
     curve, margins = constant(5.0, 1.5), (0.25, 0.35, 0.75, 0.85)
 
     def judged(distance: float):
-        return judge_in_time(
-            course(distance, approach, 5.0, 0.2, direction),
-            TIMES,
-            v,
-            curve.at(v),
-            curve,
-            0.2,
-            0.1,
-            margins,
+        return judged_in_time(
+            course(distance, approach, 5.0, 0.2, direction), v, curve, 0.2, margins
         )
 
     far, near = judged(d), judged(d - nearer)
@@ -333,9 +354,7 @@ def test_predictive_nearer_is_never_faster(d, nearer, approach, v, direction):
 def test_time_to_breach_is_zero_once_the_separation_is_violated():
     curve = constant(5.0, 1.5)
     # the gap is 1.0 - 1.0 t - 1.0 t: 0.1 at 0.45 s, while the robot (reaction 0.5 s) still moves
-    finding = judge_in_time(
-        course(1.0, 1.0, 5.0, 0.5, 1.0), TIMES, 1.0, curve.at(1.0), curve, 0.5, 0.1, (0.2, 0.3)
-    )
+    finding = judged_in_time(course(1.0, 1.0, 5.0, 0.5, 1.0), 1.0, curve, 0.5, (0.2, 0.3))
     assert finding.slack_m < 0
     assert finding.breach_s == 0.0
 

@@ -171,12 +171,12 @@ def test_a_class_that_few_recordings_show_is_not_calibrated():
     entries += [scores(f"r{n}", 0.1, speed=0.1) for n in range(3)]
     found = made(entries)
     finite = np.isfinite(found.estimated["body"]).all((0, 2, 3))
-    assert {CLASSES[c] for c in np.flatnonzero(finite)} == {"moving, surprising"}
+    assert {CLASSES[c] for c in np.flatnonzero(finite)} == {"brisk, surprising"}
     assert np.isinf(radii(found, entries[-1])).all()
     windows = {r.name: r.windows for r in found.recordings}
-    # still and moving, each calm, usual, surprising, new; who is all alike is at both thresholds
-    assert windows["r0"] == (0, 0, 12, 0, 0, 0, 12, 0)
-    assert windows["r5"] == (0, 0, 0, 0, 0, 0, 12, 0)
+    # still, slow, brisk, each calm, usual, surprising, new; who is all alike is at both thresholds
+    assert windows["r0"] == (0, 0, 12, 0, *(0, 0, 0, 0), 0, 0, 12, 0)
+    assert windows["r5"] == (0, 0, 0, 0, *(0, 0, 0, 0), 0, 0, 12, 0)
 
 
 def test_grades_are_terciles_of_each_speed():
@@ -184,14 +184,16 @@ def test_grades_are_terciles_of_each_speed():
     error = np.full((91, 3, COUNT), 0.1)
     entries = [scores(f"r{n}", error, surprise=surprise) for n in range(4)]
     entries += [scores(f"r{n}", error, speed=0.0, surprise=surprise / 10) for n in range(4)]
-    assert made(entries).thresholds_m == pytest.approx(np.array([[0.03, 0.06], [0.3, 0.6]]))
+    entries += [scores(f"r{n}", error, speed=0.5, surprise=surprise / 2) for n in range(4)]
+    wanted = np.array([[0.03, 0.06], [0.15, 0.3], [0.3, 0.6]])
+    assert made(entries).thresholds_m == pytest.approx(wanted)
 
 
 def test_where_no_surprise_is_known_everybody_is_new(tmp_path):
     found = made([scores(f"r{n}", 0.1, surprise=np.nan) for n in range(6)])
-    assert {r.windows for r in found.recordings} == {(0, 0, 0, 0, 0, 0, 0, 12)}
+    assert {r.windows for r in found.recordings} == {(0,) * 11 + (12,)}
     finite = np.isfinite(found.estimated["joint"]).all((0, 2, 3))
-    assert [CLASSES[c] for c in np.flatnonzero(finite)] == ["moving, new"]
+    assert [CLASSES[c] for c in np.flatnonzero(finite)] == ["brisk, new"]
     assert not found.thresholds_m.any()
     path = tmp_path / "own.calibration.json"
     path.write_text(save_text(found), encoding="utf-8")  # there is no infinity in JSON
@@ -204,18 +206,18 @@ def test_who_is_new_has_radii_of_their_own_and_no_part_in_the_others():
     error = np.where(np.isnan(surprise), 0.5, 0.1)[:, None, None] * np.ones((12, 3, COUNT))
     entries = [scores(f"r{n}", error, surprise=surprise) for n in range(6)]
     found = made(entries)
-    assert {r.windows for r in found.recordings} == {(0, 0, 0, 0, 0, 0, 8, 4)}
+    assert {r.windows for r in found.recordings} == {(0,) * 10 + (8, 4)}
     for of in ("joint", "body"):
         own = radii(found, entries[0], of=of)
         assert own[:4] == pytest.approx(0.5)
         assert own[4:] == pytest.approx(0.1)
-    assert found.thresholds_m[1] == pytest.approx([0.3, 0.3])  # of the known ones alone
+    assert found.thresholds_m[2] == pytest.approx([0.3, 0.3])  # of the known ones alone
 
 
 def test_a_joint_that_nobody_saw_is_not_calibrated_and_does_not_spoil_the_rest():
     error = np.full((12, 3, COUNT), 0.1)
     error[:, :, JOINTS.index("head")] = np.nan
-    entries = _both_speeds([scores(f"r{n}", error) for n in range(9)])
+    entries = _all_speeds([scores(f"r{n}", error) for n in range(9)])
     for basis, of in (("estimated", "joint"), ("estimated", "body"), ("guaranteed", "joint")):
         found = radii(made(entries), entries[0], level=0.9, basis=basis, of=of)
         known = np.isfinite(found).all((0, 1))
@@ -223,8 +225,8 @@ def test_a_joint_that_nobody_saw_is_not_calibrated_and_does_not_spoil_the_rest()
         assert found[:, :, known] == pytest.approx(0.1)
 
 
-def _both_speeds(entries):
-    return [*entries, *(scores(e.name, e.error_m, speed=0.1) for e in entries)]
+def _all_speeds(entries):
+    return [scores(e.name, e.error_m, speed=speed) for speed in (1.0, 0.5, 0.1) for e in entries]
 
 
 # -- coverage of recordings that were not used ----------------------------------------------------
@@ -305,7 +307,7 @@ def test_the_shape_of_the_guaranteed_body_is_walking_speed():
 def test_the_guaranteed_body_has_one_growth_for_all_joints():
     error = np.full((12, 3, COUNT), 0.1)
     error[:, :, WRIST] = [0.5, 0.6, 0.4]
-    entries = _both_speeds([scores(f"r{n}", error) for n in range(9)])
+    entries = _all_speeds([scores(f"r{n}", error) for n in range(9)])
     found = made(entries)
     assert found.guaranteed["body"][0, 1] == pytest.approx(np.tile([0.5, 0.6, 0.6], (13, 1)))
     joint = found.guaranteed["joint"][0, 1]
@@ -334,7 +336,7 @@ def test_presences_of_one_recording_are_one_unit():
     halves = [scores(f"r{n // 2}", 0.1) for n in range(12)]
     found = made(halves)
     assert [r.name for r in found.recordings] == [f"r{n}" for n in range(6)]
-    assert found.independent(1) == 6
+    assert found.independent(2) == 6
 
 
 def test_too_few_recordings_are_refused():
