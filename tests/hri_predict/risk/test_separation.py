@@ -15,13 +15,14 @@ from hri_predict.risk.nearest_in_time import (
     nearest_in_time,
 )
 from hri_predict.risk.separation import (
+    Finding,
     StoppingCurve,
     person_travel,
     protective_distance,
     speed_limit,
     travel_m,
 )
-from hri_predict.risk.separation_in_time import Course, judge_in_time
+from hri_predict.risk.separation_in_time import Course, TimeByTime, farthest
 from hri_predict.risk.separation_now import judge_iso
 from hri_predict.risk.types import Capsules
 from hri_predict.scene import Floats
