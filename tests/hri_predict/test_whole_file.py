@@ -1,6 +1,7 @@
 """A file is written whole, or what was there stays."""
 
 import os
+import stat
 
 import pytest
 
@@ -27,3 +28,13 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
         write_whole(path, b"new")
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_no_file_does_not_make_way_for_one(tmp_path):
+    """A pipe here; /dev/null, for who may replace it, just so."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(OSError, match="is no file"):
+        write_whole(pipe, b"new")
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert list(tmp_path.iterdir()) == [pipe]

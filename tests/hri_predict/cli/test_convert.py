@@ -1,6 +1,7 @@
 """``convert`` at the command line: summaries, choices, refusals, and whole files or none."""
 
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -95,6 +96,8 @@ def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli,
     assert "two.trc: is there already; --force replaces it" in mistake("two.csv", "two.trc")
     assert "cannot be written: File name too long" in mistake("two.csv", f"{'a' * 300}.csv")
     assert "cannot be written" in mistake("two.csv", "two.csv/three.csv")
+    os.mkfifo("pipe.csv")
+    assert "cannot be written: is no file" in mistake("two.csv", "pipe.csv", "--force")
     assert cli("two.csv", "two.trc", "--rate", 10, "--force")[0] == 0
     assert Path("two.trc").read_bytes() != before
     assert "is the recording that is read" in mistake("two.csv", "two.csv", "--force")
