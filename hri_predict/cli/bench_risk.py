@@ -27,7 +27,7 @@ NOW_NS = 10**10
 TICK_NS = 40_000_000
 AGE_NS = 10_000_000
 _PHASES_S = (1.6, 4.8)  # where on their way the two arms are
-_PEOPLE_AT = ((1.4, 3.8), (2.0, -3.8), (-1.6, -3.6), (3.8, 3.6))
+_PEOPLE_AT = ((1.75, 4.75), (2.5, -4.75), (-2.0, -4.5), (4.75, 4.5))
 _WALK_TICKS = 50  # they come into view, and are there; then others come
 
 

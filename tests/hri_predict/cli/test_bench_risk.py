@@ -1,7 +1,5 @@
 """What the cost of judging is measured on: the size it says, and the branch that is dearest."""
 
-import numpy as np
-
 from hri_predict.cli import bench_risk
 from hri_predict.risk.nearest_in_time import BodiesInTime
 from hri_predict.risk.types import Assessment
@@ -12,9 +10,9 @@ def test_the_measured_tick_is_as_large_as_it_says(monkeypatch):
     seen = []
     least = BodiesInTime.least
 
-    def spied(self, robot, until, enough_m):
-        seen.append((robot.radius.shape, np.asarray(until).max()))
-        return least(self, robot, until, enough_m)
+    def spied(self, robots):
+        seen.extend((robot.capsules.radius.shape, robot.until.max()) for robot in robots)
+        return least(self, robots)
 
     monkeypatch.setattr(BodiesInTime, "least", spied)
     zones, judge = bench_risk.risk_calls()
