@@ -75,7 +75,7 @@ def judge_retreat(
     """Let a robot that gets away from everybody be as fast as the people alone permit.
 
     While every link's distance to every person grows until the robot stands, it moves towards
-    nobody: S_r and S_s are 0, and S_h + C + Z_d + Z_r must fit. As in ``judge_in_time`` a speed is
+    nobody: S_r and S_s are 0, and S_h + C + Z_d + Z_r must fit. As in ``TimeByTime`` a speed is
     permitted only with every slower one, and warnings regard any direction.
 
     Args:
