@@ -88,9 +88,22 @@ def split_labels(labels: Sequence[str], person: int, left_out: Sequence[str] = (
 
 
 def split_label(label: str) -> tuple[str, str]:
-    """``Anna:LeftWrist`` to ``("Anna", "LeftWrist")``; the first is "" where nobody is named."""
-    who, _, joint = label.strip().rpartition(":")
+    """``Anna:LeftWrist`` to ``("Anna", "LeftWrist")``; the first is "" where nobody is named.
+
+    Behind an id a joint's own name may have a colon: ``2:rig:Hips`` is ``rig:Hips`` of person 2.
+    """
+    label = label.strip()
+    first, _, rest = label.partition(":")
+    if rest and _is_id(first):
+        return first, rest
+    who, _, joint = label.rpartition(":")
     return who, joint
+
+
+def _is_id(who: str) -> bool:
+    """Whether it is a person's number as ``joined_labels`` writes it; 07 is not 7."""
+    number = who.isascii() and who.isdigit() and len(who) <= len(str(MAX_ID))
+    return number and who == str(int(who)) and int(who) <= MAX_ID
 
 
 def joined_labels(ids: Sequence[int], joints: Sequence[str]) -> list[str]:
@@ -102,8 +115,7 @@ def joined_labels(ids: Sequence[int], joints: Sequence[str]) -> list[str]:
 
 def _number(ids: dict[str, int], person: int) -> None:
     """Give everybody an id: their own number, or the next that is free."""
-    own = {who: int(who) for who in ids if who.isascii() and who.isdigit() and len(who) < 6}
-    own = {who: n for who, n in own.items() if n <= MAX_ID and who == str(n)}  # 07 is not 7
+    own = {who: int(who) for who in ids if _is_id(who)}
     taken = set(own.values())
     following = person
     for who in ids:

@@ -14,6 +14,13 @@ def test_labels_that_were_joined_are_split_again():
     assert found.columns.tolist() == [[0, 1], [2, 3]]
 
 
+def test_joints_whose_own_names_have_a_colon_keep_them_and_their_people():
+    labels = joined_labels([3, 7], ["rig:hips", "rig:head"])
+    found = split_labels(labels, person=1)
+    assert (found.ids, found.joints, found.note) == ((3, 7), ("rig:hips", "rig:head"), "")
+    assert split_labels(["rig:hips", "rig:head"], person=5).ids == (5,)
+
+
 def test_two_people_never_share_an_id():
     found = split_labels(["1:wrist", "01:wrist", "Ben:wrist", "99999:wrist"], person=1)
     assert len(set(found.ids)) == 4
