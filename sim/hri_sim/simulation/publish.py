@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hri_predict.errors import ConfigError
 from hri_predict.whole_file import write_whole
 from hri_sim.simulation.report import (
     Judged,
@@ -55,7 +56,11 @@ class Report:
 
 
 def report(result: Result, out: Path | None) -> Report:
-    """Tables and notes; with a folder, files and plots in it as well."""
+    """Tables and notes; with a folder, files and plots in it as well.
+
+    Raises:
+        ConfigError: the folder cannot be written.
+    """
     shown = tables(result.results, result.alone, result.predictions)
     said = notes(result.results)
     agree = result.checks - len(result.disagreements)
@@ -74,10 +79,15 @@ def report(result: Result, out: Path | None) -> Report:
         markdown = "\n\n".join(
             ["# Closed loop", *[t.markdown() for t in written], "\n".join(f"- {n}" for n in said)]
         )
-        for name, content in (("simulate.md", markdown + "\n"), ("simulate.json", text + "\n")):
-            write_whole(out / name, content.encode())
-            files.append(out / name)
-        files += write_plots(result.results, out)
+        try:
+            for name, content in (("simulate.md", markdown), ("simulate.json", text)):
+                write_whole(out / name, (content + "\n").encode())
+                files.append(out / name)
+            files += write_plots(result.results, out)
+        except OSError as error:
+            raise ConfigError(
+                f"--out {out}: cannot be written: {error.strerror}; make room, and give --resume"
+            ) from error
     return Report(shown, said, text, files)
 
 

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from hri_predict.errors import ConfigError
+from hri_predict.named_pipe import refuse_named_pipe
 from hri_predict.whole_file import write_whole
 
-VERSION = 1
+VERSION = 2
 
 
 class Store:
@@ -28,6 +29,7 @@ class Store:
         if self._path is None:
             return
         try:
+            refuse_named_pipe(self._path)
             if self._path.exists():
                 self._read(self._path, resume)
             else:
@@ -39,12 +41,23 @@ class Store:
             ) from error
 
     def add(self, key: str, rows: dict[str, Any]) -> None:
-        """Keep a finished block."""
-        line = json.dumps({"block": key, "rows": rows})
+        """Keep a finished block.
+
+        Raises:
+            ConfigError: it cannot be written.
+        """
+        line = _line(key, rows)
         self.done[key] = json.loads(line)["rows"]  # as a resumed run has it
-        if self._path is not None:
+        if self._path is None:
+            return
+        try:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(line + "\n")
+        except OSError as error:
+            raise ConfigError(
+                f"--out {self._path.parent}: cannot be written: {error.strerror}; make room, and "
+                f"go on with --resume"
+            ) from error
 
     def _read(self, path: Path, resume: bool) -> None:
         lines = path.read_bytes().split(b"\n")
@@ -64,12 +77,21 @@ class Store:
         for line in lines[1:]:
             block = _parsed(line) or {}
             key, rows = block.get("block"), block.get("rows")
-            if isinstance(key, str) and isinstance(rows, dict):  # else cut off, or damaged
+            whole = block.get("sum") == _sum(key, rows)  # else cut off or damaged, and done again
+            if whole and isinstance(key, str) and isinstance(rows, dict):
                 self.done[key] = rows
-        kept = [json.dumps(self._header)] + [
-            json.dumps({"block": key, "rows": rows}) for key, rows in self.done.items()
-        ]
+        kept = [json.dumps(self._header)] + [_line(key, rows) for key, rows in self.done.items()]
         write_whole(path, ("\n".join(kept) + "\n").encode())
+
+
+def _line(key: str, rows: dict[str, Any]) -> str:
+    return json.dumps({"block": key, "rows": rows, "sum": _sum(key, rows)})
+
+
+def _sum(key: Any, rows: Any) -> str:
+    """What a block's line must bear: its numbers go into tables, and nothing else would show that
+    some of them are not those that were written."""
+    return hashlib.sha256(json.dumps([key, rows]).encode()).hexdigest()[:16]
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:

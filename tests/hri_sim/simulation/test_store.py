@@ -1,5 +1,8 @@
 """What is done is kept, and goes on only with what it was begun with."""
 
+import json
+import os
+
 import pytest
 
 from hri_predict.errors import ConfigError
@@ -59,3 +62,41 @@ def test_a_damaged_line_is_done_again(tmp_path, line):
     with (tmp_path / "episodes.jsonl").open("ab") as file:
         file.write(line + b"\n")
     assert Store(tmp_path, {"seed": 0}, resume=True).done == {"0/0/0": ROWS}
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda line: line.replace('"contacts": 0', '"contacts": 1'),
+        lambda line: line.replace('"contacts": 0', '"contacts": NaN'),
+        lambda line: json.dumps({**json.loads(line), "rows": {}}),
+        lambda line: json.dumps({**json.loads(line), "block": "0/1/0"}),
+        lambda line: line[:-9],
+        lambda line: json.dumps({"block": "0/0/0", "rows": {"outcomes": [{}]}}),
+    ],
+)
+def test_a_block_that_is_not_what_was_written_is_done_again(tmp_path, damage):
+    rows = {"outcomes": [{"contacts": 0}]}
+    Store(tmp_path, {"seed": 0}, resume=False).add("0/0/0", rows)
+    path = tmp_path / "episodes.jsonl"
+    header, line = path.read_text().splitlines()
+    path.write_text(f"{header}\n{damage(line)}\n")
+    assert Store(tmp_path, {"seed": 0}, resume=True).done == {}
+    path.write_text(f"{header}\n{line}\n")
+    assert Store(tmp_path, {"seed": 0}, resume=True).done == {"0/0/0": rows}
+
+
+def test_a_block_that_cannot_be_written_says_how_to_go_on(tmp_path):
+    store = Store(tmp_path, {"seed": 0}, resume=False)
+    path = tmp_path / "episodes.jsonl"
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(ConfigError, match=r"cannot be written: .*; make room, and go on with"):
+        store.add("0/0/0", ROWS)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "episodes.jsonl")
+    with pytest.raises(ConfigError, match="is a pipe, not a file"):
+        Store(tmp_path, {"seed": 0}, resume=True)
