@@ -123,6 +123,9 @@ class _Table:
 
     def take(self, number: int, row: Sequence[str]) -> None:
         """Read a row; ``number`` is its line as an editor counts, but for quoted line breaks."""
+        self._rows += 1  # of nobody as well: a time of its own takes memory, too
+        if self._rows % 1000 == 0:
+            check_joints(self._path, self._rows, 1, len(self._columns.joints))
         time_s = self._number(number, row, self._columns.time)
         if not abs(time_s) < 1e9:
             raise self._wrong(number, f"its time is {time_s}, not seconds")
@@ -144,9 +147,6 @@ class _Table:
         if person in self._people[-1]:
             raise self._wrong(number, f"person {person} is there twice at one time")
         self._people[-1][person] = values
-        self._rows += 1
-        if self._rows % 1000 == 0:
-            check_joints(self._path, self._rows, 1, len(self._columns.joints))
 
     def recording(self, joint_map: JointMap) -> Recording:
         """What the rows come to."""

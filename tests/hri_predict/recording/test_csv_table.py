@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hri_predict.errors import RecordingError
-from hri_predict.recording import open_recording
+from hri_predict.recording import bounded, open_recording
 from hri_predict.skeleton import JOINTS
 
 
@@ -103,3 +103,14 @@ def test_a_file_that_is_no_text(tmp_path: Path):
     (tmp_path / "a.csv").write_bytes(b"PK\x03\x04\0\0\0")
     with pytest.raises(RecordingError, match="a damaged zip archive"):
         open_recording(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("person", ["1", ""], ids=["somebody", "nobody"])
+def test_more_rows_than_can_be_held_are_refused(tmp_path, monkeypatch, person):
+    monkeypatch.setattr(bounded, "MAX_BYTES", 40_000)
+    joint = "1,2,3" if person else ",,"
+    rows = "".join(f"{k / 10},{person},{joint}\n" for k in range(2000))
+    path = tmp_path / "a.csv"
+    path.write_text(f"time_s,person,a_x,a_y,a_z\n{rows}")
+    with pytest.raises(RecordingError, match="too many to hold"):
+        open_recording(path, any_joints=True)
