@@ -246,7 +246,7 @@ class JointZones:
             table = claimed * trust.widen[..., None]
             at = np.ceil(steps[:people] - 1e-6).astype(np.intp) - 1  # the step that ends it
             person = np.arange(people)[:, None]
-            here = table[person, np.clip(at, 0, self._trusted_steps - 1)]
+            here = table[person, np.minimum(np.maximum(at, 0), self._trusted_steps - 1)]
             within = np.zeros((*until.shape, here.shape[-1]))
             within[:people] = here
         rule: Floats = within + beyond
@@ -314,7 +314,8 @@ def _enclosed(knots: Floats, steps: Floats) -> tuple[Floats, Floats]:
     """
     last = knots.shape[1] - 1
     ends = steps[:, 1:]
-    bounds = np.clip(np.concatenate([ends[:, :1] - 1.0, ends], axis=1), 0.0, last)
+    bounds = np.concatenate([ends[:, :1] - 1.0, ends], axis=1)
+    bounds = np.minimum(np.maximum(bounds, 0.0), last)  # on small arrays faster than numpy.clip
     below = np.minimum(bounds.astype(np.intp), max(last - 1, 0))
     person = np.arange(len(knots))[:, None]
     part = (bounds - below)[..., None, None]

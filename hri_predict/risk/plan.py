@@ -55,6 +55,7 @@ class Plan:
         self._step_s = trajectory.duration_s / count
         self._phases: Floats = np.arange(count, dtype=np.float64) * self._step_s
         self._q, self._dq = trajectory.at(self._phases)
+        self._dq_square = np.maximum((self._dq**2).sum(1), 1e-12)
         speed = model.tip_speed(self._q, self._dq)
         self._speed: Floats = np.append(speed, speed[0])  # closed
         self._closed: Floats = np.append(self._phases, trajectory.duration_s)
@@ -72,7 +73,7 @@ class Plan:
             return None
         off = np.abs(self._q - q)
         close = (off <= JOINT_TOLERANCE_RAD + self._gap).all(1)
-        rate = np.clip((self._dq @ qd) / np.maximum((self._dq**2).sum(1), 1e-12), 0.0, 1.0)
+        rate = np.clip((self._dq @ qd) / self._dq_square, 0.0, 1.0)
         fastest = float(np.abs(qd).max())
         tolerance = VELOCITY_TOLERANCE_RAD_S + VELOCITY_TOLERANCE * fastest
         close &= (np.abs(rate[:, None] * self._dq - qd) <= tolerance).all(1)

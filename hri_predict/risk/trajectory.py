@@ -91,7 +91,7 @@ class Trajectory:
     def _move_of(self, phase_s: Floats) -> NDArray[np.intp]:
         phase = np.asarray(phase_s, dtype=np.float64) % self.duration_s
         i = np.searchsorted(self._times, phase, side="right") - 1
-        return np.clip(i, 0, len(self._times) - 2)
+        return np.minimum(i, len(self._times) - 2)
 
     def peak_tip_speed(self, model: RobotModel, samples: int = 2000) -> float:
         """Speed (m/s) of the fastest point of ``model`` over one cycle, sampled."""
