@@ -37,8 +37,8 @@ class Node:
     """One node: people in, advice out.
 
     Counters: ``scenes_in``, ``frames_in`` (skeletons in them), ``assess_failures``,
-    ``acknowledges`` (counted once per id), ``listener_failures``, ``strange_states`` (RobotStates
-    from a link whose controller has nothing to do with that robot).
+    ``acknowledges`` (counted once per id; of them ``acknowledges_refused``), ``listener_failures``,
+    ``strange_states`` (RobotStates from a link whose controller has nothing to do with that robot).
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Node:
         self._cycle = 0
         self._last_ack: dict[str, int] = {}  # per link: the id that was counted last
         self.scenes_in = self.frames_in = self.assess_failures = self.acknowledges = 0
-        self.listener_failures = self.strange_states = 0
+        self.listener_failures = self.strange_states = self.acknowledges_refused = 0
         self.state = NodeState.STARTING
 
     def receive(self, scene: Scene, receipt_ns: int) -> None:
@@ -147,12 +147,15 @@ class Node:
         if message.latch_id == 0:
             self._people.acknowledge()
         elif not self._risk.acknowledge(message.latch_id):
-            log.warning(
-                "link %s: acknowledge of latch %d refused: its cause has not cleared, or no stop "
-                "is latched under this id",
-                link,
-                message.latch_id,
-            )
+            if self.acknowledges_refused % 1000 == 0:  # no controller fills the log
+                log.warning(
+                    "link %s: acknowledge of latch %d refused (%d times before): its cause has "
+                    "not cleared, or no stop is latched under this id",
+                    link,
+                    message.latch_id,
+                    self.acknowledges_refused,
+                )
+            self.acknowledges_refused += 1
 
     def _state_of(
         self,

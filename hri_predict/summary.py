@@ -162,6 +162,7 @@ def summarise(
         "listener_failures": node.listener_failures,
         "strange_states": node.strange_states,
         "acknowledges": node.acknowledges,
+        "acknowledges_refused": node.acknowledges_refused,
     }
     counted |= {name: count for name, count in extra.items() if count}
     return Summary(

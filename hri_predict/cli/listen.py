@@ -164,11 +164,11 @@ class Printer:
         if self._json:
             stamp = {} if seconds is None else {"time_s": round(seconds, 4)}
             line = json.dumps({"message": what, **stamp, **fields}, default=dataclasses.asdict)
-            print(line, flush=True)
+            print(f"{line}\n", end="", flush=True)  # at once: Ctrl-C comes between two writes
             return
         at = "          " if seconds is None else f"{seconds:8.3f} s"
         text = "  ".join(f"{k}={_short(v)}" for k, v in fields.items() if v is not None)
-        print(f"{at}  {what:8} {text}", flush=True)
+        print(f"{at}  {what:8} {text}\n", end="", flush=True)
 
 
 def _short(value: Any) -> str:

@@ -217,6 +217,15 @@ def test_an_acknowledgement_that_is_refused_starts_nothing(near, caplog):
     assert tick.advices[0].level is not Level.CLEAR
 
 
+def test_acknowledgements_that_are_refused_in_a_flood_are_counted_and_logged_seldom(near, caplog):
+    drive, _ = heard(near)
+    now_ns = near.clock.now_ns()
+    drive.inbox += [Received(Acknowledge(999, 1 + i), now_ns) for i in range(1500)]
+    near.run(0.04)
+    assert near.node.acknowledges == near.node.acknowledges_refused == 1500
+    assert caplog.text.count("refused") == 2
+
+
 def test_listeners_that_fail_are_counted_and_stop_nothing(make_workcell, caplog):
     fails, sound = Ears(fails=True), Ears()
     cell = make_workcell(make_workcell.near, listeners=[fails, sound])
