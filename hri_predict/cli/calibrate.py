@@ -15,6 +15,7 @@ from hri_predict.cli.common import (
     check_writable,
     command,
     files,
+    need_plots,
     one_of,
     predictor_settings,
     progress,
@@ -168,6 +169,7 @@ def _check(
     from hri_predict.training import zone_judgement as judgement
 
     if out is not None:
+        need_plots()
         check_writable(out)
     built = registry.load("predictors", settings.name)(settings)
     calibration = _calibration(settings, path)

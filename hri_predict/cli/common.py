@@ -1,6 +1,7 @@
 """What several commands share: recordings by option, files of a report, tables on the screen."""
 
 import hashlib
+import importlib
 import shlex
 import sys
 import tempfile
@@ -59,6 +60,15 @@ def check_writable(out: Path) -> None:
         raise ConfigError(
             f"--out {out}: cannot be written: {error.strerror}; name another folder"
         ) from error
+
+
+def need_plots() -> None:
+    """Say before a long calculation, not after it, that its plots cannot be made.
+
+    Raises:
+        ConfigError: matplotlib is not installed.
+    """
+    importlib.import_module("hri_predict.training.figures")
 
 
 def recordings(entry: Path, split: str) -> list[Path]:

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from hri_predict import config as configuration
 from hri_predict import registry
-from hri_predict.cli.common import progress, recordings
+from hri_predict.cli.common import need_plots, progress, recordings
 from hri_predict.errors import ConfigError
 
 _PROCEDURAL = "procedural"
@@ -61,6 +61,8 @@ def simulate(
     Exit status 1: a simulated episode disagrees with the whole node.
     """
     simulation = registry.load("simulations", "closed_loop")
+    if out is not None:
+        need_plots()
     if resume and out is None:
         raise ConfigError("--resume: there is nothing to go on with; give --out as well")
     request = simulation.Request(

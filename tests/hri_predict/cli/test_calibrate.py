@@ -117,6 +117,20 @@ def test_what_was_made_is_measured_and_written(cli, folder, made, tmp_path):
     assert "*estimated* from 5 recordings" in card.read_text()
 
 
+def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, made, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    for module in [name for name in sys.modules if name.startswith("hri_predict.training.fig")]:
+        monkeypatch.delitem(sys.modules, module)
+    out = tmp_path / "measured"
+    wanted = ["--check", "--calibration", made, "--out", out]  # and no recording is looked at
+    status, text, err = cli(*CV, "--data", tmp_path / "none", *wanted)
+    assert (status, text) == (2, "")
+    assert err.splitlines() == [
+        "error: plots need matplotlib; install it with pip install 'hri-predict[train]'"
+    ]
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
