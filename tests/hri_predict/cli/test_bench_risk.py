@@ -7,11 +7,11 @@ from hri_predict.risk.zones import BodyZones
 
 
 def test_the_measured_tick_is_as_large_as_it_says(monkeypatch):
-    seen = []
+    seen: list[tuple[tuple[int, ...], int]] = []
     least = BodiesInTime.least
 
     def spied(self, robots):
-        seen.extend((robot.capsules.radius.shape, robot.until.max()) for robot in robots)
+        seen.extend((robot.capsules.radius.shape, int(robot.until.max())) for robot in robots)
         return least(self, robots)
 
     monkeypatch.setattr(BodiesInTime, "least", spied)
