@@ -96,7 +96,7 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(config, tmp_path, monkeypatch
 
 def test_a_table_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "ablation.md").mkdir()
-    with pytest.raises(ConfigError, match=r"ablation.md: cannot be written: Is a directory"):
+    with pytest.raises(ConfigError, match=r"ablation.md: cannot be written: is no file"):
         ablation._write(tmp_path / "ablation.md", "table")
 
 
