@@ -43,6 +43,7 @@ def along(d: Floats, radius: Floats, other_radius: Floats) -> tuple[Floats, Floa
         x = 0.5 * (d + (radius - other_radius) * both / way)
         lens = (x > 0) & (x < d) & (d < both)
         disc = np.sqrt(np.maximum((radius - x) * (radius + x), 0.0))
+        disc = np.minimum(disc, np.minimum(radius, other_radius))  # rounding aside it is smaller
         part = x / way
     other = (other_radius < radius) | (d >= both)  # where there is no lens
     within = np.where(lens, disc, np.where(other, other_radius, radius))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hri_predict.risk.balls import cut
@@ -43,6 +43,7 @@ def test_whatever_lies_in_both_lies_in_the_result(a, ra, b, rb, seed):
 
 @settings(max_examples=200, deadline=None)
 @given(POINT, RADIUS, POINT, RADIUS)
+@example(np.zeros(3), 1.5, np.array([0.0, 0.0, 1.5]), 2.0**-14)  # rounding was larger
 def test_never_larger_than_the_smaller_unless_they_contradict_each_other(a, ra, b, rb):
     _, radius = one(a, ra, b, rb)
     if np.linalg.norm(a - b) < ra + rb:
