@@ -180,10 +180,20 @@ class Radii:
         known = min(horizon_steps, by_joint.shape[2])
         steps[..., :known] = by_joint[..., :known]
         self._table = np.ascontiguousarray(steps.swapaxes(1, 2))  # (C, H, J)
+        by_speed = self._table.reshape(len(SPEED_CLASSES), -1, *self._table.shape[1:])
+        self._whatever_speed = by_speed.max(0)  # (C / 3, H, J)
 
     def of(self, speed_m_s: Floats, surprise_m: Floats) -> Floats:
-        """(P, H, J) metres for P people of these trunk speeds (P,) and surprises (P,)."""
-        return self._table[self.classes(speed_m_s, surprise_m)]
+        """(P, H, J) metres for P people of these trunk speeds (P,) and surprises (P,).
+
+        Of whom no speed is known (NaN), the largest of all speeds, by the grade of the *slow*.
+        """
+        classes = self.classes(speed_m_s, surprise_m)
+        found = self._table[classes]
+        unknown = np.isnan(speed_m_s)
+        if unknown.any():
+            found[unknown] = self._whatever_speed[classes[unknown] % len(self._whatever_speed)]
+        return found
 
     def classes(self, speed_m_s: Floats, surprise_m: Floats) -> NDArray[np.intp]:
         """(P,) motion classes."""

@@ -11,7 +11,8 @@ are told apart by two things that the node sees at every capture:
   thresholds are the terciles of the calibration's windows; and *new*, where no forecast is old
   enough yet.
 
-Where no speed is known, a person counts as *slow*.
+Where no speed is known, a person counts as *slow* in a calibration; a zone then takes the largest
+radii of all speeds (``calibration.Radii``).
 Both are functions of the past alone, so a calibration within each class is as valid as one without
 (Mondrian conformal prediction: V. Vovk, A. Gammerman, G. Shafer, "Algorithmic Learning in a Random
 World", 2005, section 4.5).

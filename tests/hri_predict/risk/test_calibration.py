@@ -199,12 +199,27 @@ def test_radii_are_of_the_level_the_question_the_class_the_joint_and_the_step(ma
 
 def test_people_are_told_apart_and_sides_share_their_radii(make_calibration):
     radii = Radii(make_calibration(), CoverageSettings(), CANONICAL, 25)
-    found = radii.of(np.array([0.0, 0.5, np.nan]), np.array([0.0, 0.0, 0.0]))
-    assert found.shape == (3, 25, len(JOINTS))
+    found = radii.of(np.array([0.0, 0.5]), np.array([0.0, 0.0]))
+    assert found.shape == (2, 25, len(JOINTS))
     assert (found[1] > found[0]).all()
-    assert np.array_equal(found[1], found[2])
     assert np.array_equal(found[..., WRIST], found[..., JOINTS.index("r_wrist")])
     assert (plain("l_wrist"), plain("r_wrist"), plain("head")) == ("wrist", "wrist", "head")
+
+
+@pytest.mark.parametrize("widest", range(3))
+def test_who_has_no_known_speed_has_the_largest_radii_of_all_speeds(make_calibration, widest):
+    made = make_calibration()
+    table = made.estimated["joint"].copy()
+    table[:, 4 * widest : 4 * widest + 4] += 1.0  # of this speed class
+    made = replace(made, estimated={"joint": table, "body": 1.0 + table})
+    radii = Radii(made, CoverageSettings(), CANONICAL, 4)
+    for surprise in (0.0, 0.4, 9.0, np.nan):  # the grade is that of who is slow
+        unknown, slow = radii.of(np.array([np.nan, 0.5]), np.array([surprise, surprise]))
+        (kind,) = radii.classes(np.array([0.5]), np.array([surprise]))
+        per_speed = [table[2, 4 * c + kind % 4, :, :4].T for c in range(3)]
+        of_joint = [made.joints.index(plain(name)) for name in JOINTS]
+        assert unknown == pytest.approx(np.max(per_speed, axis=0)[:, of_joint])
+        assert (unknown >= slow).all()
 
 
 def test_joints_that_were_not_calibrated_are_unbounded(make_calibration):
