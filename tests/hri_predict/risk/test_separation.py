@@ -180,16 +180,18 @@ def test_nearest_is_that_of_all_pairs(seed, shape):
         assert every[found.person[k], found.segment[k], found.link[k]] == pytest.approx(every.min())
 
 
+def drawn(rng: np.random.Generator, *batch: int) -> Capsules:
+    """Capsules anywhere within some metres."""
+    a = rng.normal(size=(*batch, 3)) * 2
+    return Capsules(a, a + rng.normal(size=(*batch, 3)) * 0.5, rng.random(batch) * 0.3)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(-0.5, 3))
 def test_least_is_that_of_the_steps_that_count(seed, enough):
     rng = np.random.default_rng(seed)
 
-    def capsules(*batch: int) -> Capsules:
-        a = rng.normal(size=(*batch, 3)) * 2
-        return Capsules(a, a + rng.normal(size=(*batch, 3)) * 0.5, rng.random(batch) * 0.3)
-
-    body, robot, until = capsules(3, 6, 4), capsules(3, 6, 2), np.array([1, 4, 9])
+    body, robot, until = drawn(rng, 3, 6, 4), drawn(rng, 3, 6, 2), np.array([1, 4, 9])
     asked = Courses(robot, until, np.array([np.inf, np.inf, enough]))
     (found,) = BodiesInTime(body).least([asked])
     a, b, radius = (v[:, :, None] for v in (robot.a, robot.b, robot.radius))
@@ -209,15 +211,11 @@ def test_least_is_that_of_the_steps_that_count(seed, enough):
 def test_robots_together_are_as_one_by_one(seed, enough):
     rng = np.random.default_rng(seed)
 
-    def capsules(*batch: int) -> Capsules:
-        a = rng.normal(size=(*batch, 3)) * 2
-        return Capsules(a, a + rng.normal(size=(*batch, 3)) * 0.5, rng.random(batch) * 0.3)
-
-    bodies = BodiesInTime(capsules(3, 6, 4))
-    robots = [capsules(2), capsules(4), capsules(1)]  # not equally many links each
+    bodies = BodiesInTime(drawn(rng, 3, 6, 4))
+    robots = [drawn(rng, 2), drawn(rng, 4), drawn(rng, 1)]  # not equally many links each
     ways = [
-        Courses(capsules(2, 5, 2), np.array([4, 2]), np.array([np.inf, enough])),
-        Courses(capsules(1, 6, 3), np.array([9]), np.array([enough])),
+        Courses(drawn(rng, 2, 5, 2), np.array([4, 2]), np.array([np.inf, enough])),
+        Courses(drawn(rng, 1, 6, 3), np.array([9]), np.array([enough])),
     ]
     ways[1].capsules.a[0, 2, 1, 0] = np.nan if seed % 2 else 0.0
     alone = [bodies.standing([r], [n])[0] for r, n in zip(robots, (6, 3, 1), strict=True)]
