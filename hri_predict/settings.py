@@ -195,4 +195,5 @@ def data_path(*parts: str) -> Path:
     """Path of a file shipped under ``configs/``: the package's copy, else the checkout's."""
     here = Path(__file__).resolve().parent
     packaged = here.joinpath("configs", *parts)
+    # os.path: a name that is too long is of no file, where Path.exists would raise
     return packaged if os.path.exists(packaged) else here.parent.joinpath("configs", *parts)

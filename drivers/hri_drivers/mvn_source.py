@@ -10,6 +10,7 @@ MVN tells of those who wear its sensors, and of nobody else: whether all who may
 must be configured (``sees_room``).
 """
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -155,11 +156,11 @@ class MvnDecoder:
             length = longest_limb(pose) * self._joint_map.scale_to_m
             if not LIMB_M[0] <= length <= LIMB_M[1]:
                 self._counters.malformed += 1
-                self._counters.note(
-                    f"MVN character {number} has limbs of {length:.3g} m; correct 'units'"
-                    if length == length
-                    else f"of MVN character {number} no limb was sent; look at the suit in MVN"
-                )
+                if math.isnan(length):
+                    why = f"of MVN character {number} no limb was sent; look at the suit in MVN"
+                else:
+                    why = f"MVN character {number} has limbs of {length:.3g} m; correct 'units'"
+                self._counters.note(why)
                 return False
         return True
 
