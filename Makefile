@@ -1,4 +1,6 @@
-# make demo: the whole cell, simulated.  make test: lint, types, tests, and the built wheel.
+# make demo: the whole cell, simulated.  make test: lint, types, tests, and what the wheel holds.
+# make test-long: the tests marked `long`, and the wheel installed alone.
+# make docs: the site of all pages, into build/site.
 # Each makes its own .venv; PIP_FLAGS goes to pip (an index with the CPU build of torch, say);
 # JOBS is how many tests run at once: a number, or all the machine's cores.
 PYTHON ?= python3
@@ -9,13 +11,16 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) -c constraints.txt
 WHEEL_VENV := build/wheel-venv
 
-.PHONY: demo test lint types pytest wheel bench clean
+.PHONY: demo test test-long lint types pytest pytest-long wheel wheel-alone bench docs clean
 
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
 
 test: lint types pytest wheel
 	@echo "all checks passed"
+
+test-long: pytest-long wheel-alone
+	@echo "all long checks passed"
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -24,12 +29,29 @@ lint: $(VENV)/.dev
 types: $(VENV)/.dev
 	$(BIN)/mypy
 
+# Tests side by side first, then those that run alone.
 pytest: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime"
-	$(BIN)/python -m pytest -m realtime
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime and not long"
+	$(BIN)/python -m pytest -m "realtime and not long"
 
-# The built wheel, installed alone, runs the demo's configuration from an empty folder.
+pytest-long: $(VENV)/.dev
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "long and not realtime"
+	$(BIN)/python -m pytest -m "long and realtime"
+
+# The wheel's files, with the packages of .venv but without the working tree's, check the demo's
+# configuration from an empty folder.
 wheel: $(VENV)/.dev
+	rm -rf build/dist build/unpacked build/empty
+	$(BIN)/python -m build --wheel --outdir build/dist .
+	$(BIN)/python -m zipfile -e build/dist/*.whl build/unpacked
+	mkdir -p build/empty
+	cd build/empty && PYTHONPATH=../unpacked ../../$(BIN)/python -c "import hri_predict as p, \
+		hri_drivers as d, hri_sim as s; assert all('unpacked' in m.__file__ for m in (p, d, s))"
+	cd build/empty && PYTHONPATH=../unpacked ../../$(BIN)/python -m hri_predict check demo.yaml
+
+# The wheel, built from the source distribution and installed alone, runs the demo's configuration
+# from an empty folder.
+wheel-alone: $(VENV)/.dev
 	rm -rf build/dist $(WHEEL_VENV) build/empty
 	$(BIN)/python -m build --outdir build/dist .
 	$(PYTHON) -m venv $(WHEEL_VENV)
@@ -42,6 +64,9 @@ wheel: $(VENV)/.dev
 bench: $(VENV)/.run
 	$(BIN)/hri-predict bench
 
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
@@ -49,9 +74,13 @@ $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e .
 	touch $@
 
+$(VENV)/.docs: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) -e '.[docs]'
+	touch $@
+
 $(VENV)/.dev: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e '.[dev]'
-	touch $@ $(VENV)/.run
+	touch $@ $(VENV)/.run $(VENV)/.docs
 
 clean:
 	rm -rf $(VENV) build .mypy_cache .ruff_cache .pytest_cache .hypothesis

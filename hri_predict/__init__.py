@@ -1,7 +1,123 @@
 """hri-predict: where will the people near this robot be, and what should it do about it.
 
 The way of a frame: source -> people -> predictor -> risk -> publisher -> links. Each stage is a
-module of this package and knows only the next one's contract.
+room (a folder) of this package and knows only the next one's contract.
+
+As a library, this module offers the few names in ``__all__``; ``docs/library.md`` shows them at
+work. Each is loaded when it is first used, so ``import hri_predict`` costs next to nothing, and
+torch is imported only when somebody asks for a trained predictor. Everything else is imported from
+its own room.
+
+Units and frames everywhere: metres, seconds, radians, right-handed, z up; integer nanoseconds of
+one clock for time.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 __version__ = "0.1.0"
+"""The one place for the version: the build reads it here."""
+
+if TYPE_CHECKING:
+    from hri_predict.errors import HriPredictError
+    from hri_predict.joint_map import JointMap, load_joint_map
+    from hri_predict.library.advisor import Advisor, load_config
+    from hri_predict.library.forecasting import (
+        RecordedForecast,
+        forecast_at,
+        forecasts,
+        load_predictor,
+    )
+    from hri_predict.node.listeners import Tick
+    from hri_predict.people.ring_buffer import PushResult, RingBuffer, Window
+    from hri_predict.predictors.base import Forecast, Predictor
+    from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
+    from hri_predict.protocol.messages import (
+        Acknowledge,
+        Advice,
+        Level,
+        NodeState,
+        RobotMode,
+        RobotState,
+        Status,
+    )
+    from hri_predict.protocol.reasons import Reason
+    from hri_predict.protocol.serial import SerialReceiver, SerialSender
+    from hri_predict.recording.opening import open_recording
+    from hri_predict.recording.recording import Recording
+    from hri_predict.run.config import Config
+    from hri_predict.scene import Person, Scene
+    from hri_predict.skeleton import CANONICAL, Skeleton
+
+__all__ = [
+    "CANONICAL",
+    "Acknowledge",
+    "Advice",
+    "Advisor",
+    "CanFrame",
+    "CanReceiver",
+    "CanSender",
+    "Config",
+    "Forecast",
+    "HriPredictError",
+    "JointMap",
+    "Level",
+    "NodeState",
+    "Person",
+    "Predictor",
+    "PushResult",
+    "Reason",
+    "RecordedForecast",
+    "Recording",
+    "RingBuffer",
+    "RobotMode",
+    "RobotState",
+    "Scene",
+    "SerialReceiver",
+    "SerialSender",
+    "Skeleton",
+    "Status",
+    "Tick",
+    "Window",
+    "__version__",
+    "forecast_at",
+    "forecasts",
+    "load_config",
+    "load_joint_map",
+    "load_predictor",
+    "open_recording",
+]
+
+_HOME = {  # module: the names that it lends; the same as above, for the interpreter
+    "errors": "HriPredictError",
+    "joint_map": "JointMap load_joint_map",
+    "library.advisor": "Advisor load_config",
+    "library.forecasting": "RecordedForecast forecast_at forecasts load_predictor",
+    "node.listeners": "Tick",
+    "people.ring_buffer": "PushResult RingBuffer Window",
+    "predictors.base": "Forecast Predictor",
+    "protocol.can": "CanFrame CanReceiver CanSender",
+    "protocol.messages": "Acknowledge Advice Level NodeState RobotMode RobotState Status",
+    "protocol.reasons": "Reason",
+    "protocol.serial": "SerialReceiver SerialSender",
+    "recording.opening": "open_recording",
+    "recording.recording": "Recording",
+    "run.config": "Config",
+    "scene": "Person Scene",
+    "skeleton": "CANONICAL Skeleton",
+}
+
+if not TYPE_CHECKING:  # a type checker must not take every unknown name for one of ours
+    _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
+
+    def __getattr__(name):
+        """Load a public name at its first use (PEP 562)."""
+        if name not in _MODULE_OF:
+            raise AttributeError(f"module 'hri_predict' has no attribute '{name}'")
+        value = getattr(import_module(f"hri_predict.{_MODULE_OF[name]}"), name)
+        globals()[name] = value
+        return value
+
+    def __dir__():
+        """List the public names, loaded or not."""
+        return sorted({*globals(), *__all__})

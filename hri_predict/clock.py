@@ -1,4 +1,4 @@
-"""Clocks: every component takes one, so that tests and replays own the time.
+"""Clocks: every component takes one, so that tests and replays control the time.
 
 All times are integer nanoseconds of one monotonic clock.
 """
@@ -9,20 +9,20 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Where the time comes from."""
+    """A source of time."""
 
     def now_ns(self) -> int:
-        """Nanoseconds since some fixed moment; never goes backwards."""
+        """Nanoseconds since a fixed moment; never goes backwards."""
 
     def wait_until(self, deadline_ns: int, wake: threading.Event | None = None) -> None:
         """Return at ``deadline_ns``, or sooner if ``wake`` is set."""
 
 
 class MonotonicClock:
-    """The machine's monotonic clock, at true time or at a factor.
+    """The machine's monotonic clock, in real time or faster or slower by a factor.
 
-    At ``factor`` 2 the node's seconds pass twice as fast as the wall's: everything that hangs on
-    this clock (the source, the loop, a mock controller) stays consistent.
+    With ``factor`` 2 the node's seconds pass twice as fast as real ones: everything on this clock
+    (the source, the loop, a mock controller) stays consistent.
     """
 
     def __init__(self, factor: float = 1.0) -> None:
@@ -31,7 +31,7 @@ class MonotonicClock:
         self.factor = factor
 
     def now_ns(self) -> int:
-        """Nanoseconds; processes on one machine with one factor agree on it."""
+        """Nanoseconds; processes on one machine with the same factor agree on it."""
         now = time.monotonic_ns()
         return now if self.factor == 1.0 else int(now * self.factor)
 
@@ -45,7 +45,7 @@ class MonotonicClock:
 
 
 class VirtualClock:
-    """A clock that stands still until it is told to move."""
+    """A clock that stands still until the program moves it."""
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now_ns = start_ns

@@ -1,7 +1,7 @@
-"""Errors that a user can cause and mend.
+"""Errors that a user can cause and correct.
 
 Each message is one line that names the file, key or field and the remedy. The command line prints
-it alone and exits with status 2; nothing here ever reaches a user as a traceback.
+only this line and exits with status 2; a user never sees a traceback of these errors.
 """
 
 import difflib
@@ -29,7 +29,7 @@ class SourceError(HriPredictError):
 
 
 class LinkError(HriPredictError):
-    """A link cannot be opened or cannot carry what it is asked to."""
+    """A link cannot be opened, or cannot carry its messages."""
 
 
 class DiscoveryError(HriPredictError):
@@ -37,7 +37,7 @@ class DiscoveryError(HriPredictError):
 
 
 class PredictorError(HriPredictError):
-    """A predictor cannot be built, or gave a forecast that breaks its contract."""
+    """A predictor cannot be built, or its forecast breaks the contract."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -1,12 +1,12 @@
 """Joint maps: how a source's joints, units and axes become the canonical skeleton.
 
-A map is a YAML file (those of ``configs/skeletons/`` go by their name)::
+A map is a YAML file (maps in ``configs/skeletons/`` are known by name)::
 
     name: arms                     # of the map
     reference: where the facts about this source come from
     units: mm                      # m, cm, mm, inch, ft, or metres per unit
-    axes: [z, -x, -y]              # the source's axes that are forward, left and up
-    left_handed: false             # true where the source's own axes are
+    axes: [z, -x, -y]              # the source's axes that point forward, left and up
+    left_handed: false             # true if the source's own axes are left-handed
     joints: [LShoulder, RShoulder] # the source's joints in order
     map:                           # canonical joint: source joint, or source joints with weights
       l_shoulder: LShoulder
@@ -14,8 +14,8 @@ A map is a YAML file (those of ``configs/skeletons/`` go by their name)::
       neck: {LShoulder: 0.5, RShoulder: 0.5}
 
 Only anatomical midpoints (``waist`` of the hips, ``neck`` of the shoulders, ``head`` of the ears)
-may be derived from several joints; they are observed when all of those are. A canonical joint that
-a map leaves out is never observed: nothing is invented.
+may be derived from several joints; such a joint is observed if all its sources are. A canonical
+joint missing from the map is never observed: nothing is invented.
 """
 
 import re
@@ -27,9 +27,10 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, nearest
-from hri_predict.scene import Bools, Floats
-from hri_predict.settings import Settings, data_path, read_yaml, validated
+from hri_predict.files import data_path, read_yaml
+from hri_predict.settings import Settings, validated
 from hri_predict.skeleton import CANONICAL
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048}
@@ -38,7 +39,7 @@ DERIVED = ("waist", "neck", "head")
 Axes = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class JointMap:
     """How a source's joints become canonical ones.
 
@@ -47,8 +48,8 @@ class JointMap:
         source_joints: the source's joints in its order.
         scale_to_m: metres per unit of the source.
         rotation: (3, 3) from the source's axes to forward, left, up.
-        weights: (J, J_source) of each source joint in each canonical one; a row of zeros where the
-            source has no such joint.
+        weights: (J, J_source) weight of each source joint in each canonical one; a row of zeros if
+            the source has no such joint.
     """
 
     name: str
@@ -68,12 +69,12 @@ class JointMap:
         return result
 
     def map(self, positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
-        """Map source joints to canonical ones, in whatever frame they are.
+        """Map source joints to canonical ones, in any frame.
 
         Args:
             positions: (..., J_source, 3).
-            observed: (..., J_source); a joint with a coordinate that is not finite is unobserved
-                whatever this says.
+            observed: (..., J_source); a joint with a non-finite coordinate always counts as
+                unobserved.
 
         Returns:
             (..., J, 3) and (..., J) of the canonical skeleton. Positions are finite: zero where
@@ -97,10 +98,10 @@ class JointMap:
         return replace(self, scale_to_m=float(scale_to_m))
 
     def with_axes(self, axes: Sequence[str], *, left_handed: bool = False) -> "JointMap":
-        """Return this map for a file with other axes: those that are forward, left and up.
+        """Return this map for a file with other axes, which point forward, left and up.
 
         Raises:
-            ConfigError: the axes are not three different ones, or of the other hand.
+            ConfigError: the axes are not three different ones, or have the wrong handedness.
         """
         try:
             return replace(self, rotation=axes_rotation(axes, left_handed))
@@ -112,13 +113,13 @@ def axes_rotation(axes: Sequence[str], left_handed: bool = False) -> Floats:
     """(3, 3) from a source's axes to forward, left, up.
 
     Raises:
-        ValueError: they are not three different axes, or of the other hand than declared.
+        ValueError: they are not three different axes, or not of the declared handedness.
     """
     rotation = np.zeros((3, 3))
     for row, axis in enumerate(axes[:3]):
         letter = axis.removeprefix("-")
         if letter not in ("x", "y", "z"):
-            raise ValueError(f"'{axis}' is no axis; use x, y, z, -x, -y or -z")
+            raise ValueError(f"'{axis}' is not an axis; use x, y, z, -x, -y or -z")
         rotation[row, "xyz".index(letter)] = -1.0 if axis.startswith("-") else 1.0
     determinant = round(float(np.linalg.det(rotation)))
     if determinant == 0 or len(axes) != 3:
@@ -126,14 +127,14 @@ def axes_rotation(axes: Sequence[str], left_handed: bool = False) -> Floats:
     if determinant != (-1 if left_handed else 1):
         hand = "left" if determinant < 0 else "right"
         raise ValueError(
-            f"these axes are {hand}-handed; turn a sign, or set left_handed: "
+            f"these axes are {hand}-handed; change a sign, or set left_handed: "
             f"{str(determinant < 0).lower()}"
         )
     return rotation
 
 
 class _SourceFrame(Settings):
-    """What every map file says of its source."""
+    """What every map file says about its source."""
 
     name: str
     reference: str = Field(description="where the facts about this source come from")
@@ -187,7 +188,7 @@ class JointMapSettings(_SourceFrame):
     @model_validator(mode="after")
     def _known_joints(self) -> Self:
         if not self.map:
-            raise ValueError("map names no joint")
+            raise ValueError("map is empty; map at least one joint")
         for joint, sources in self.map.items():
             _check_canonical(joint)
             for source in sources:
@@ -212,7 +213,7 @@ def _check_canonical(joint: str) -> None:
     if joint not in CANONICAL.joints:
         raise ValueError(
             f"map: no canonical joint '{joint}'{nearest(joint, CANONICAL.joints)} "
-            f"(there are: {', '.join(CANONICAL.joints)})"
+            f"(known: {', '.join(CANONICAL.joints)})"
         )
 
 
@@ -227,7 +228,7 @@ def _check_weights(joint: str, sources: dict[str, float]) -> None:
 
 
 def map_names() -> list[str]:
-    """Names of the maps that come with the package."""
+    """Names of the shipped maps."""
     return sorted(path.stem for path in data_path("skeletons").glob("*.yaml"))
 
 
@@ -239,7 +240,7 @@ def load_joint_map(name_or_path: str) -> JointMap:
     """
     if name_or_path == "bvh":
         raise ConfigError(
-            "joint map 'bvh' is made from a file's own joint names; give the BVH file as recording"
+            "joint map 'bvh' is built from a file's own joint names; give the BVH file as recording"
         )
     path = _find_map(name_or_path)
     where = f"joint map {path}"
@@ -258,13 +259,13 @@ def _find_map(name_or_path: str) -> Path:
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigError(
             f"no joint map '{name_or_path}'{nearest(name_or_path, names)} "
-            f"(there are: {', '.join(names)}; or give a .yaml file)"
+            f"(known: {', '.join(names)}; or give a .yaml file)"
         )
     return path
 
 
 class BvhMapSettings(_SourceFrame):
-    """The alias table for BVH files: of each canonical joint, names that rigs give it."""
+    """The alias table for BVH files: the names of each canonical joint in different rigs."""
 
     required: list[str]
     derived: dict[str, list[str]]
@@ -279,17 +280,17 @@ class BvhMapSettings(_SourceFrame):
 
 
 def resolve_bvh_map(joint_names: Sequence[str]) -> JointMap:
-    """Make the map of a BVH file from its joint names, whatever rig wrote it.
+    """Build the map of a BVH file from its joint names, for any rig.
 
     Names are compared without case, separators and namespace (``mixamorig:LeftArm``,
-    ``upper_arm.L``). A BVH states neither units nor axes: centimetres and y up are assumed, see
-    ``with_units`` and ``with_axes``.
+    ``upper_arm.L``). A BVH file states neither units nor axes: centimetres and y up are assumed,
+    see ``with_units`` and ``with_axes``.
 
     Args:
-        joint_names: the file's joints in order; end sites may be among them as ``<joint>_End``.
+        joint_names: the file's joints in order; end sites may appear as ``<joint>_End``.
 
     Raises:
-        ConfigError: a joint that the canonical skeleton needs is not among the names.
+        ConfigError: a joint required by the canonical skeleton is missing.
     """
     path = data_path("skeletons", "bvh.yaml")
     table = validated(BvhMapSettings, read_yaml(path, "joint map"), f"joint map {path}")
@@ -301,7 +302,7 @@ def resolve_bvh_map(joint_names: Sequence[str]) -> JointMap:
     missing = [joint for joint in table.required if found.get(joint) is None]
     if missing:
         raise ConfigError(
-            f"no joint is known as {', '.join(missing)} (the file has: "
+            f"no joint matches {', '.join(missing)} (the file has: "
             f"{_shortened(joint_names)}); rename the joints, e.g. as Mixamo does (LeftArm, LeftLeg)"
         )
     weights = np.zeros((len(CANONICAL.joints), len(joint_names)))

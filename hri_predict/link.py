@@ -1,14 +1,26 @@
-"""The contract of a link to a robot controller, and what every kind of link shares."""
+"""The contract of a link to a robot controller, and what every kind of link shares.
 
-from collections.abc import Callable
+A kind of link is a class: ``LinkClass`` says what the node asks of the class, ``Link`` what it asks
+of an object. ``Simulatable``, ``ChecksTogether`` and ``ObservesFleet`` are abilities that a class
+may have or lack. ``hri-predict conformance link:NAME`` checks the contract on any kind.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
 from pydantic import Field
 
-from hri_predict.protocol.messages import Message
+from hri_predict.clock import Clock
+from hri_predict.errors import LinkError
+from hri_predict.protocol.keyed import Keyed
+from hri_predict.protocol.messages import Advice, Message, Status
+from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.settings import Settings
+
+MIN_STATUS_HZ = 10.0
+"""Status goes out at least so often, even where the node's cycle is longer."""
 
 
 class LinkSettings(Settings):
@@ -31,9 +43,11 @@ class LinkSettings(Settings):
     )
     zones: bool = Field(True, description="whether Zone and Pose are sent on it")
     simulate: dict[str, Any] | None = Field(
-        None, description="a mock controller at the other end; see hri_sim.controller"
+        None, description="a mock controller at the other end; see hri_sim.controllers.controller"
     )
-    faults: list[dict[str, Any]] = Field([], description="faults to inject; see hri_sim.faults")
+    faults: list[dict[str, Any]] = Field(
+        [], description="faults to inject; see hri_sim.faults.injector"
+    )
 
     def resolved(self, base_dir: Path) -> Self:
         """The same with its files found from ``base_dir``, where the configuration lies."""
@@ -50,7 +64,7 @@ class LinkSettings(Settings):
         return []
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class LinkCounters:
     """What happened on a link since start; nothing is lost silently."""
 
@@ -73,6 +87,60 @@ class LinkCounters:
     write_errors: int = 0
     disconnects: int = 0
     reconnects: int = 0
+
+
+U = TypeVar("U")
+"""A unit of the wire: what goes onto it, and comes off it, at once."""
+
+
+class Transport(Protocol[U]):
+    """A wire that carries units: ``bytes`` on serial, ``CanFrame`` on CAN.
+
+    One thread may write while another reads; ``open`` and ``close`` are called by nobody else at
+    the same time. After ``close``, ``open`` may be called again.
+    """
+
+    def open(self) -> None:
+        """Open the device.
+
+        Raises:
+            LinkError: one line that names the port or interface and the remedy.
+        """
+
+    def write(self, unit: U) -> None:
+        """Write one unit, in bounded time.
+
+        Raises:
+            LinkError: the device is lost; as a ``hri_drivers.wires.transport.TransportBusy``, the
+                wire takes nothing now, try again later.
+        """
+
+    def read(self, timeout_s: float) -> list[U]:
+        """Return what has come, waiting at most ``timeout_s``; empty if nothing came.
+
+        Raises:
+            LinkError: the device is lost.
+        """
+
+    def close(self) -> None:
+        """Close the device; never raises, safe to call twice."""
+
+
+R = TypeVar("R", contravariant=True)
+
+
+class Receiver(Protocol[R]):
+    """Decodes the units of one wire, whatever comes: nothing that it is fed makes it raise.
+
+    Units that are ``bytes`` are a stream: the receiver finds the messages wherever it was cut.
+    """
+
+    @property
+    def counters(self) -> ReceiveCounters:
+        """What was received, and what was refused and why."""
+
+    def feed(self, unit: R, /) -> list[Message]:
+        """Messages that this unit completes, oldest first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +187,7 @@ class Link(Protocol):
         """Write what is posted, then close. Safe to call twice."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class LinkLoad:
     """How full a link is: worst-case seconds of wire per second.
 
@@ -139,3 +207,122 @@ class LinkLoad:
     rate_hz: float = 0.0
     bitrate: int = 0
     bitrates: tuple[int, ...] = ()
+
+
+S = TypeVar("S", bound=LinkSettings)
+
+
+class LinkClass(Protocol[S, U]):
+    """What the node asks of a kind of link: a class whose objects are ``Link``.
+
+    ``SerialLink`` is a ``LinkClass[SerialLinkSettings, bytes]``. Whoever has a class from the
+    registry knows neither: settings that its ``settings_model`` made, and units that its transport
+    gave, are for the same class alone.
+    """
+
+    @property
+    def settings_model(self) -> type[S]:
+        """The model that validates an entry of ``links:`` of this kind."""
+
+    def __call__(
+        self,
+        settings: S,
+        clock: Clock,
+        transport: Transport[U] | None = None,
+        /,
+        *,
+        rate_hz: float = 25.0,
+        robots: Sequence[int] = (0,),
+    ) -> Link:
+        """Make a link; nothing is opened yet.
+
+        Args:
+            settings: validated by ``settings_model``, and ``resolved``.
+            clock: the node's.
+            transport: the wire, if not the configured device (a pipe, a fault injector).
+            rate_hz: the node's cycle, from which the room for Zone and Pose follows.
+            robots: indices of the robots that are advised on this link.
+
+        Raises:
+            LinkError: the settings name no device, and no transport is given.
+        """
+
+    def make_transport(self, settings: S, /) -> Transport[U]:
+        """The configured device, not yet open.
+
+        Raises:
+            LinkError: the settings name no device.
+        """
+
+    def receiver(self, settings: S, /) -> Receiver[U]:
+        """What decodes this link's units, for whoever only listens."""
+
+    def load(self, settings: S, rate_hz: float, robots: Sequence[int] = (0,), /) -> LinkLoad:
+        """How full the wire will be, at worst; the node refuses what does not fit."""
+
+
+AnyLinkClass = LinkClass[LinkSettings, object]
+"""A kind of link by its name alone, as the registry gives it."""
+
+
+@runtime_checkable
+class Simulatable(Protocol):
+    """A kind of link at whose other end a mock controller can be (``simulate:``).
+
+    Attributes:
+        port_field: the field of its settings that names the device; the simulated cell opens a
+            pseudo-terminal, or a bus of its own, and puts its name there.
+    """
+
+    port_field: str
+
+
+@runtime_checkable
+class ChecksTogether(Protocol):
+    """A kind of link of which several can disturb each other."""
+
+    def check_together(self, links: Sequence[Any], /) -> None:
+        """Refuse settings, all of this kind, whose links would disturb each other.
+
+        Raises:
+            ConfigError: names both, and what to change.
+        """
+
+
+@runtime_checkable
+class ObservesFleet(Protocol):
+    """A kind of link on which one program can hear the links of all cells."""
+
+    def observer(self, settings: Any, site: str | None, /) -> Transport[Keyed]:
+        """What hears the Status, Advice and Schema of all cells of one site, or of all sites."""
+
+
+def check_load(load: LinkLoad) -> None:
+    """Refuse a link that cannot carry what must always fit.
+
+    Raises:
+        LinkError: one line with the load and what would fit.
+    """
+    if load.spare >= 0:
+        return
+    reserved = 1.0 - load.load - load.spare
+    remedies = _remedies(load, 1.0 - reserved)
+    raise LinkError(
+        f"link '{load.name}': {load.load:.0%} load and {reserved:.0%} reserved_load do not fit; "
+        f"{' or '.join(remedies)}"
+    )
+
+
+def _remedies(load: LinkLoad, room: float) -> Sequence[str]:
+    remedies = []
+    per_cycle = sum(load.details[message.__name__] for message in (Status, Advice))
+    rate_hz = load.rate_hz * (room - (load.load - per_cycle)) / per_cycle
+    if rate_hz >= MIN_STATUS_HZ:
+        remedies.append(f"lower rate_hz from {load.rate_hz:g} to {int(rate_hz)}")
+    needed = load.bitrate * load.load / room
+    faster = next((b for b in load.bitrates if b >= needed and b > load.bitrate), None)
+    if faster is not None:
+        remedies.append(f"raise the bit rate from {load.bitrate} to {faster}")
+    if load.load <= 1.0:
+        remedies.append(f"lower reserved_load to {int((1.0 - load.load) * 100) / 100:g}")
+    return remedies or ["use a faster kind of link, or fewer robots on this one"]

@@ -2,14 +2,26 @@
 
 A package adds, say, a predictor by an entry point in the group ``hri_predict.predictors``; nothing
 is imported until its name is asked for, so a missing library never breaks what does not need it.
+What a name must stand for is said by the contracts: ``source``, ``predictors.base`` and ``link``
+for the parts that anybody may bring, ``peers`` for what ``hri_sim`` brings.
 """
 
+import contextlib
+from collections.abc import Iterator
 from importlib import metadata
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
-from hri_predict.errors import ConfigError, nearest
+from hri_predict import peers
+from hri_predict.errors import ConfigError, HriPredictError, nearest
+from hri_predict.link import AnyLinkClass, LinkSettings
+from hri_predict.predictors.base import AnyPredictorClass, PredictorSettings
+from hri_predict.source import AnySourceClass, SourceSettings
 
-Kind = Literal["sources", "predictors", "links", "cells", "faults", "simulations"]
+PartKind = Literal["sources", "predictors", "links"]
+"""What anybody may bring, and ``hri-predict conformance`` checks."""
+Kind = PartKind | Literal["cells", "faults", "simulations"]
+
+_SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}
 
 
 def _entry_points(kind: Kind) -> dict[str, metadata.EntryPoint]:
@@ -21,12 +33,36 @@ def names(kind: Kind) -> list[str]:
     return sorted(_entry_points(kind))
 
 
+@overload
+def load(kind: Literal["sources"], name: str) -> AnySourceClass: ...
+@overload
+def load(kind: Literal["predictors"], name: str) -> AnyPredictorClass: ...
+@overload
+def load(kind: Literal["links"], name: str) -> AnyLinkClass: ...
+@overload
+def load(kind: Literal["cells"], name: str) -> peers.CellClass: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["source"]) -> peers.SourceFaults: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["link"]) -> peers.LinkFaults: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["parse"]) -> peers.FaultParser: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["table"]) -> peers.FaultTable: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["soak"]) -> peers.Soak: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["closed_loop"]) -> peers.ClosedLoop: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["links"]) -> peers.LinkBench: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["fleet"]) -> peers.FleetBench: ...
 def load(kind: Kind, name: str) -> Any:
-    """Import and return the class registered as ``name``.
+    """Import and return what is registered as ``name``.
 
     Raises:
-        ConfigError: nothing has this name (lists those there are), or it cannot be imported (names
-            the extra or package that is missing).
+        ConfigError: nothing has this name (lists those there are), it cannot be imported (names
+            the extra or package that is missing), or it is no class with a ``settings_model``.
     """
     points = _entry_points(kind)
     if name not in points:
@@ -35,17 +71,49 @@ def load(kind: Kind, name: str) -> Any:
             f"there are: {', '.join(sorted(points))}"
         )
     try:
-        return points[name].load()
+        part = points[name].load()
     except ImportError as error:
         raise ConfigError(
             f"{kind[:-1]} '{name}' needs a package that is not installed: {error.name or error}; "
             f"{_remedy(points[name])}"
         ) from error
-    except Exception as error:  # a third party's module may fail in any way
+    except (Exception, SystemExit) as error:  # a third party's module may fail in any way
         raise ConfigError(
-            f"{kind[:-1]} '{name}' cannot be loaded: {type(error).__name__}: {error}; "
+            f"{kind[:-1]} '{name}' cannot be loaded: {_said(error)}; "
             f"mend the package that brings it"
         ) from error
+    base = _SETTINGS.get(kind)
+    model = getattr(part, "settings_model", None)
+    if base is not None and not (
+        isinstance(part, type) and isinstance(model, type) and issubclass(model, base)
+    ):
+        raise ConfigError(
+            f"{kind[:-1]} '{name}' is not a class whose settings_model derives from "
+            f"{base.__name__}; mend the package that brings it"
+        )
+    return part
+
+
+@contextlib.contextmanager
+def building(what: str) -> Iterator[None]:
+    """Wrap the construction of a source, predictor or link, which may come from a third party.
+
+    Raises:
+        HriPredictError: its own error, or one that names the failure.
+    """
+    try:
+        yield
+    except HriPredictError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ConfigError(
+            f"{what} cannot be built: {_said(error)}; correct it or its settings"
+        ) from error
+
+
+def _said(error: BaseException) -> str:
+    """The kind of an error and the first line of its text."""
+    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
 
 
 def _remedy(point: metadata.EntryPoint) -> str:

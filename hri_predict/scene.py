@@ -1,12 +1,8 @@
-"""What a source saw at one capture: everybody in the room, or nobody."""
+"""What a source saw at one capture: all people in the room, or nobody."""
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from hri_predict.arrays import Bools, Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,15 +25,15 @@ class Scene:
     """What a source saw at one capture.
 
     Attributes:
-        capture_ns: when it was captured, nanoseconds of the *source's* clock (``people`` aligns it
-            with the node's).
+        stamp_ns: the source's time stamp of the capture, nanoseconds of the *source's* clock.
+            ``people`` aligns it with the node's clock; from there on it is a ``capture_ns``.
         sequence: the source's own counter, advancing by one per capture; gaps are losses.
         sees_room: whether the source saw the room. ``True`` with no people says "nobody is here";
             ``False`` says "I cannot tell".
         people: everybody seen.
     """
 
-    capture_ns: int
+    stamp_ns: int
     sequence: int
     sees_room: bool
     people: tuple[Person, ...]

@@ -1,22 +1,20 @@
-"""Validated settings: the base of every configuration model, and how YAML reaches it.
+"""Validated settings: the base of all configuration models, and validation of YAML data.
 
 Each source, predictor, robot and link has its own model beside its code, derived from ``Settings``.
 """
 
 import math
-import os
 import reprlib
-from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
-from hri_predict.named_pipe import refuse_named_pipe
-from hri_predict.scene import Floats
-from hri_predict.yaml_text import MAX_CHARACTERS, load_yaml
+from hri_predict.files import load_yaml
+from hri_predict.geometry import in_polygon
 
 
 class Settings(BaseModel):
@@ -32,7 +30,8 @@ S = TypeVar("S", bound=Settings)
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0  # of a source of scenes
 MAX_COORDINATE_M = 1000.0
 Metres = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
-"""A coordinate: no cell is a kilometre from its origin, and products of such numbers stay exact."""
+"""A coordinate. No cell is a kilometre away from its origin, and with such limits products of
+coordinates stay accurate."""
 Vector3 = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 Point = Annotated[list[Metres], Field(min_length=2, max_length=2)]
 
@@ -88,50 +87,11 @@ class Region(Settings):
             raise ValueError("polygon has no area; give its corners in order")
         return self
 
-
-def transform(matrix: Floats, points: Floats) -> Floats:
-    """Apply a (4, 4) transform to points (..., 3)."""
-    result: Floats = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return result
-
-
-def read_yaml(path: Path, what: str) -> dict[str, Any]:
-    """Read a YAML mapping.
-
-    Raises:
-        ConfigError: the file is missing, unreadable, too long, not YAML (see ``load_yaml``), or not
-            a mapping.
-    """
-    try:
-        data = load_yaml(read_text(path, what))
-    except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        problem = getattr(error, "problem", None)
-        why = f" ({problem})" if isinstance(problem, str) and problem else ""
-        raise ConfigError(f"{what} {path}: not valid YAML{where}{why}; mend it there") from error
-    if not isinstance(data, dict):
-        found = "nothing" if data is None else type(data).__name__
-        raise ConfigError(f"{what} {path}: expected keys and values, found {found}")
-    return data
-
-
-def read_text(path: Path, what: str) -> str:
-    """Read a text file of the user's.
-
-    Raises:
-        ConfigError: the file is missing, unreadable, too long, or not UTF-8.
-    """
-    try:
-        refuse_named_pipe(path)
-        with path.open(encoding="utf-8") as file:
-            text = file.read(MAX_CHARACTERS + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path, or not UTF-8
-        reason = (error.strerror if isinstance(error, OSError) else None) or "it is not UTF-8 text"
-        raise ConfigError(f"{what} {path}: cannot be read: {reason}; check the path") from error
-    if len(text) > MAX_CHARACTERS:
-        raise ConfigError(f"{what} {path}: longer than {MAX_CHARACTERS} characters; check the path")
-    return text
+    def contains(self, point: Floats) -> bool:
+        """Whether ``point`` (3,) lies in the prism."""
+        corners = np.asarray(self.polygon, dtype=np.float64)
+        high = self.z_min <= point[2] <= self.z_max
+        return bool(high and in_polygon(point[:2], corners))
 
 
 def validated(model: type[S], data: Any, where: str) -> S:
@@ -156,13 +116,37 @@ def validated(model: type[S], data: Any, where: str) -> S:
             raise ConfigError(f"{at}: required key is missing; add it") from None
         message = first["msg"].removeprefix("Value error, ")
         message = message[0].lower() + message[1:]
-        if isinstance(first["input"], dict):  # of the whole block, whose keys say nothing more
+        if isinstance(
+            first["input"], dict
+        ):  # the error concerns the whole block; its value adds nothing
             raise ConfigError(f"{at}: {message}") from None
         raise ConfigError(f"{at}: {message}; got {_echo(first['input'])}") from None
 
 
+def set_key(data: dict[str, Any], change: str) -> None:
+    """Set one ``key.key=value`` of the command line, its value written as in YAML.
+
+    Raises:
+        ConfigError: it is not written so; one line with the remedy.
+    """
+    keys, equals, text = change.partition("=")
+    path = keys.strip().split(".")
+    if not equals or not all(path):
+        raise ConfigError(f"--set {change}: write it as key=value, such as train.epochs=20")
+    try:
+        value = load_yaml(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ConfigError(f"--set {change}: its value is not valid YAML; quote it") from error
+    at = data
+    for key in path[:-1]:
+        at = at.setdefault(key, {})
+        if not isinstance(at, dict):
+            raise ConfigError(f"--set {change}: '{key}' has no keys; see the configuration")
+    at[path[-1]] = value
+
+
 def _echo(value: Any) -> str:
-    """A wrong value, short: bounded in depth and width, whatever it is."""
+    """A wrong value as short text, limited in depth and width."""
     try:
         got = reprlib.repr(value)
     except ValueError:  # an integer of thousands of digits has no decimal text
@@ -171,7 +155,7 @@ def _echo(value: Any) -> str:
 
 
 def _keys_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
-    """Keys of the model nested in ``model`` at ``loc``, for naming the nearest."""
+    """Keys of the model nested in ``model`` at ``loc``, to name the nearest one."""
     current: type[BaseModel] = model
     for part in loc:
         if isinstance(part, int):
@@ -189,11 +173,3 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [m for part in getattr(annotation, "__args__", ()) for m in _models_in(part)]
-
-
-def data_path(*parts: str) -> Path:
-    """Path of a file shipped under ``configs/``: the package's copy, else the checkout's."""
-    here = Path(__file__).resolve().parent
-    packaged = here.joinpath("configs", *parts)
-    # os.path: a name that is too long is of no file, where Path.exists would raise
-    return packaged if os.path.exists(packaged) else here.parent.joinpath("configs", *parts)

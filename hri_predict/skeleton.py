@@ -1,16 +1,16 @@
 """The canonical skeleton: joints, their tree, body segments with radii, and longest reaches.
 
-Joints are named as REP-155 (ROS4HRI) names its links, extended by what a robot may touch first:
-``l_hand``/``r_hand`` end at the fingers, ``l_foot``/``r_foot`` at the toes, ``head_top`` is the
+Joints have the names of REP-155 (ROS4HRI) links, plus the points that a robot may touch first:
+``l_hand``/``r_hand`` are the fingertips, ``l_foot``/``r_foot`` the toes, ``head_top`` is the
 crown. ``head`` is its centre at the level of the ears, ``neck`` the middle of the shoulders,
 ``waist`` the middle of the hips, ``torso`` the lumbar/thoracic junction.
 
 Body sizes are those of ANSUR II: Gordon et al., "2012 Anthropometric Survey of U.S. Army
 Personnel: Methods and Summary Statistics", NATICK/TR-15/007, 2014; its public data has 4082 men
 and 1986 women. Means, standard deviations (SD) and maxima below are over those 6068 people, in
-millimetres, under the public data's variable names. A radius holds mean + 3 SD of them and is
-rounded up to 5 mm, bare-skinned: what stands off further (a held tool, a backpack, a person
-heavier than any soldier) belongs into the configured uncertainty of the person.
+millimetres, with the public data's variable names. A radius covers mean + 3 SD, rounded up to 5 mm,
+for bare skin. Anything beyond (a held tool, a backpack, a person heavier than any soldier) belongs
+in the configured uncertainty of the person.
 """
 
 import math
@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
-from hri_predict.scene import Floats
 
 JOINTS = (
     "waist", "torso", "neck", "head", "head_top",
@@ -33,7 +33,7 @@ JOINTS = (
 PARENTS = (-1, 0, 1, 2, 3, 2, 5, 6, 7, 2, 9, 10, 11, 0, 13, 14, 15, 0, 17, 18, 19)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Segment:
     """A body segment as a capsule: ``radius`` metres around the line between two joints."""
 
@@ -44,15 +44,15 @@ class Segment:
     part: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Skeleton:
     """Joints, their tree, and the segments between them.
 
     Attributes:
-        parents: of each joint, the joint that it hangs on; -1 for the root.
-        parts: of each body part its joints; every joint and every segment is in one.
-        reach: (J, J) metres, the longest possible distance between two joints of anybody: the sum
-            of the longest bones between them. Infinite where bone lengths are unknown.
+        parents: parent of each joint; -1 for the root.
+        parts: joints of each body part; every joint and every segment belongs to one part.
+        reach: (J, J) metres, the longest possible distance between two joints of any person: the
+            sum of the longest bones between them. Infinite if bone lengths are unknown.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Skeleton:
         return self.joints.index(joint)
 
     def without(self, absent_parts: Iterable[str]) -> tuple[int, ...]:
-        """Return the indices of the segments that remain when body parts are declared absent.
+        """Return the indices of the segments that remain without the absent body parts.
 
         Raises:
             ConfigError: a part is unknown.
@@ -106,11 +106,11 @@ def make_skeleton(
     parts: dict[str, tuple[int, ...]] | None = None,
     bone_lengths: Sequence[float] | None = None,
 ) -> Skeleton:
-    """Build a skeleton from its tree; a predictor with joints of its own needs no more.
+    """Build a skeleton from its tree; enough for a predictor with its own joints.
 
     Args:
-        bone_lengths: of each joint the longest possible distance to its parent, metres (the root's
-            is ignored); ``None`` where unknown, and ``reach`` is then infinite.
+        bone_lengths: longest possible distance of each joint to its parent, metres (the root's is
+            ignored); ``None`` if unknown, and ``reach`` is then infinite.
     """
     lengths = [math.inf] * len(joints) if bone_lengths is None else bone_lengths
     return Skeleton(
@@ -125,16 +125,16 @@ def make_skeleton(
 
 
 def path_lengths(parents: Sequence[int], bone_lengths: Sequence[float]) -> Floats:
-    """(J, J) length of the path through the tree between every two joints.
+    """(J, J) length of the path through the tree between any two joints.
 
-    Joints in trees apart (several roots) are infinitely far from each other.
+    Joints in separate trees (several roots) are infinitely far apart.
     """
     count = len(parents)
     lengths = np.full((count, count), np.inf)
     for start in range(count):
         lengths[start, start] = 0.0
         reached = [start]
-        for joint in reached:  # grows while it is walked: breadth first
+        for joint in reached:  # grows during the loop: breadth first
             for other in range(count):
                 if other == parents[joint]:
                     bone = bone_lengths[joint]
@@ -148,8 +148,16 @@ def path_lengths(parents: Sequence[int], bone_lengths: Sequence[float]) -> Float
     return lengths
 
 
+def generations(parents: Sequence[int]) -> list[list[int]]:
+    """Joints by their depth in the tree: the roots, their children, and so on."""
+    found = [[j for j, parent in enumerate(parents) if parent < 0]]
+    while children := [j for j, parent in enumerate(parents) if parent in found[-1]]:
+        found.append(children)
+    return found
+
+
 def neighbours(parents: Sequence[int]) -> NDArray[np.intp]:
-    """(J, J) of each joint all joints by rising number of bones between them, itself first."""
+    """(J, J) all joints sorted by the number of bones to each joint, itself first."""
     return np.argsort(path_lengths(parents, [1.0] * len(parents)), axis=1, kind="stable")
 
 
@@ -164,11 +172,11 @@ def _girth(mean: float, sd: float) -> float:
 
 
 def _half(mean: float, sd: float) -> float:
-    """Radius that holds a breadth or depth of mean + 3 SD."""
+    """Radius that covers a breadth or depth of mean + 3 SD."""
     return _round_up((mean + 3.0 * sd) / 2.0)
 
 
-# Of circumference / (2 pi) and half the largest breadth or depth, the larger one holds the segment.
+# The larger of circumference / (2 pi) and half the largest breadth or depth covers the segment.
 _RADII = {
     "pelvis": _girth(1020.08, 76.42),  # buttockcircumference
     "abdomen": _half(317.75, 36.36),  # waistbreadth, wider than waistcircumference / (2 pi)
@@ -178,18 +186,18 @@ _RADII = {
     "upper_arm": _girth(340.93, 41.52),  # bicepscircumferenceflexed
     "forearm": _girth(295.01, 30.05),  # forearmcircumferenceflexed
     # handlength - palmlength, 239 - 140 at most: some sources end at the knuckles, and the capsule
-    # still has to hold the fingers. It holds a spread hand, too, but for the tip of the thumb.
+    # must still cover the fingers. It also covers a spread hand, except the tip of the thumb.
     "hand": _round_up(99.0),
     "thigh": _girth(622.20, 57.75),  # thighcircumference
     "shank": _girth(386.04, 30.65),  # calfcircumference
-    # lateralmalleolusheight, 69.58 + 3 x 7.27, is the sole's depth below the ankle; rounded up for
-    # a shoe. It also holds the toes of a source that ends at the ball of the foot (footlength -
+    # lateralmalleolusheight, 69.58 + 3 x 7.27, is the depth of the sole below the ankle; rounded up
+    # for a shoe. It also covers the toes if a source ends at the ball of the foot (footlength -
     # balloffootlength: 323 - 245 at most).
     "foot": _round_up(96.0),
 }
 
-# Longest bones, metres: the survey's maxima or the difference of two of them; for the trunk, whose
-# bones it lacks, the difference of two mean heights, scaled by the tallest stature over the mean.
+# Longest bones, metres: the survey's maxima, or differences of two maxima. The survey has no trunk
+# bones: these are differences of two mean heights, scaled by the ratio of largest to mean stature.
 _TALL = 1993.0 / 1714.41 / 1000.0
 _BONES = {
     "torso": (1099.59 - 882.74) * _TALL,  # tenthribheight - trochanterionheight
@@ -206,8 +214,8 @@ _BONES = {
     # footlength 0.323, its heel quarter behind the ankle (own estimate); lateralmalleolusheight
     "foot": math.hypot(0.75 * 0.323, 0.093),
 }
-# For the travel of the shoulder girdle and spine, and for sources whose joints lie elsewhere in the
-# body than the survey's landmarks.
+# Allows for the travel of shoulder girdle and spine, and for sources whose joints differ from the
+# survey's landmarks.
 _REACH_MARGIN = 1.15
 
 _SIDES = {"l_": "left", "r_": "right"}
@@ -216,7 +224,9 @@ _SIDES = {"l_": "left", "r_": "right"}
 def _segments() -> tuple[Segment, ...]:
     def segment(name: str, a: str, b: str, part: str) -> Segment:
         radius = _RADII[name.removeprefix("l_").removeprefix("r_")]
-        return Segment(name, JOINTS.index(a), JOINTS.index(b), radius, part)
+        return Segment(
+            name=name, joint_a=JOINTS.index(a), joint_b=JOINTS.index(b), radius=radius, part=part
+        )
 
     trunk = [
         segment("pelvis", "l_hip", "r_hip", "torso"),

@@ -1,8 +1,14 @@
-"""The contract of a source of scenes."""
+"""The contract of a source of scenes.
+
+A kind of source is a class: ``SourceClass`` says what the node asks of the class, ``Source`` what
+it asks of an object, and ``Live`` what a source that hears a sender has beside. ``hri-predict
+conformance source:NAME`` checks the contract on any kind.
+"""
 
 import threading
 from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from pydantic import Field
 
@@ -26,7 +32,13 @@ class SourceSettings(Settings):
     field_of_view: Region | None = Field(
         None, description="what the sensor sees (room frame); the rest counts as occupied"
     )
-    faults: list[dict[str, Any]] = Field([], description="faults to inject; see hri_sim.faults")
+    faults: list[dict[str, Any]] = Field(
+        [], description="faults to inject; see hri_sim.faults.injector"
+    )
+
+    def stale_after_s(self, rate_hz: float) -> float:
+        """Age in seconds at which input of ``rate_hz`` scenes per second is stale."""
+        return self.stale_s or 3.0 / rate_hz + 0.02
 
     @property
     def notes(self) -> list[str]:
@@ -38,7 +50,7 @@ NOT_KNOWN_NS = 2**62
 """``next_ns`` of a live source that has nothing now: ``arrived`` says when it has."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class SourceCounters:
     """What a live source heard since start; nothing is lost silently.
 
@@ -87,10 +99,21 @@ class Live(Protocol):
     stamps_utc: bool
 
 
+@runtime_checkable
+class HasLive(Protocol):
+    """A source that hears a sender, or may do so.
+
+    Attributes:
+        live: often the source itself; ``None`` where it hears nobody after all.
+    """
+
+    @property
+    def live(self) -> Live | None: ...  # noqa: D102
+
+
 def live_part(source: object) -> Live | None:
     """``source.live`` where the source hears a sender; ``None`` for all others."""
-    live: Live | None = getattr(source, "live", None)
-    return live
+    return source.live if isinstance(source, HasLive) else None
 
 
 def wait_for(
@@ -113,8 +136,11 @@ class Source(Protocol):
 
     A source never blocks: the node asks ``poll`` when ``next_ns`` says that it is worth asking.
     That one shape serves real time (a thread sleeps until ``next_ns``) and the virtual clock. A
-    source that cannot foresee its scenes has an attribute ``live`` (see ``Live``): the thread then
-    sleeps until ``next_ns`` or until ``live.arrived`` is set.
+    source that cannot foresee its scenes has an attribute ``live`` (see ``HasLive``): the thread
+    then sleeps until ``next_ns`` or until ``live.arrived`` is set.
+
+    A scene's positions are metres in the room (``room_from_source`` is applied), NaN exactly where
+    a joint was not observed. Its sequence rises; its stamp does not go back while the sender lives.
 
     Attributes:
         joint_map: names of the source's joints and how they become canonical ones.
@@ -144,4 +170,30 @@ class Source(Protocol):
         """Return the oldest scene that has arrived by ``now_ns`` and was not returned, if any."""
 
     def close(self) -> None:
-        """Release what it holds."""
+        """Release what it holds. Safe to call twice, and before ``open``."""
+
+
+S = TypeVar("S", bound=SourceSettings)
+
+
+class SourceClass(Protocol[S]):
+    """What the node asks of a kind of source: a class whose objects are ``Source``."""
+
+    @property
+    def settings_model(self) -> type[S]:
+        """The model that validates ``source:`` of this kind."""
+
+    def __call__(self, settings: S, base_dir: Path | None = None, /) -> Source:
+        """Make a source; no device is opened yet.
+
+        Args:
+            settings: validated by ``settings_model``.
+            base_dir: the configuration's folder, where relative paths start.
+
+        Raises:
+            HriPredictError: a setting cannot be used; one line with the remedy.
+        """
+
+
+AnySourceClass = SourceClass[SourceSettings]
+"""A kind of source by its name alone, as the registry gives it."""

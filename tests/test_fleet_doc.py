@@ -1,4 +1,4 @@
-"""The protection that docs/fleet.md shows holds: its files are run as they stand there."""
+"""The protection that docs/guides/fleet.md shows holds: its files are run as they stand there."""
 
 import re
 import shutil
@@ -6,19 +6,24 @@ import socket
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from hri_drivers.zenoh_link import ZenohLink
-from hri_drivers.zenoh_session import ZenohSettings, open_session
-from hri_drivers.zenoh_transport import ZenohTransport
+from hri_drivers.links.zenoh.link import ZenohLink
+from hri_drivers.sources.scene_stream.codec import open_datagram
+from hri_drivers.sources.scene_stream.key_file import Key
+from hri_drivers.wires.zenoh import ZenohTransport
+from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
 from hri_predict.errors import LinkError
-from hri_predict.protocol.keyed_codec import KeyedSender
+from hri_predict.protocol.keyed import KeyedSender
 from hri_predict.protocol.messages import NodeState, Status
-from hri_predict.reasons import Reason
+from hri_predict.protocol.reasons import Reason
 
-DOC = (Path(__file__).parents[1] / "docs" / "fleet.md").read_text(encoding="utf-8")
-STATUS = Status(NodeState.RUNNING, Reason.NONE, 0, 0, 1)
+ROOT = Path(__file__).parents[1]
+DOC = (ROOT / "docs" / "guides" / "fleet.md").read_text(encoding="utf-8")
+SECRET = b"0123456789abcdef" * 2
+STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=1)
 
 
 def blocks(language: str) -> list[str]:
@@ -83,11 +88,40 @@ def test_each_machine_speaks_for_its_own_cell_alone(folder: Path) -> None:
     router.close()
 
 
+@pytest.mark.realtime
+def test_the_tracker_that_the_page_shows_is_heard(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "scene.key").write_bytes(SECRET)
+    (tmp_path / "scene.key").chmod(0o600)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(ROOT / "drivers" / "python")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
+    endpoint = f"tcp/127.0.0.1:{port}"
+    router = open_session(ZenohSettings(mode="router", listen=[endpoint], connect=[]))
+    heard: list[bytes] = []
+    subscriber = router.declare_subscriber(
+        "hri/plant/press/scene", lambda sample: heard.append(sample.payload.to_bytes())
+    )
+    deadline = time.monotonic() + 20
+    while not heard:  # what is put before the router knows of the client may be lost
+        assert time.monotonic() < deadline
+        names: dict[str, Any] = {}
+        exec(blocks("python")[0].replace("7447", port), names)
+        time.sleep(0.2)
+        names["session"].close()
+    subscriber.undeclare()
+    router.close()
+    assert open_datagram(heard[0], Key(SECRET, "scene.key"))[0].people == 1
+
+
 def test_the_links_that_the_page_shows_are_valid() -> None:
     import yaml
 
-    from hri_drivers.zenoh_link import ZenohLinkSettings
-    from hri_drivers.zenoh_source import ZenohSourceSettings
+    from hri_drivers.links.zenoh.link import ZenohLinkSettings
+    from hri_drivers.sources.scene_stream.zenoh_source import ZenohSourceSettings
 
     shown = [yaml.safe_load(text) for text in blocks("yaml")]
     assert [ZenohLinkSettings.model_validate(y["links"][0]).cell for y in shown[:2]] == [

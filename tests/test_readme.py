@@ -1,4 +1,10 @@
-"""Every command of the README runs, in an empty folder, with what the README tells to put there."""
+"""Every command of the pages runs, in an empty folder, with what the pages tell to put there.
+
+The pages are those of ``tests.pages``: the README, ``docs/`` and ``drivers/``. A block's language
+says how it is tested: ``console`` runs, ``yaml`` is a configuration or a part of one that is put
+into the page's cell, ``python`` compiles (and runs below, where it is named), ``toml`` names entry
+points that there are. ``sh`` needs hardware or a network and isn't run, but for that of fleet.md.
+"""
 
 import json
 import os
@@ -9,28 +15,33 @@ import socket
 import subprocess
 import sys
 import time
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import typer
+import yaml
 
-from hri_drivers.scene_codec import SEES_ROOM, open_datagram
-from hri_predict.cli.check import examine
-from hri_predict.config import load
+from hri_drivers.sources.scene_stream.codec import SEES_ROOM, open_datagram
+from hri_predict.cli.check.check import examine
+from hri_predict.cli.commands import app
 from hri_predict.predictors.base import checked
-from hri_predict.risk.robot_file import read_robot_file
+from hri_predict.robots.file import read_robot_file
+from hri_predict.run.config import load
+from tests import pages
+from tests.pages import PAGES, ROOT, WIRE_A_CELL, Block
 
-ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared" / "data"
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-COMMANDS = [
-    line.removeprefix("$ ")
-    for block in re.findall(r"```console\n(.*?)```", README, re.DOTALL)
-    for line in block.splitlines()
-]
+README = ROOT / "README.md"
+COMMANDS = pages.commands()
+LANGUAGES = {"console", "yaml", "python", "toml", "sh", "json", "json5", "hex", "c", "text"}
 SENDER = ROOT / "drivers" / "python" / "hri_sender.py"
 RUN_BY_CI = {"make demo", "make test"}  # .ci/run runs both, from a clean clone
+LONG = {"demo", "train", "calibrate", "evaluate", "simulate", "bench"}
+"""Commands that play the whole demo, train, judge or measure."""
 RECORDINGS = {
     "walking_1.npz": SHARED / "cmu_mocap" / "test" / "walking_1.npz",
     "walking_2.npz": SHARED / "cmu_mocap" / "train" / "walking_2.npz",
@@ -40,6 +51,8 @@ MINE = ("walking_2", "walking_3", "soccer_1", "basketball_1", "jumping_1")
 """Of the data pack's training recordings, what stands for the user's own folder."""
 OTHERS = ("walking_1", "walking_extra_7")
 """Of its test recordings, what stands for those that were not used."""
+WEIGHTS = ROOT / "hri_predict" / "weights" / "trajectorycnn.safetensors"
+"""What stands for the weights that a user trained."""
 ARM_URDF = """<robot name="arm">
   <link name="base_link"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
   <joint name="turn" type="revolute">
@@ -52,14 +65,8 @@ ARM_URDF = """<robot name="arm">
 
 
 @pytest.fixture
-def folder(tmp_path):
-    """What the README tells to save, with devices that this machine has."""
-    master, slave = os.openpty()
-    cell = re.search(r"```yaml\n# cell.yaml\n(.*?)```", README, re.DOTALL)
-    assert cell
-    text = cell[1].replace("/dev/ttyUSB0", os.ttyname(slave))
-    text = text.replace("interface: socketcan", "interface: virtual")
-    (tmp_path / "cell.yaml").write_text(text, encoding="utf-8")
+def folder(tmp_path: Path) -> Path:
+    """What the pages tell to have, but for the cell."""
     for name, path in RECORDINGS.items():
         if path.exists():
             (tmp_path / name).symlink_to(path)
@@ -73,29 +80,101 @@ def folder(tmp_path):
                 SHARED / "cmu_mocap" / split / f"{name}.npz"
             )
     (tmp_path / "arm.urdf").write_text(ARM_URDF, encoding="utf-8")
-    yield tmp_path
+    return tmp_path
+
+
+@pytest.fixture
+def serial_port() -> Iterator[str]:
+    """A device that this machine has, in the place of ``/dev/ttyUSB0``."""
+    master, slave = os.openpty()
+    yield os.ttyname(slave)
     os.close(master)
     os.close(slave)
 
 
-def test_the_readme_has_the_two_commands_first():
-    assert COMMANDS[:2] == ["make demo", "make test"]
+def put_cell(folder: Path, page: Path, port: str) -> None:
+    """Save the page's ``cell.yaml``, with devices that this machine has."""
+    text = pages.cell(page).replace("/dev/ttyUSB0", port)
+    text = text.replace("interface: socketcan", "interface: virtual")
+    (folder / "cell.yaml").write_text(text, encoding="utf-8")
 
 
-def test_ci_runs_the_two_commands():
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_for(endpoint: str) -> None:
+    """Wait until somebody listens at ``tcp/HOST:PORT``."""
+    host, port = endpoint.removeprefix("tcp/").split(":")
+    deadline = time.monotonic() + 60
+    while True:
+        try:
+            return socket.create_connection((host, int(port)), 1.0).close()
+        except OSError:
+            assert time.monotonic() < deadline, f"nobody listens at {endpoint}"
+            time.sleep(0.1)
+
+
+def with_free_ports(command: str) -> str:
+    """The same command at ports that nobody has, for other tests run beside this one."""
+    for port in sorted(set(re.findall(r"tcp/127\.0\.0\.1:(\d+)", command))):
+        command = command.replace(f":{port}", f":{free_port()}")
+    return command
+
+
+def hri_predict(*words: str, cwd: Path) -> None:
+    subprocess.run([sys.executable, "-m", "hri_predict", *words], cwd=cwd, check=True)
+
+
+def missing(words: list[str]) -> str | None:
+    """The first word of a command line that hri-predict does not know: a command or an option."""
+    command: Any = typer.main.get_command(app)
+    for word in words:
+        if word in getattr(command, "commands", {}):
+            command = command.commands[word]
+        elif hasattr(command, "commands") and not word.startswith("-"):
+            return word
+        elif word.startswith("--"):
+            option = word.partition("=")[0]
+            if option not in {o for p in command.params for o in (*p.opts, "--help")}:
+                return option
+    return None
+
+
+def test_the_readme_is_short_and_has_the_two_commands_first():
+    assert len(pages.text(README).splitlines()) <= 200
+    assert [command for page, command in COMMANDS if page == README][:2] == [
+        "make demo",
+        "make test",
+    ]
+
+
+def test_ci_runs_the_two_commands_and_the_long_tests():
     ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    assert all(command in ci for command in RUN_BY_CI)
+    assert {*RUN_BY_CI, "make test-long"} <= set(ci.splitlines())
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c not in RUN_BY_CI], ids=str)
-def test_command(command, folder):
-    words = shlex.split(command.replace("can:socketcan:can0", "can:virtual:readme"))
-    module = "hri_predict"
-    if words[:2] == ["python", "-m"]:
-        pytest.importorskip("pinocchio", reason="needs pin, as the README says")
-        module, words = words[2], words[2:]
-    else:
-        assert words[0] == "hri-predict"
+def marked() -> Iterator[Any]:
+    """Commands as parameters; `long` are those above, and all but the first of one name."""
+    before = set()
+    for page, command in COMMANDS:
+        if command not in RUN_BY_CI:
+            word = command.split()[1]
+            marks = [pytest.mark.long] * (word in LONG or word in before)
+            before.add(word)
+            yield pytest.param(page, command, id=f"{pages.name(page)}: {command}", marks=marks)
+
+
+@pytest.mark.parametrize(("page", "command"), [*marked()])
+def test_command(page: Path, command: str, folder: Path, serial_port: str):
+    put_cell(folder, page, serial_port)
+    command = with_free_ports(command.replace("can:socketcan:can0", "can:virtual:readme"))
+    words = shlex.split(command)
+    assert words[0] == "hri-predict"
+    if words[1] == "urdf":
+        pytest.importorskip("pinocchio", reason="needs pin, as the page says")
     for name, path in RECORDINGS.items():
         if name in command and not path.exists():
             pytest.skip(f"needs ../shared/data for {name}")
@@ -107,17 +186,22 @@ def test_command(command, folder):
         words += ["--seconds", "1"]
     if words[:3] == ["hri-predict", "replay", "monday.mcap"]:  # which an earlier command records
         record = ["run", "cell.yaml", "--shadow", "--record", "monday.mcap", "--duration", "3"]
-        subprocess.run([sys.executable, "-m", "hri_predict", *record], cwd=folder, check=True)
+        hri_predict(*record, cwd=folder)
     if "--calibration" in words:  # which an earlier command makes
         make = ["calibrate", "--predictor", "constant_velocity", "--data", "recordings"]
-        make += ["--out", "mine.calibration.json"]
-        subprocess.run([sys.executable, "-m", "hri_predict", *make], cwd=folder, check=True)
+        hri_predict(*make, "--out", "mine.calibration.json", cwd=folder)
     daemon = words[1] == "run" and "--duration" not in words
-    sender = None
+    beside = None
     if "live_udp.yaml" in words and words[1] == "run":
-        sender = subprocess.Popen([sys.executable, SENDER, "--seconds", "120"], cwd=folder)
+        beside = subprocess.Popen([sys.executable, SENDER, "--seconds", "120"], cwd=folder)
+    if "--connect" in words:  # to what is there already
+        router = ["fleet", "--listen", words[words.index("--connect") + 1], "--seconds", "120"]
+        beside = subprocess.Popen(
+            [sys.executable, "-m", "hri_predict", *router], cwd=folder, stdout=subprocess.DEVNULL
+        )
+        wait_for(words[words.index("--connect") + 1])
     process = subprocess.Popen(
-        [sys.executable, "-m", module, *words[1:]],
+        [sys.executable, "-m", "hri_predict", *words[1:]],
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -131,23 +215,59 @@ def test_command(command, folder):
         time.sleep(1.0)
         process.send_signal(signal.SIGTERM)
     out, err = process.communicate(timeout=150)
-    if sender is not None:
-        sender.kill()
-        sender.wait()
+    if beside is not None:
+        beside.kill()
+        beside.wait()
+    if "live_udp.yaml" in words and words[1] == "run":
         assert int(re.findall(r"scenes *│ *(\d+)", out)[0]) > 10
     assert process.returncode == 0, err
     assert "Traceback" not in err
-    assert "were calibrated on" not in err
+    assert "the calibration was made from" not in err
     if daemon:
         assert "Summary" in out
-    if "--out" in words and module != "hri_predict":
+    if words[1] == "urdf":
         assert read_robot_file(words[words.index("--out") + 1], folder).joints
     if "--record" in words:
         assert (folder / words[words.index("--record") + 1]).stat().st_size > 1000
 
 
-def test_an_unknown_fault_lists_those_there_are(folder):
-    assert "`hri-predict demo --fault nothing`" in README
+@pytest.mark.parametrize("page", PAGES, ids=pages.name)
+def test_every_command_in_the_words_of_a_page_is_one(page: Path):
+    """What stands between backticks isn't run; its words are those of the command line."""
+    for command in re.findall(r"`(?:python -m )?hri-predict ([^`]+)`", pages.prose(page)):
+        words = command.replace("…", "").split()
+        assert missing(words) is None, f"hri-predict {command}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=pages.name)
+def test_every_block_says_what_it_is(page: Path):
+    """So none is passed over by the tests here; and what is to be run is fenced."""
+    for block in pages.BLOCKS:
+        if block.page == page:
+            assert block.language in LANGUAGES, block.text
+    assert not re.findall(r"^(?: {4}|\t)(?:\$ |hri-predict |python )", pages.prose(page), re.M)
+
+
+def yaml_id(block: Block) -> str:
+    return f"{pages.name(block.page)}: {block.text.split(chr(10))[0]}"
+
+
+@pytest.mark.parametrize("block", pages.blocks("yaml"), ids=yaml_id)
+def test_a_configuration_is_valid_in_the_cell(block: Block, folder: Path, serial_port: str):
+    put_cell(folder, block.page, serial_port)
+    (folder / "mine").mkdir()
+    (folder / "mine" / "trajectorycnn.safetensors").symlink_to(WEIGHTS)
+    (folder / "scene.key").write_text("0123456789abcdef" * 2, encoding="utf-8")
+    (folder / "scene.key").chmod(0o600)
+    whole = yaml.safe_load((folder / "cell.yaml").read_text(encoding="utf-8"))
+    whole |= yaml.safe_load(block.text)
+    (folder / "cell.yaml").write_text(yaml.safe_dump(whole), encoding="utf-8")
+    found = examine(load(folder / "cell.yaml"))
+    assert [link["name"] for link in found["links"]] == [link["name"] for link in whole["links"]]
+
+
+def test_an_unknown_fault_lists_those_there_are(folder: Path):
+    assert "`hri-predict demo --fault nothing`" in pages.text(ROOT / "docs/guides/faults.md")
     command = [sys.executable, "-m", "hri_predict", "demo", "--fault", "nothing"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
@@ -155,34 +275,47 @@ def test_an_unknown_fault_lists_those_there_are(folder):
     assert "bit_errors" in done.stderr
 
 
-def test_the_controllers_that_stand_in_for_hardware_are_valid(folder):
-    block = re.search(r"```yaml\n(links:\n(?:  .*\n)*?.*simulate: (?:.*\n)*?)```", README)
-    assert block
+def test_the_controllers_that_stand_in_for_hardware_are_valid(folder: Path, serial_port: str):
+    (block,) = (b.text for b in pages.blocks("yaml", WIRE_A_CELL) if "simulate:" in b.text)
+    put_cell(folder, WIRE_A_CELL, serial_port)
     cell = (folder / "cell.yaml").read_text(encoding="utf-8")
     before, _, after = re.split(r"(links:\n(?:  .*\n)+)", cell)
     assert "socketcan" not in before + after
-    (folder / "cell.yaml").write_text(before + block[1] + after, encoding="utf-8")
+    (folder / "cell.yaml").write_text(before + block + after, encoding="utf-8")
     found = examine(load(folder / "cell.yaml"))
     assert [link["name"] for link in found["links"]] == ["plc", "drive"]
     assert "simulated links: mock controllers, no hardware" in found["notes"]
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
-def test_memory_stays_flat(folder):
-    """A fifth of the hour that the README's command takes; half of it is warming up."""
-    assert "`hri-predict bench memory`" in README
+def test_memory_stays_flat(folder: Path):
+    """A fifth of the hour that the page's command takes; half of it is warming up."""
+    assert "`hri-predict bench memory`" in pages.text(ROOT / "docs/measured/performance.md")
     command = [sys.executable, "-m", "hri_predict", "bench", "memory", "--hours", "0.2", "--json"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=580)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["growth_percent"] < 5
 
 
-def test_the_predictor_that_the_readme_shows_keeps_the_contract():
-    code = re.search(r"```python\n# my_package.py\n(.*?)```", README, re.DOTALL)
-    assert code
+@pytest.mark.parametrize("block", pages.blocks("python"), ids=lambda b: pages.name(b.page))
+def test_a_program_compiles(block: Block):
+    compile(block.text, block.file or pages.name(block.page), "exec")
+
+
+@pytest.mark.parametrize("block", pages.blocks("toml"), ids=lambda b: pages.name(b.page))
+def test_the_entry_points_that_a_page_shows_are_there(block: Block):
+    ours = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    groups = tomllib.loads(block.text)["project"]["entry-points"]
+    assert groups
+    assert set(groups) <= set(ours["project"]["entry-points"])
+
+
+def test_the_predictor_that_the_page_shows_keeps_the_contract():
+    page = ROOT / "docs" / "guides" / "add-a-predictor.md"
     names: dict[str, Any] = {}
-    exec(code[1], names)
+    exec(pages.named("my_package.py", page).text, names)
     mine = names["Mine"](names["Mine"].settings_model(name="mine", horizon_s=0.4))
     history = np.random.default_rng(0).normal(size=(2, mine.history_steps, 21, 3))
     forecast = mine.predict(history, np.ones(history.shape[:3], bool))
@@ -190,15 +323,14 @@ def test_the_predictor_that_the_readme_shows_keeps_the_contract():
     np.testing.assert_array_equal(forecast.positions[:, -1], history[:, -1])
 
 
-def test_the_tracker_that_the_readme_shows_is_heard(monkeypatch):
-    code = re.search(r"```python\n# tracker.py\n(.*?)```", README, re.DOTALL)
-    assert code
+def test_the_tracker_that_the_page_shows_is_heard(monkeypatch):
+    code = pages.named("tracker.py", ROOT / "docs" / "guides" / "live-sources.md").text
     monkeypatch.syspath_prepend(SENDER.parent)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as node:
         node.bind(("127.0.0.1", 0))
         node.settimeout(20)
         names: dict[str, Any] = {}
-        exec(code[1].replace("47800", str(node.getsockname()[1])), names)
+        exec(code.replace("47800", str(node.getsockname()[1])), names)
         headers = [open_datagram(node.recv(2000))[0] for _ in range(3)]
         names["sender"].close()
     assert [(h.sequence, h.people, h.flags & SEES_ROOM) for h in headers] == [
@@ -206,8 +338,10 @@ def test_the_tracker_that_the_readme_shows_is_heard(monkeypatch):
     ]  # fmt: skip
 
 
-def test_the_readme_names_only_files_that_are_there():
-    links = re.findall(r"\]\(([^)#]+)\)", README)
-    assert len(links) > 10
+@pytest.mark.parametrize("page", PAGES, ids=pages.name)
+def test_a_page_names_only_files_that_are_there(page: Path):
+    links = re.findall(r"\]\((?!\w+:)([^)#]+)(?:#[^)]*)?\)", pages.prose(page))
+    if page == README:
+        assert len(links) > 10
     for link in links:
-        assert (ROOT / link).exists(), link
+        assert (page.parent / link).exists(), link

@@ -183,7 +183,7 @@ static bool decode_body(hri_body *m, uint8_t kind, const uint8_t *p, uint32_t le
     return valid;
 }
 
-/* Decode into the newest of its kind; what cannot be is refused and changes nothing. */
+/* Decode into the newest message of its kind; refuse impossible values and change nothing. */
 static bool decode(hri_message *message, uint8_t kind, const uint8_t *p, uint32_t length)
 {
     static const uint8_t least[HRI_KINDS] = {0u,
@@ -240,8 +240,8 @@ static bool fresh(hri_sequence *s, hri_counts *counts, uint16_t counter, uint32_
     return in_order;
 }
 
-/* An Advice that repeats the counter of one of our RobotStates was encoded after we sent that one:
- * what it rests on is now no older than its AGE and the time since. */
+/* The node encoded an Advice after we sent the RobotState that it echoes. So its data are now no
+ * older than its AGE plus the time since that RobotState. */
 static void take_advice(hri_receiver *r, uint32_t now_ms)
 {
     const hri_advice *advice = &r->message.advice;
@@ -256,7 +256,7 @@ static void take_advice(hri_receiver *r, uint32_t now_ms)
     r->phase = ADVISED;
 }
 
-/* Judge a payload whose CRC is right; Schema's counter does not matter (see PROTOCOL.md). */
+/* Judge a payload with a right CRC; the counter of Schema does not matter (see PROTOCOL.md). */
 static uint8_t accept(hri_receiver *r, uint8_t kind, uint16_t counter, const uint8_t *payload,
                       uint32_t length, uint32_t now_ms)
 {
@@ -282,7 +282,7 @@ static uint8_t accept(hri_receiver *r, uint8_t kind, uint16_t counter, const uin
     return kind;
 }
 
-/* Forget what is too old to count: before anything is taken or permitted, as the tick may wrap. */
+/* Forget what is too old, before anything is received or permitted, because the tick may wrap. */
 static void watch(hri_receiver *r, uint32_t now_ms)
 {
     uint32_t keep_ms = (uint32_t)r->settings.max_age_ms + r->settings.silence_timeout_ms;
@@ -307,7 +307,7 @@ static void watch(hri_receiver *r, uint32_t now_ms)
         r->schema_heard = false;
         r->schema_matches = false;
         r->part_started = false;
-        r->sent_kept = 0u; /* a tick that was set back brings us here too: its past is void */
+        r->sent_kept = 0u; /* a tick set back also leads here: old times are void */
         (void)memset(r->sequences, 0, sizeof r->sequences);
     }
 }
@@ -371,7 +371,7 @@ static uint8_t take_classic(hri_receiver *r, uint8_t kind, uint32_t number, cons
         r->counts.counter_errors++;
         return HRI_NOTHING;
     } else {
-        /* another part of the message under way */
+        /* another part of the incomplete message */
     }
     (void)memcpy(&r->parts[part * HRI_PART_BYTES], &data[HEADER_CLASSIC], HRI_PART_BYTES);
     r->part_mask = (uint8_t)(r->part_mask | bit);
@@ -412,13 +412,13 @@ uint8_t hri_receive_can(hri_receiver *r, uint32_t id, bool extended, bool fd, co
     return completed;
 }
 
-/* Undo COBS in place; returns the length, NO_COBS for what is none. */
+/* Undo COBS in place; return the length, or NO_COBS if the line is not COBS. */
 static uint32_t cobs_decode(uint8_t *line, uint32_t length)
 {
     uint32_t out = 0u;
     uint32_t in = 0u;
     while (in < length) {
-        uint32_t block = line[in] - 1u; /* a 0 never comes here: it ends the line */
+        uint32_t block = line[in] - 1u; /* never 0: a 0 ends the line */
         in++;
         if (block > (length - in)) {
             return NO_COBS;
@@ -554,7 +554,7 @@ static uint32_t steps(int32_t value, int32_t step, int32_t limit)
 
 static void encode_state(uint8_t *p, const hri_robot_state *state, uint16_t counter)
 {
-    uint32_t seventh = 0x800800u; /* two numbers of 12 bits, neither available */
+    uint32_t seventh = 0x800800u; /* two 12-bit numbers, both not available */
     if (state->joints == HRI_MAX_JOINTS) {
         seventh = (steps(state->position_urad[6], 4000, 2047) & 0xFFFu) |
                   ((steps(state->velocity_urad_s[6], 10000, 2047) & 0xFFFu) << 12);
@@ -575,7 +575,7 @@ static void protect_serial(hri_unit *unit, uint32_t number, uint16_t sequence,
 {
     uint8_t frame[HEADER_SERIAL + HRI_BYTES_ROBOT_STATE];
     uint32_t total = HEADER_SERIAL + length;
-    uint32_t code = 0u; /* where the length of the block under way goes */
+    uint32_t code = 0u; /* index of the length of the current block */
     uint32_t out = 1u;
     put_big_u32(frame, (total << 16) | sequence);
     put_big_u32(&frame[4], HRI_DATA_ID_32 + number);
@@ -593,7 +593,7 @@ static void protect_serial(hri_unit *unit, uint32_t number, uint16_t sequence,
     unit->length = (uint8_t)out;
 }
 
-/* One message: several frames on classic CAN, one elsewhere. Returns how many. */
+/* Encode one message: several frames on classic CAN, else one. Return how many. */
 static uint8_t protect(const hri_receiver *r, hri_unit *units, uint32_t number, uint16_t *sequence,
                        const uint8_t *payload, uint32_t length)
 {

@@ -1,9 +1,9 @@
 /* The controller's side of hri-predict, for PLCs and microcontrollers, in C99.
  *
- * It receives what the node sends over classic CAN, CAN FD or a serial line, checks it (CRC,
- * counter, length, schema, age) and answers one question: how fast may the robot move now? Whatever
- * is silent, stale, corrupt, out of order or of an unknown schema, and whatever asks for anything
- * but clear, warn or slow, means stop. The wire is described byte by byte in ../PROTOCOL.md.
+ * It receives the node's messages over classic CAN, CAN FD or a serial line, checks them (CRC,
+ * counter, length, schema, age) and answers one question: how fast may the robot move now? Silence,
+ * stale, corrupt or out-of-order messages, an unknown schema, and any level but clear, warn or slow
+ * mean stop. ../PROTOCOL.md describes the wire byte by byte.
  *
  * No allocation, no recursion, no globals, no floating point; one hri_receiver (some 600 bytes) per
  * link and robot, used by one task at a time. Time is any free-running millisecond tick that the
@@ -17,7 +17,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* generated: begin (renew: python -m hri_predict.protocol.c_header) */
+/* generated: begin (renew: hri-predict protocol c-header) */
 #define HRI_SCHEMA_VERSION 1u
 #define HRI_SCHEMA_HASH 0x36A3D041u
 #define HRI_DEFAULT_BASE_ID 0x680u
@@ -105,7 +105,7 @@
 #define HRI_FD 1u      /* CAN FD: E2E profile 5 */
 #define HRI_SERIAL 2u  /* serial line: COBS, E2E profile 4 */
 
-/* What hri_receive_... has completed; it then stands in hri_receiver.message. */
+/* Kinds of message that hri_receive_... returns; hri_receiver.message then holds the message. */
 #define HRI_NOTHING 0u
 #define HRI_ADVICE 1u
 #define HRI_STATUS 2u
@@ -120,7 +120,7 @@
 #define HRI_NO_I16 INT16_MIN
 #define HRI_NO_I32 INT32_MIN
 
-/* What decides about the permitted speed (hri_receiver.verdict); all but the first mean stop. */
+/* What determines the permitted speed (hri_receiver.verdict); all but the first mean stop. */
 #define HRI_BY_ADVICE 0u       /* the newest Advice does; it may be a stop as well */
 #define HRI_NOT_CONFIGURED 1u  /* hri_init refused the settings */
 #define HRI_STARTING 2u        /* no Advice yet */
@@ -131,7 +131,7 @@
 #define HRI_NO_AGE 7u          /* AGE or ECHO not available, or no such RobotState sent lately */
 #define HRI_STALE 8u           /* older than max_age_ms, delay of the link included */
 
-/* RobotStates whose times are kept: (max_age_ms + silence_timeout_ms) / period + 1, at most 255. */
+/* Send times kept of RobotStates: (max_age_ms + silence_timeout_ms) / period + 1, at most 255. */
 #ifndef HRI_SENT_KEPT
 #define HRI_SENT_KEPT 32u
 #endif
@@ -141,23 +141,23 @@ typedef struct {
     uint8_t link;                /* HRI_CLASSIC, HRI_FD or HRI_SERIAL */
     uint8_t robot;               /* index of the robot in the node's configuration, 0..7 */
     bool extended;               /* CAN: 29-bit ids */
-    uint32_t base_id;            /* CAN: HRI_DEFAULT_BASE_ID, unless the link has another */
-    uint16_t silence_timeout_ms; /* the link's silence_timeout_s: 150 unless set */
-    uint16_t max_age_ms;         /* as `hri-predict check` prints it for controllers */
-    uint16_t tolerated_errors;   /* more than so many bad or missing messages stop the robot, ... */
-    uint16_t error_window_ms;    /* ... until none came for so long; 0: for ever */
-    uint16_t first_state_counter; /* from a clock or random: not the same after each start */
+    uint32_t base_id;            /* CAN: the link's base_id, HRI_DEFAULT_BASE_ID by default */
+    uint16_t silence_timeout_ms; /* the link's silence_timeout_s, 150 by default */
+    uint16_t max_age_ms;         /* printed by `hri-predict check` for controllers */
+    uint16_t tolerated_errors;   /* more bad or missing messages than this stop the robot ... */
+    uint16_t error_window_ms;    /* ... until none comes for this time; 0: forever */
+    uint16_t first_state_counter; /* from a clock or random: different after each start */
 } hri_settings;
 
 typedef struct {
-    uint8_t level;  /* HRI_LEVEL_...; one that is not known reads as UNKNOWN */
+    uint8_t level;  /* HRI_LEVEL_...; an unknown level reads as UNKNOWN */
     uint8_t reason; /* HRI_REASON_... */
     uint16_t speed_limit_mm_s;
     int16_t separation_mm;
     int16_t predicted_separation_mm;
     uint16_t time_to_breach_ms;
     uint16_t age_ms;
-    uint16_t latch_id; /* what hri_acknowledge is to be given; 0 if nothing is latched */
+    uint16_t latch_id; /* to pass to hri_acknowledge; 0 if nothing is latched */
     uint16_t echo;
     uint8_t body_part;
     uint8_t robot_link;
@@ -210,19 +210,19 @@ typedef struct {
     hri_body body;
 } hri_message;
 
-/* What was met since hri_init; show it: a line that counts errors daily needs mending. */
+/* Counts since hri_init. Show them: a line with errors every day needs repair. */
 typedef struct {
-    uint32_t received;       /* messages handed on */
+    uint32_t received;       /* fresh messages */
     uint32_t crc_errors;     /* frames with a wrong CRC */
     uint32_t counter_errors; /* messages repeated, out of order, or missing between two others */
-    uint32_t malformed;      /* right CRC, wrong length or values; or bytes that frame nothing */
-    uint32_t incomplete;     /* messages of several frames of which not all came */
+    uint32_t malformed;      /* right CRC but wrong length or values, or bytes without a frame */
+    uint32_t incomplete;     /* multi-frame messages with frames missing */
     uint32_t ignored;        /* frames of other senders or for other robots */
 } hri_counts;
 
 typedef struct {
     bool started;
-    bool following; /* candidate is that of a run */
+    bool following; /* candidate belongs to a run */
     uint8_t run;
     uint16_t last;
     uint16_t candidate;
@@ -234,36 +234,36 @@ typedef struct {
     hri_counts counts;
     uint8_t verdict; /* of the last hri_permitted_speed */
 
-    /* The rest is the library's own. */
+    /* The rest is internal to the library. */
     bool configured;
     bool schema_heard;
     bool schema_matches;
     uint8_t phase;       /* of the Advice: starting, advised, silent, forgotten */
-    uint32_t advised_ms; /* when the newest that counts came, */
-    uint8_t level;       /* what it says, */
+    uint32_t advised_ms; /* when the newest valid one arrived, */
+    uint8_t level;       /* its level, */
     uint16_t speed_mm_s;
-    bool age_bounded; /* and how old what it rests on was then, at most */
+    bool age_bounded; /* and the largest age of its data at that time */
     uint32_t age_at_receipt_ms;
     uint32_t errors;
-    uint32_t error_ms; /* when the last of them came */
+    uint32_t error_ms; /* when the last of them arrived */
     hri_sequence sequences[HRI_KINDS];
-    uint8_t part_counter; /* classic CAN: of the Advice under way */
-    uint8_t part_mask;    /* bit p: part p has come */
+    uint8_t part_counter; /* classic CAN: of the incomplete Advice */
+    uint8_t part_mask;    /* bit p: part p has arrived */
     bool part_started;
     uint8_t parts[HRI_BYTES_ADVICE];
-    uint8_t line[HRI_SERIAL_BYTES]; /* serial: the frame under way */
+    uint8_t line[HRI_SERIAL_BYTES]; /* serial: the current frame */
     uint8_t line_length;
     bool line_skipping;
     uint16_t state_counter; /* of the newest RobotState */
     uint16_t state_sequence;
     uint16_t ack_sequence;
-    uint32_t sent_ms[HRI_SENT_KEPT]; /* ring: when the newest RobotStates went out */
+    uint32_t sent_ms[HRI_SENT_KEPT]; /* ring: send times of the newest RobotStates */
     uint8_t sent_newest;
     uint8_t sent_kept;
 } hri_receiver;
 
-/* What a controller tells of its robot. Positions in microradians, velocities in microradians per
- * second; they saturate. HRI_NO_I32 means not available, which voids the message. */
+/* The state of the robot. Positions in microradians, velocities in microradians per second; they
+ * saturate. HRI_NO_I32 means not available, which voids the message. */
 typedef struct {
     uint8_t mode;   /* HRI_MODE_... */
     uint8_t joints; /* at most HRI_MAX_JOINTS */
@@ -278,31 +278,31 @@ typedef struct {
     uint8_t data[HRI_UNIT_BYTES];
 } hri_unit;
 
-/* Begin (again). False for settings that cannot be: the receiver then says stop for ever. */
+/* Start or restart. False for invalid settings: the receiver then says stop forever. */
 bool hri_init(hri_receiver *r, const hri_settings *settings);
 
-/* Take one CAN frame; returns the kind of the fresh message that it completes, or HRI_NOTHING. */
+/* Take one CAN frame; return the kind of the fresh message that it completes, or HRI_NOTHING. */
 uint8_t hri_receive_can(hri_receiver *r, uint32_t id, bool extended, bool fd, const uint8_t *data,
                         uint8_t length, uint32_t now_ms);
 
-/* Take one byte of a serial line, whatever it is; returns the same. */
+/* Take one byte of a serial line; return the same. */
 uint8_t hri_receive_serial_byte(hri_receiver *r, uint8_t byte, uint32_t now_ms);
 
-/* How fast the fastest point of the robot may move now, in mm/s; 0 means stop. Call it in the
- * fastest task, at least every silence_timeout_ms / 10, also when nothing comes. Why stands in
- * r->verdict and, for HRI_BY_ADVICE, in r->message.advice. */
+/* Return how fast the fastest point of the robot may move now, in mm/s; 0 means stop. Call it in
+ * the fastest task, at least every silence_timeout_ms / 10, even if nothing arrives. The reason is
+ * in r->verdict and, for HRI_BY_ADVICE, in r->message.advice. */
 uint16_t hri_permitted_speed(hri_receiver *r, uint32_t now_ms);
 
 /* A word for a verdict, for display. */
 const char *hri_verdict_name(uint8_t verdict);
 
-/* Encode a RobotState; returns how many units to send now, in order (at most HRI_PARTS_STATE). Its
- * time is noted: it is what bounds the age of the Advice that echoes it. 0 for too many joints. */
+/* Encode a RobotState; return how many units to send now, in order (at most HRI_PARTS_STATE), or 0
+ * for too many joints. The library keeps the time, which bounds the age of the echoing Advice. */
 uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint32_t now_ms,
                              hri_unit units[HRI_PARTS_STATE]);
 
-/* Encode an Acknowledge of the latch, as one unit; returns 1, or 0 if not configured. Repeat it
- * a few times with the same ack_id, not 0; take a new one for the next press of the button. */
+/* Encode an Acknowledge of the latch as one unit; return 1, or 0 if not configured. Repeat it a few
+ * times with the same ack_id, not 0; use a new ack_id for the next press of the button. */
 uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit);
 
 #endif

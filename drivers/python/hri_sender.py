@@ -3,17 +3,17 @@
     sender = SceneSender("127.0.0.1", 47800, ["l_wrist", "r_wrist"])
     while True:
         positions = ...                     # your tracker: metres, one [x, y, z] per joint
-        sender.send([(1, positions)])       # person 1 is seen
-        # sender.send([])                   # the whole room is seen, and nobody is in it
+        sender.send([(1, positions)])       # the sensor sees person 1
+        # sender.send([])                   # the sensor sees the whole room, and nobody is in it
         # sender.send([], sees_room=False)  # the sensor cannot tell who is there
 
-The joints' names and their order, units and axes are those of the node's ``source.joint_map``. A
-joint that is not seen is ``None`` or NaN. Send every capture, at a steady rate, also when nobody is
-there: what is not heard for a few periods is *unknown* to the node, and the robot stops. "Nobody"
-is believed: where a body may be hidden, say ``sees_room=False``.
+Joint names, order, units and axes are those of the node's ``source.joint_map``. A joint that the
+sensor does not see is ``None`` or NaN. Send every capture, at a steady rate, even if nobody is
+there: after a few missing periods the state is *unknown* to the node, and the robot stops. The node
+believes an empty scene: if a body may be hidden, send ``sees_room=False``.
 
-Run as a program it sends a person who sways, to try a node with: ``python hri_sender.py --help``.
-The format is in SCENE_STREAM.md.
+Run this file as a program to send a swaying person, for a first test: ``python hri_sender.py
+--help``. SCENE_STREAM.md specifies the format.
 """
 
 import argparse
@@ -42,16 +42,16 @@ MAX_PEOPLE, MAX_JOINTS, MIN_KEY_BYTES = 16, 128, 32
 class SceneSender:
     """Sends scenes to one address, or to a multicast group.
 
-    Each sender is a session of its own, named by the time of its start: this machine's clock must
-    be set (NTP) where a key is used.
+    Each sender is its own session, named by its start time. With a key, this machine's clock must
+    be set (NTP).
 
     Args:
-        host: where the node hears: its ``source.host``, or its ``multicast_group``.
+        host: where the node listens: its ``source.host``, or its ``multicast_group``.
         port: its ``source.port``.
-        joints: names, as in the node's joint map, in its order.
-        key_file: the file that the node has as ``source.key_file``; without one nothing protects
-            the stream but from damage.
-        interface: of a multicast: the address of the network interface to send on.
+        joints: names and order of the node's joint map.
+        key_file: a copy of the node's ``source.key_file``; without a key, the stream is protected
+            only from damage.
+        interface: for multicast: address of the network interface to send on.
     """
 
     def __init__(
@@ -83,29 +83,28 @@ class SceneSender:
     def send(
         self, people: Iterable[Body], sees_room: bool = True, stamp_ns: int | None = None
     ) -> None:
-        """Send one scene. A node that does not listen is no error: datagrams are lost unseen.
+        """Send one scene. There is no error if no node listens: the datagrams are lost.
 
         Args:
             people: pairs of an id (0 to 65535, the same for the same body from scene to scene) and
-                its joints: for each name [x, y, z], or ``None`` or NaN where it is not seen. Arrays
-                do.
-            sees_room: whether the sensor saw all of the room that it watches.
-            stamp_ns: when it was captured, nanoseconds of UTC since 1970; the default is now.
-                Better is the camera's own time, if that runs on UTC: the node then knows the age.
+                its joints: for each name [x, y, z], or ``None`` or NaN if not seen. Arrays work.
+            sees_room: whether the sensor saw the whole room that it watches.
+            stamp_ns: time of the capture, nanoseconds of UTC since 1970; default now. The camera's
+                own time is better, if it is UTC: the node then knows the age.
 
         Raises:
-            ValueError: too many people, or not a place for each joint.
+            ValueError: too many people, or a person without a position for each joint.
         """
         stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns
         for datagram in self.encode(people, sees_room, stamp_ns):
-            with contextlib.suppress(OSError):  # the network is gone; the next one may arrive
+            with contextlib.suppress(OSError):  # the network is down; the next one may arrive
                 self._socket.sendto(datagram, self._address)
 
     def encode(self, people: Iterable[Body], sees_room: bool, stamp_ns: int) -> list[bytes]:
-        """The datagrams of one scene, for those who send them in their own way."""
+        """Return the datagrams of one scene, for programs that send them themselves."""
         people = list(people)
         if len(people) > MAX_PEOPLE:
-            raise ValueError(f"people: {len(people)}, a scene holds {MAX_PEOPLE}")
+            raise ValueError(f"people: {len(people)}; a scene holds at most {MAX_PEOPLE}")
         body = b"".join(self._record(number, positions) for number, positions in people)
         parts = max(1, -(-len(body) // CHUNK))
         flags = (SEES_ROOM if sees_room else 0) | (AUTHENTICATED if self._key else 0)
@@ -124,7 +123,7 @@ class SceneSender:
         self._socket.close()
 
     def _record(self, number: int, positions: Joints) -> bytes:
-        """One person: id, which joints are seen, their places."""
+        """One person: id, which joints are seen, their positions."""
         if len(positions) != len(self._joints):
             raise ValueError(f"person {number}: {len(positions)} joints, not {len(self._joints)}")
         seen = bytearray(-(-len(self._joints) // 8))
@@ -145,11 +144,11 @@ class SceneSender:
 
 
 def read_key(path: str) -> bytes:
-    """The key in a file: its bytes, less white space at both ends."""
+    """The key in a file: its bytes without white space at both ends."""
     with open(path, "rb") as file:
         key = file.read().strip()
     if len(key) < MIN_KEY_BYTES:
-        raise ValueError(f"{path}: holds {len(key)} bytes, a key has {MIN_KEY_BYTES} at least")
+        raise ValueError(f"{path}: holds {len(key)} bytes; a key has at least {MIN_KEY_BYTES}")
     return key
 
 
@@ -158,7 +157,7 @@ CANONICAL = [
     "l_shoulder", "l_elbow", "l_wrist", "l_hand", "r_shoulder", "r_elbow", "r_wrist", "r_hand",
     "l_hip", "l_knee", "l_ankle", "l_foot", "r_hip", "r_knee", "r_ankle", "r_foot",
 ]  # fmt: skip
-_STANDING = [  # x forward, y left, z up: of somebody who stands at the origin and looks along x
+_STANDING = [  # x forward, y left, z up: somebody standing at the origin, facing along x
     (0, 0, 0.95), (0, 0, 1.2), (0, 0, 1.5), (0.02, 0, 1.65), (0, 0, 1.8),
     (0, 0.2, 1.45), (0, 0.25, 1.15), (0, 0.26, 0.9), (0, 0.26, 0.8),
     (0, -0.2, 1.45), (0, -0.25, 1.15), (0, -0.26, 0.9), (0, -0.26, 0.8),
@@ -168,20 +167,20 @@ _STANDING = [  # x forward, y left, z up: of somebody who stands at the origin a
 
 
 def swaying(seconds: float, place: tuple[float, float] = (2.0, 0.0)) -> Joints:
-    """A person to try a node with, at ``place`` on its floor: joints of the map ``canonical``."""
+    """A test person at ``place`` on the node's floor, with the joints of the map ``canonical``."""
     sway = 0.02 * math.sin(1.5 * seconds)
-    tremble = 0.001 * math.sin(40.0 * seconds)  # no two captures are the same, as from a sensor
+    tremble = 0.001 * math.sin(40.0 * seconds)  # no two captures are equal, as with a real sensor
     return [(place[0] + x + sway * z + tremble, place[1] + y + tremble, z) for x, y, z in _STANDING]
 
 
 def main() -> None:
-    """Send a person who sways."""
-    parser = argparse.ArgumentParser(description="Send a person who sways to hri-predict.")
+    """Send a swaying person."""
+    parser = argparse.ArgumentParser(description="Send a swaying person to hri-predict.")
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=47800)
     parser.add_argument("--key-file")
     parser.add_argument("--rate", type=float, default=30.0, help="scenes per second")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="then stop")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="stop after this time")
     arguments = parser.parse_args()
     sender = SceneSender(arguments.host, arguments.port, CANONICAL, arguments.key_file)
     start = time.monotonic()

@@ -1,28 +1,50 @@
 """The commands: ``hri-predict demo | run | check | replay | listen | predictors | train | ...``."""
 
+from typing import Annotated
+
 import typer
 
+from hri_predict import __version__
 from hri_predict.cli import (
-    bench,
     calibrate,
-    check,
     convert,
     discover,
     evaluate,
     fleet,
     listen,
+    protocol,
     run,
     simulate,
     train,
+    urdf,
 )
+from hri_predict.cli.bench import bench
+from hri_predict.cli.check import check, conformance
 
 app = typer.Typer(
-    help="Predicts where people near a robot will be, and advises the robot's controller in time.",
+    help="Predict where people near a robot will be, and advise the robot's controller in time.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"hri-predict {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Take the options that come before a command's name; the app holds the help text."""
+
+
 app.command()(run.demo)
 app.command()(run.run)
 app.command()(check.check)
@@ -31,9 +53,14 @@ app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(discover.discover)
 app.command()(check.predictors)
+app.command()(conformance.conformance)
 app.command()(train.train)
+app.command()(train.ablate)
 app.command()(evaluate.evaluate)
+app.command()(evaluate.card)
 app.command()(calibrate.calibrate)
 app.command()(simulate.simulate)
 app.command()(convert.convert)
+app.command()(urdf.urdf)
 app.add_typer(bench.app, name="bench")
+app.add_typer(protocol.app, name="protocol")

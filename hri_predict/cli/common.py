@@ -1,4 +1,4 @@
-"""What several commands share: recordings by option, files of a report, tables on the screen."""
+"""Shared by several commands: recordings by option, files of a report, tables on the screen."""
 
 import hashlib
 import importlib
@@ -19,15 +19,15 @@ from hri_predict.errors import ConfigError, nearest
 from hri_predict.settings import validated
 
 if TYPE_CHECKING:
+    from hri_predict.evaluation.table import Table
     from hri_predict.predictors.base import PredictorSettings
-    from hri_predict.training.report import Table
 
 SPLITS = ("fit", "validation", "calibration", "test")
 _RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".mcap")  # most .csv are other tables
 
 
 def without_effect(flags: Mapping[str, Any], where: str) -> None:
-    """Refuse flags that would be passed over: the numbers would not be what was asked for."""
+    """Refuse flags that would be ignored: the user would get other results than asked for."""
     for flag, value in flags.items():
         if value is not None:
             raise ConfigError(f"{flag}: has no effect {where}; leave it out")
@@ -36,7 +36,7 @@ def without_effect(flags: Mapping[str, Any], where: str) -> None:
 def predictor_settings(
     name: str, weights: Path | None, rate_hz: float, horizon_s: float
 ) -> "PredictorSettings":
-    """Settings of a predictor by ``--predictor`` and ``--weights``.
+    """Settings of a predictor from ``--predictor`` and ``--weights``.
 
     Raises:
         ConfigError: there is no such predictor, it has no weights, or does not reach so far.
@@ -45,14 +45,13 @@ def predictor_settings(
     asked: dict[str, Any] = {"name": name, "rate_hz": rate_hz, "horizon_s": horizon_s}
     if weights is not None:
         if "weights" not in model.model_fields:
-            raise ConfigError(f"--weights: {name} has none; leave it out")
+            raise ConfigError(f"--weights: {name} takes no weights; leave it out")
         asked["weights"] = str(weights)
-    settings: PredictorSettings = validated(model, asked, f"--predictor {name}")
-    return settings
+    return validated(model, asked, f"--predictor {name}")
 
 
 def check_writable(out: Path) -> None:
-    """Complain now, not after minutes of judging."""
+    """Fail now, not after minutes of evaluation."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=out).close()
@@ -63,21 +62,21 @@ def check_writable(out: Path) -> None:
 
 
 def need_plots() -> None:
-    """Say before a long calculation, not after it, that its plots cannot be made.
+    """Fail before a long calculation, not after it, if its plots cannot be made.
 
     Raises:
         ConfigError: matplotlib is not installed.
     """
-    importlib.import_module("hri_predict.training.figures")
+    importlib.import_module("hri_predict.evaluation.figures")
 
 
 def recordings(entry: Path, split: str) -> list[Path]:
-    """The recordings that ``--data`` names: a file, those of the pack's split, or a folder's.
+    """The recordings that ``--data`` names: a file, a split of the data pack, or a whole folder.
 
     Raises:
         ConfigError: there is no such file, or no recording in the folder.
     """
-    from hri_predict.training.motion import RecordingsSettings
+    from hri_predict.training.windows.motion import RecordingsSettings
 
     if not entry.exists():
         raise ConfigError(f"--data {entry}: no such file or folder; check the path")
@@ -88,7 +87,7 @@ def recordings(entry: Path, split: str) -> list[Path]:
     found = sorted(p for p in entry.rglob("*") if p.suffix.lower() in _RECORDINGS)
     if not found:
         raise ConfigError(
-            f"--data {entry}: no recording there ({', '.join(_RECORDINGS)}); give another folder"
+            f"--data {entry}: holds no recording ({', '.join(_RECORDINGS)}); give another folder"
         )
     return found
 
@@ -98,7 +97,7 @@ def _is_pack(entry: Path) -> bool:
 
 
 def files(data: Sequence[Path], split: str | None, default: str = "test") -> list[Path]:
-    """All recordings that are asked for, each once; of the data pack those of a split.
+    """All recordings that the user asked for, each once; from the data pack those of a split.
 
     Raises:
         ConfigError: see ``recordings``; or one is named twice, or no ``--data`` has splits.
@@ -107,21 +106,19 @@ def files(data: Sequence[Path], split: str | None, default: str = "test") -> lis
     known: set[Path] = set()
     for path in found:
         if path.resolve() in known:
-            raise ConfigError(
-                f"--data: {path} is named twice, and would weigh double; name it once"
-            )
+            raise ConfigError(f"--data: {path} is named twice and would count double; name it once")
         known.add(path.resolve())
     _refuse_copies(found)
     if split is not None and not any(map(_is_pack, data)):
         raise ConfigError(
-            f"--split {split}: has no effect on {data[0]}, for the data pack alone has splits; "
-            f"leave it out"
+            f"--split {split}: has no effect on {data[0]}: only the data pack has splits; leave it "
+            f"out"
         )
     return found
 
 
 def _refuse_copies(found: Sequence[Path]) -> None:
-    """A copy of a recording is no second one."""
+    """A copy of a recording does not count as a second recording."""
     seen: dict[str, Path] = {}
     for path in found:
         digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else str(path)
@@ -131,7 +128,7 @@ def _refuse_copies(found: Sequence[Path]) -> None:
 
 
 def progress() -> Progress:
-    """A progress bar on standard error; nothing where that is no terminal."""
+    """A progress bar on standard error; nothing where that is not a terminal."""
     console = Console(stderr=True)
     return Progress(
         TextColumn("{task.description}"),
@@ -154,7 +151,7 @@ def show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:
 
 
 def _fitting(table: "Table", console: Console) -> ScreenTable:
-    """The table as it is read best at this width: as it is, turned over, or wrapped at words."""
+    """The table as it reads best at this width: unchanged, transposed, or wrapped at words."""
     rows = (table.columns, *table.rows)
     for turned in (rows, tuple(zip(*rows, strict=True))):
         needed = [max(map(len, column)) for column in zip(*turned, strict=True)]
@@ -165,14 +162,14 @@ def _fitting(table: "Table", console: Console) -> ScreenTable:
 
 
 def _room(console: Console, columns: int) -> int:
-    """What is left for texts: each column has a space after it, and one of the box around it."""
+    """Width left for text: two characters per column and one more go to spaces and the box."""
     return console.width - 2 * columns - 1
 
 
 def wrapped_widths(rows: Sequence[Sequence[str]], room: int) -> list[int | None]:
     """A width for each column, together no more than ``room`` (``None``: as rich can do it).
 
-    No word is broken while all columns' longest words fit; what is left goes to the longest texts.
+    No word is broken while every column's longest word fits; spare width goes to the longest texts.
     """
     columns = list(zip(*rows, strict=True))
     least = [max(len(word) for cell in c for word in cell.split() or [""]) for c in columns]
@@ -197,17 +194,17 @@ def _screen_table(
 
 
 def tell(files: Sequence[Path]) -> None:
-    """Say which files were written."""
+    """Report which files were written."""
     print("written: " + ", ".join(map(str, files)), file=sys.stderr)
 
 
 def command() -> str:
-    """The command as it was given, for the report."""
+    """The command line as the user gave it, for the report."""
     return shlex.join(["hri-predict", *sys.argv[1:]])
 
 
 def one_of(flag: str, value: str, known: Sequence[str]) -> Any:
-    """Return ``value`` if it is known; complain with what there is."""
+    """Return ``value`` if it is known; otherwise fail with the known ones."""
     if value not in known:
         raise ConfigError(f"{flag} {value}: unknown{nearest(value, known)} ({', '.join(known)})")
     return value

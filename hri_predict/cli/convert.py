@@ -1,4 +1,4 @@
-"""``convert``: a recording from one format to another."""
+"""``convert``: converts a recording from one format to another."""
 
 import json
 import math
@@ -22,37 +22,44 @@ _MAX_START_S = 1e9
 
 
 def convert(
+    *,
     source: Annotated[
         Path, typer.Argument(metavar="INPUT", help=".npz, .bvh, .c3d, .trc, .csv or .mcap")
     ],
-    output: Annotated[Path, typer.Argument(help="The file to write; its ending says the format.")],
+    output: Annotated[Path, typer.Argument(help="The file to write; its ending gives the format.")],
     to: Annotated[
         str | None,
         typer.Option(help=f"Write this format: {', '.join(WRITERS)} (amass and pack are .npz)."),
     ] = None,
     person: Annotated[
         int | None,
-        typer.Option(help="Only this person; of a file that names none, the id.", min=0, max=65535),
+        typer.Option(
+            help="Only this person; where INPUT has no ids, the id to give.", min=0, max=65535
+        ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(help="Leave frames out, down to so many per second.")
+        float | None, typer.Option(help="Drop frames, down to this many per second.")
     ] = None,
-    start: Annotated[float, typer.Option(help="Skip what is before, seconds.", min=0)] = 0.0,
-    end: Annotated[float | None, typer.Option(help="Skip what is after, seconds.")] = None,
+    start: Annotated[
+        float, typer.Option(help="Skip what comes before this time, seconds.", min=0)
+    ] = 0.0,
+    end: Annotated[
+        float | None, typer.Option(help="Skip what comes after this time, seconds.")
+    ] = None,
     units: Annotated[
-        str | None, typer.Option(help="Of INPUT: m, cm, mm, inch, ft, or metres per unit.")
+        str | None, typer.Option(help="Unit of INPUT: m, cm, mm, inch, ft, or metres per unit.")
     ] = None,
     axes: Annotated[
         str | None,
-        typer.Option(help="Of INPUT: which are forward, left and up, such as z,x,y for y up."),
+        typer.Option(help="Axes of INPUT that are forward, left and up, such as z,x,y for y up."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
-    """A recording in another format. What that cannot hold is counted, and said.
+    """Convert a recording to another format, and report what that format cannot hold.
 
-    Written are: csv metres, z up; c3d millimetres, z up; trc millimetres, y up; bvh centimetres, y
-    up; amass metres, z up; mcap for replay.
+    Units and axes: csv metres, z up; c3d millimetres, z up; trc millimetres,
+    y up; bvh centimetres, y up; amass metres, z up. mcap is for replay.
 
     Example: hri-predict convert walk.c3d walk.csv --rate 30 --person 1
     """
@@ -66,7 +73,7 @@ def convert(
     )
     if recording.kind in SELF_EXPLAINED:
         without_effect({"--units": units, "--axes": axes}, f"on {source}, which states its own")
-    recording, others = _chosen(recording, person, rate, start, end)
+    recording, others = _chosen(recording=recording, person=person, rate=rate, start=start, end=end)
     written = write_recording(recording, output, kind, force=force)
     written.dropped["other people"] += others
     _tell(_summary(recording, output, kind, written), as_json)
@@ -95,9 +102,9 @@ def _unit(text: str) -> float:
 
 
 def _chosen(
-    recording: Recording, person: int | None, rate: float | None, start: float, end: float | None
+    *, recording: Recording, person: int | None, rate: float | None, start: float, end: float | None
 ) -> tuple[Recording, int]:
-    """The part that is asked for, and how many people are not in it."""
+    """The part that the user asked for, and how many people it leaves out."""
     if start > _MAX_START_S:
         raise ConfigError(f"--start {start:g}: must be 0 to {_MAX_START_S:g} s")
     if end is not None and not end > start:
@@ -115,7 +122,7 @@ def _summary(recording: Recording, output: Path, kind: str, written: Written) ->
     notes = [recording.note] if recording.note else []
     notes += written.notes
     if not recording.joint_map.mapped.any():
-        notes.append("no canonical joint follows from the joints' names: it cannot be replayed")
+        notes.append("no canonical joint follows from the joints' names, so it cannot be replayed")
     return {
         "input": str(recording.path),
         "from": recording.kind,

@@ -1,4 +1,4 @@
-"""``discover``: who is there to talk to."""
+"""``discover``: list the nodes, sources and controllers on the network."""
 
 import json
 import math
@@ -19,14 +19,16 @@ _SHOWN = {"node": ("node", "predictor", "rate", "links", "schema", "version")}
 
 
 def discover(
-    seconds: Annotated[float, typer.Option(help="How long to search.")] = 3.0,
+    seconds: Annotated[float, typer.Option(help="How many seconds to search.")] = 3.0,
     interface: Annotated[
         list[str] | None,
         typer.Option(help="Address of an interface to search on; default 127.0.0.1. Repeatable."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
-    """List nodes, sources and controllers that announce themselves. A hint: only data are alive.
+    """List the nodes, sources and controllers that announce themselves on the network.
+
+    This is only a hint: an announcement does not prove that a device is alive, its data do.
 
     Example: hri-predict discover --seconds 3
     """
@@ -42,10 +44,13 @@ def discover(
     console = Console()
     if not services:
         where = ", ".join(settings.interfaces)
-        console.print(f"nothing announces itself on {where}; see 'discovery:' in the README")
+        console.print(f"nothing announces itself on {where}; see docs/guides/discover.md")
         return
     console.print(_table(services))
-    console.print("A hint: whether something is alive, its data alone tell.", highlight=False)
+    console.print(
+        "This is only a hint: an announcement does not prove that a device is alive, its data do.",
+        highlight=False,
+    )
 
 
 def _table(services: list[Service]) -> Table:
@@ -58,7 +63,7 @@ def _table(services: list[Service]) -> Table:
         says = {k: v for k, v in s.properties.items() if k in _SHOWN.get(s.kind, (k,))}
         text = Text("  ".join(f"{k}={v}" for k, v in says.items()))
         if s.kind == "node" and names.count(s.properties.get("node")) > 1:
-            text.append("  (not the only one of this name)", style="bold yellow")
+            text.append("  (another node has the same name)", style="bold yellow")
         style = "green" if s.liveness == "answers" else "bold red"
         table.add_row(s.kind, Text(s.name), Text(at), Text(s.liveness, style=style), text)
     return table

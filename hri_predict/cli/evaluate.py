@@ -1,4 +1,7 @@
-"""``evaluate``: how good a predictor is, by the papers' benchmark or on real recordings."""
+"""``evaluate``: how good a predictor is, by the papers' benchmark or on real recordings.
+
+``card``: ships trained weights with a card of what ``evaluate`` found.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -23,22 +26,23 @@ from hri_predict.cli.common import (
 from hri_predict.errors import ConfigError
 
 if TYPE_CHECKING:  # torch takes seconds to import, which the other commands need not wait for
+    from hri_predict.evaluation.benchmark import Forecaster, Protocol
     from hri_predict.predictors.base import Predictor
-    from hri_predict.predictors.weights import LoadedWeights
-    from hri_predict.training.benchmark import Forecaster, Protocol
+    from hri_predict.predictors.neural.weights import LoadedWeights
 
 
 def evaluate(
+    *,
     data: Annotated[
         list[Path], typer.Option(help="Folder of the data pack, or recordings. Repeatable.")
     ],
     predictor: Annotated[list[str], typer.Option(help="Name of a predictor. Repeatable.")],
     weights: Annotated[
         list[Path] | None,
-        typer.Option(help="Its weights, *.safetensors; one per --predictor in the same order."),
+        typer.Option(help="Weights, *.safetensors; one for each --predictor, in the same order."),
     ] = None,
     benchmark: Annotated[
-        str | None, typer.Option(help="cmu or human36m: judge as the papers do.")
+        str | None, typer.Option(help="cmu or human36m: evaluate as the papers do.")
     ] = None,
     windows: Annotated[
         str | None,
@@ -51,25 +55,29 @@ def evaluate(
     ] = None,
     error: Annotated[
         str | None,
-        typer.Option(help="Benchmark: mpjpe, or euler (KD-Former's own); else as the weights are."),
+        typer.Option(
+            help="Benchmark: mpjpe, or euler (KD-Former's own).",
+            show_default="what the weights were trained for",
+        ),
     ] = None,
     split: Annotated[
         str | None,
-        typer.Option(
-            help="Which recordings of the data pack: validation, test, ...", show_default="test"
-        ),
+        typer.Option(help="Split of the data pack: validation, test, ...", show_default="test"),
     ] = None,
     disturb: Annotated[
-        bool, typer.Option("--disturb", help="Also with joints missing, noise, dropped frames.")
+        bool,
+        typer.Option(
+            "--disturb", help="Also evaluate with missing joints, noise and dropped frames."
+        ),
     ] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for tables (Markdown, CSV, JSON) and plots.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
-    """Judge predictors: in true seconds and metres, or (--benchmark) as the papers do.
+    """Evaluate predictors on recordings, or (--benchmark) as the papers do.
 
-    Baselines are judged beside in any case.
+    Errors on recordings are in true seconds and metres. Baselines are always evaluated, too.
 
     Example: hri-predict evaluate --data ../shared/data --predictor sinn --predictor trajectorycnn
     """
@@ -82,22 +90,22 @@ def evaluate(
         )
         if split is not None:
             one_of("--split", split, SPLITS)
-        _real(data, asked, split, disturb, out, as_json)
+        _real(data=data, asked=asked, split=split, disturb=disturb, out=out, as_json=as_json)
     else:
         without_effect(
             {"--split": split, "--disturb": True if disturb else None}, "with --benchmark"
         )
         _benchmark(
-            data,
-            asked,
-            (
+            data=data,
+            asked=asked,
+            options=(
                 benchmark,
                 "all" if windows is None else windows,
                 25 if n_out is None else n_out,
                 error,
             ),
-            out,
-            as_json,
+            out=out,
+            as_json=as_json,
         )
 
 
@@ -111,24 +119,26 @@ def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> dict[str, Pat
     if len(weights) != len(predictors):
         raise ConfigError(
             f"--weights: {len(weights)} given for {len(predictors)} --predictor; give one for each "
-            f"in the same order, or none (baselines have none, and are judged in any case)"
+            f"in the same order, or none (baselines have none, and are always evaluated)"
         )
     return dict(zip(predictors, weights, strict=True))
 
 
 def _benchmark(
+    *,
     data: list[Path],
     asked: Mapping[str, Path | None],
     options: tuple[str, str, int, str | None],
     out: Path | None,
     as_json: bool,
 ) -> None:
-    from hri_predict.training import benchmark_report
-    from hri_predict.training.benchmark import Protocol, judge
+    from hri_predict.evaluation import benchmark_report
+    from hri_predict.evaluation.benchmark import Protocol, judge
+    from hri_predict.evaluation.benchmark_result import BenchmarkResult
 
     benchmark, windows, n_out, error = options
     if len(data) != 1:
-        raise ConfigError("--data: a benchmark is read from one folder; give it once")
+        raise ConfigError("--data: a benchmark reads one folder; give it once")
     if n_out not in (10, 25):
         raise ConfigError(f"--n-out {n_out}: the benchmark predicts 10 or 25 frames")
     loaded = {name: _load(name, weights) for name, weights in asked.items()}
@@ -143,7 +153,7 @@ def _benchmark(
         task = bar.add_task("judging", total=None)
         scores = judge(protocol, data[0], forecasters, lambda a: bar.update(task, description=a))
     cards = {name: found.card for name, found in loaded.items() if found is not None}
-    result = benchmark_report.BenchmarkResult(protocol, scores, tuple(asked), cards)
+    result = BenchmarkResult(protocol, scores, tuple(asked), cards)
     if out is not None:
         tell(benchmark_report.write_report(result, out, command()))
     if as_json:
@@ -153,18 +163,18 @@ def _benchmark(
 
 
 def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
-    """The network of a trained predictor; ``None`` of a baseline that the benchmark knows."""
-    from hri_predict.predictors.weights import load_weights
+    """The network of a trained predictor; ``None`` for a baseline that the benchmark has."""
+    from hri_predict.predictors.neural.network import network_class_of
+    from hri_predict.predictors.neural.weights import load_weights
 
     if predictor in ("zero_velocity", "constant_velocity"):
         if weights is not None:
-            raise ConfigError(f"--weights: {predictor} has none; leave it out")
+            raise ConfigError(f"--weights: {predictor} takes no weights; leave it out")
         return None
-    trained = getattr(registry.load("predictors", predictor), "network_class", None)
-    if trained is None:
+    if network_class_of(predictor) is None:
         raise ConfigError(
-            f"--predictor {predictor}: the benchmark judges zero_velocity, constant_velocity and "
-            f"trained predictors; leave out --benchmark to judge it on recordings"
+            f"--predictor {predictor}: the benchmark evaluates zero_velocity, constant_velocity "
+            f"and trained predictors; leave out --benchmark to evaluate it on recordings"
         )
     if weights is None:
         raise ConfigError(
@@ -174,13 +184,13 @@ def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
     loaded = load_weights(weights)
     if loaded.method != predictor:
         raise ConfigError(
-            f"--weights {weights}: of '{loaded.method}', not of '{predictor}'; give its own"
+            f"--weights {weights}: made for '{loaded.method}', not for '{predictor}'; give its own"
         )
     return loaded
 
 
 def _own_error(loaded: "Mapping[str, LoadedWeights | None]") -> str:
-    """The error that the weights are trained for; networks of rotations are judged by theirs."""
+    """The error that the weights are trained for: euler where a network predicts rotations."""
     errors = {
         name: "euler" if found.network.shape.skeleton.name == "cmu38" else "mpjpe"
         for name, found in loaded.items()
@@ -188,22 +198,22 @@ def _own_error(loaded: "Mapping[str, LoadedWeights | None]") -> str:
     }
     if len(set(errors.values())) > 1:
         what = ", ".join(f"{name} {error}" for name, error in errors.items())
-        raise ConfigError(f"--predictor: errors differ ({what}); judge these apart")
+        raise ConfigError(f"--predictor: errors differ ({what}); evaluate them separately")
     return next(iter(errors.values()), "mpjpe")
 
 
 def _forecasters(
     protocol: "Protocol", loaded: "Mapping[str, LoadedWeights | None]"
 ) -> "dict[str, Forecaster]":
-    """What was asked for first, and the baselines beside it."""
-    from hri_predict.training.benchmark import (
+    """The predictors that were asked for, then the baselines."""
+    from hri_predict.evaluation.benchmark import (
         constant_velocity,
         network_forecaster,
         zero_velocity,
     )
 
     baselines = {"zero_velocity": zero_velocity(protocol.n_out)}
-    if protocol.error == "mpjpe":  # rotation vectors do not add up: no velocity of them
+    if protocol.error == "mpjpe":  # rotation vectors do not add up, so they have no velocity
         baselines["constant_velocity"] = constant_velocity(protocol.n_out)
     asked = {}
     for name, found in loaded.items():
@@ -213,12 +223,13 @@ def _forecasters(
             asked[name] = baselines[name]
         else:
             raise ConfigError(
-                f"--predictor {name}: not with --error {protocol.error}; use zero_velocity"
+                f"--predictor {name}: has no --error {protocol.error}; use zero_velocity"
             )
     return {**asked, **baselines}
 
 
 def _real(
+    *,
     data: list[Path],
     asked: Mapping[str, Path | None],
     split: str | None,
@@ -226,17 +237,17 @@ def _real(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    from hri_predict.training import report
-    from hri_predict.training.corruption import standard
-    from hri_predict.training.real import baselines, judge_all
-    from hri_predict.training.real_windows import origins, read_motions
+    from hri_predict.datasets.corruption import standard
+    from hri_predict.evaluation import report
+    from hri_predict.evaluation.recordings import baselines, judge_all
+    from hri_predict.evaluation.windows import origins, read_motions
 
     own = {name: _built(name, weights) for name, weights in asked.items()}
     predictors = {**own, **baselines()}
     motions = read_motions(files(data, split))
     windows = sum(len(origins(motion)[0]) for motion in motions)
     if windows == 0:
-        raise ConfigError("--data: no recording is long enough to judge; give longer ones")
+        raise ConfigError("--data: no recording is long enough to evaluate; give longer ones")
     conditions = (None, *(standard() if disturb else ()))
     with progress() as bar:
         task = bar.add_task("judging", total=windows * len(conditions))
@@ -247,8 +258,8 @@ def _real(
             results += judge_all(predictors, motions, condition, lambda n: bar.advance(task, n))
     if out is not None:
         written = report.write_report(results, out)
-        # imported here, after the tables are safe: wants matplotlib
-        from hri_predict.training.filmstrip import write_filmstrips
+        # imported after the tables are written, because it needs matplotlib
+        from hri_predict.evaluation.filmstrip import write_filmstrips
 
         tell([*written, *write_filmstrips(own, motions, out, results[0].averaged)])
     if as_json:
@@ -261,10 +272,30 @@ def _real(
 
 
 def _built(predictor: str, weights: Path | None) -> "Predictor":
-    """The predictor as the node has it, on the joints that are judged."""
-    from hri_predict.predictors.body import BODY
-    from hri_predict.training.real_windows import FUTURE_STEPS, RATE_HZ
+    """The predictor as the node builds it, on the joints that are evaluated."""
+    from hri_predict.evaluation.windows import FUTURE_STEPS, RATE_HZ
+    from hri_predict.predictors.neural.body import BODY
 
     settings = predictor_settings(predictor, weights, RATE_HZ, FUTURE_STEPS / RATE_HZ)
-    result: Predictor = registry.load("predictors", predictor)(settings, BODY)
-    return result
+    return registry.load("predictors", predictor)(settings, BODY)
+
+
+def card(
+    *,
+    weights: Annotated[Path, typer.Argument(help="Weights of a finished run.")],
+    real: Annotated[Path | None, typer.Option(help="real.json of these weights.")] = None,
+    benchmark: Annotated[
+        Path | None, typer.Option(help="The benchmark's JSON of the same method.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for both files.", show_default="where the node looks"),
+    ] = None,
+) -> None:
+    """Ship a run's weights with a card: shape, latency, data, configuration and results.
+
+    Example: hri-predict card runs/sinn/sinn.safetensors --real runs/judged/real.json
+    """
+    from hri_predict.evaluation.card import publish
+
+    print("written: " + ", ".join(map(str, publish(weights, real, benchmark, out))))

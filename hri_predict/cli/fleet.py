@@ -1,4 +1,4 @@
-"""``fleet``: all cells live, over zenoh."""
+"""``fleet``: show all cells live, over zenoh."""
 
 import json
 import math
@@ -7,7 +7,7 @@ import threading
 import time
 from bisect import bisect_right
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -20,7 +20,9 @@ from hri_predict import registry
 from hri_predict.cli.common import wrapped_widths
 from hri_predict.cli.terminal_view import COLOURS
 from hri_predict.errors import ConfigError, HriPredictError, LinkError
-from hri_predict.fleet import SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
+from hri_predict.link import ObservesFleet, Transport
+from hri_predict.monitoring.fleet import SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
+from hri_predict.protocol.keyed import Keyed
 from hri_predict.protocol.messages import Level
 from hri_predict.settings import validated
 
@@ -28,9 +30,9 @@ MAX_S, MAX_SILENT_S = 1e9, 3600.0
 READ_S = 0.1
 RETRY_S = 0.5
 REDRAW_HZ = 4
-FRAME_LINES = 7  # of a page, around its rows
-HEAD_LINES = 4  # of those the table's own
-_COLUMNS = {  # least widths: with a space around each, less than 80
+FRAME_LINES = 7  # lines of a page around its rows
+HEAD_LINES = 4  # those of them that belong to the table
+_COLUMNS = {  # least widths: with the spaces between them, less than 80
     "cell": 11, "node": 8, "robots": 9, "people": 6, "age": 7, "heard": 6, "lost": 4, "because": 16
 }  # fmt: skip
 _BAD = ("fault", SILENT, UNKNOWN, "stop", "starting", "stopping", "degraded", "slow", "warn")
@@ -38,22 +40,25 @@ _STATES = {"running": "green", "degraded": "yellow", "fault": "white on red", SI
 
 
 def fleet(
-    site: Annotated[str | None, typer.Option(help="This site alone.")] = None,
+    *,
+    site: Annotated[str | None, typer.Option(help="Show only this site.")] = None,
     connect: Annotated[
         list[str] | None,
-        typer.Option(help="A router or peer, as tcp/127.0.0.1:7447 (default). Repeatable."),
+        typer.Option(help="A router or peer; default: tcp/127.0.0.1:7447. Repeatable."),
     ] = None,
     listen: Annotated[
         list[str] | None,
-        typer.Option(help="Be the router that cells connect to, here. Repeatable."),
+        typer.Option(help="Act as the router that cells connect to, at this endpoint. Repeatable."),
     ] = None,
     zenoh_config: Annotated[
-        str | None, typer.Option(help="A file of zenoh's own: TLS, access control.")
+        str | None, typer.Option(help="A zenoh configuration file, for TLS or access control.")
     ] = None,
-    silent: Annotated[float, typer.Option(help="Seconds of silence until *silent*.")] = SILENT_S,
+    silent: Annotated[
+        float, typer.Option(help="Call a cell silent after this many seconds without a message.")
+    ] = SILENT_S,
     seconds: Annotated[float | None, typer.Option(help="Stop after this many seconds.")] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="A JSON line each second, and at the end.")
+        bool, typer.Option("--json", help="Print a JSON line each second and one at the end.")
     ] = False,
 ) -> None:
     """Show all cells live: node, level of each robot, people, age. Needs the extra 'fleet'.
@@ -81,19 +86,20 @@ def _observer(
     connect: list[str] | None,
     listen: list[str] | None,
     zenoh_config: str | None,
-) -> Any:
+) -> Transport[Keyed]:
     cls = registry.load("links", "zenoh")
     several = connect is not None and len(connect) > 1
     mode = "router" if listen else "peer" if several else None
     data = {"mode": mode, "connect": connect, "listen": listen, "zenoh_config": zenoh_config}
     data |= {"name": "fleet", "cell": "none"} | ({"site": site} if site is not None else {})
+    assert isinstance(cls, ObservesFleet)
     return cls.observer(validated(cls.settings_model, data, "fleet"), site)
 
 
 class _Watch:
-    """Hears in a thread of its own; whoever shows asks for the rows whenever it likes."""
+    """Receives messages in a thread of its own; the display may ask for the rows at any time."""
 
-    def __init__(self, observer: Any, fleet: Fleet) -> None:
+    def __init__(self, observer: Transport[Keyed], fleet: Fleet) -> None:
         self.ever_connected = False
         self.trouble = ""
         self._observer = observer
@@ -102,10 +108,10 @@ class _Watch:
         self._thread = threading.Thread(target=self._hear, name="fleet", daemon=True)
 
     def start(self) -> None:
-        """Connect once here, so that a wrong setting ends the command; then hear.
+        """Connect, so that a wrong setting ends the command; then start to receive.
 
         Raises:
-            ConfigError: a file or setting of zenoh's is wrong.
+            ConfigError: a zenoh file or setting is wrong.
         """
         self._connect()
         self._thread.start()
@@ -135,15 +141,15 @@ class _Watch:
                     continue
                 for unit in self._observer.read(READ_S):
                     self._fleet.take(replace(unit, key=f"hri/{unit.key}"), time.monotonic_ns())
-            except Exception as error:  # what was heard turns silent by itself
+            except Exception as error:  # the cells turn silent by themselves
                 self.trouble = str(error).splitlines()[0] if str(error) else type(error).__name__
 
     def rows(self) -> list[CellRow]:
-        """What is known now."""
+        """Return the rows of all cells as they are now."""
         return self._fleet.rows(time.monotonic_ns())
 
     def print_lines(self, seconds: float | None) -> None:
-        """A JSON object each second, the last at the end."""
+        """Print a JSON object each second, and the last one at the end."""
         began = time.monotonic()
         while True:
             passed = time.monotonic() - began
@@ -161,7 +167,7 @@ class _Watch:
                 return
 
     def show(self, seconds: float | None) -> None:
-        """A table: redrawn in a terminal, else printed once at the end."""
+        """Show the table: redraw it in a terminal, otherwise print it once at the end."""
         console = Console()
         end = math.inf if seconds is None else time.monotonic() + seconds
         if not sys.stdout.isatty():
@@ -180,41 +186,41 @@ class _Watch:
     def _page(self, console: Console, lines: float) -> RenderableType:
         rows, room = self.rows(), max(1, lines - FRAME_LINES)
         shown = rows
-        if (
-            len(rows) > room or _height(rows, console) > room
-        ):  # what does not fit must be no worse than what does
-            rows.sort(key=_how_bad)
+        if len(rows) > room or _height(rows, console) > room:
+            rows.sort(key=_how_bad)  # the worst cells must be among those that fit
             shown = _fitting(rows, room, console)
         parts: list[RenderableType] = [_table(shown, console)]
         if not rows:
-            parts.append(Text("no cell heard yet"))
+            parts.append(Text("no message from any cell yet"))
         elif len(shown) < len(rows):
-            parts.append(Text(f"and {len(rows) - len(shown)} cells that are no worse"))
+            parts.append(Text(f"and {len(rows) - len(shown)} more cells, none of them worse"))
         if self.trouble:
             parts.append(Text(f"not connected: {self.trouble}", style="bold red"))
         if self._fleet.left_out:
             parts.append(
-                Text(f"{self._fleet.left_out} messages left out: strange keys, or too many cells")
+                Text(f"{self._fleet.left_out} messages ignored: unknown keys or too many cells")
             )
         return Group(*parts)
 
 
 def _fitting(rows: list[CellRow], room: float, console: Console) -> list[CellRow]:
-    """The first rows, as many as fit into ``room`` lines; one at least."""
+    """Return as many of the first rows as fit into ``room`` lines, but at least one."""
     counts = range(1, min(len(rows), math.floor(room)) + 1)
     fitting = bisect_right(counts, room, key=lambda count: _height(rows[:count], console))
     return rows[: max(1, fitting)]
 
 
 def _height(rows: list[CellRow], console: Console) -> int:
-    """Lines of the rows, without the heading: long texts wrap."""
+    """Return the number of lines that the rows take without the heading: long texts wrap."""
     return len(console.render_lines(_table(rows, console))) - HEAD_LINES
 
 
 def _table(rows: list[CellRow], console: Console) -> Table:
     cells = [_cells(row) for row in rows]
     plain = [[cell.plain for cell in line] for line in cells]
-    steady = ["x" * width for width in _COLUMNS.values()]  # so that numbers shift nothing
+    steady = [
+        "x" * width for width in _COLUMNS.values()
+    ]  # so that changing numbers do not shift columns
     widths = wrapped_widths([list(_COLUMNS), steady, *plain], console.width - len(_COLUMNS) - 1)
     table = Table(box=SIMPLE_HEAD, padding=0)
     for name, width in zip(_COLUMNS, widths, strict=True):
@@ -246,13 +252,13 @@ def _seconds(since: float) -> str:
 
 
 def _how_bad(row: CellRow) -> int:
-    """Smaller is worse; by the worst of the node's state and its robots' levels."""
+    """Rank a cell by the worst of its node's state and its robots' levels; smaller is worse."""
     said = {row.state, *(robot.level for robot in row.robots)}
     return next((i for i, bad in enumerate(_BAD) if bad in said), len(_BAD))
 
 
 def _because(row: CellRow) -> str:
-    """Why the robots that may not move freely may not."""
+    """Return the reasons of the robots that may not move freely."""
     return "; ".join(dict.fromkeys(r.reason for r in row.robots if r.level != "clear"))
 
 

@@ -1,9 +1,10 @@
-"""``listen``: what a controller would hear on a link."""
+"""``listen``: print what a controller would receive on a link."""
 
 import dataclasses
 import json
 import math
 import time
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Annotated, Any
 
@@ -11,39 +12,55 @@ import typer
 
 from hri_predict import registry
 from hri_predict.errors import ConfigError
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID
+from hri_predict.link import AnyLinkClass, LinkSettings
+from hri_predict.protocol.can import DEFAULT_BASE_ID
 from hri_predict.protocol.messages import Advice, Level, Message, Schema, Status
 from hri_predict.protocol.reception import FORGET_S, SchemaGate
-from hri_predict.settings import validated
+from hri_predict.settings import set_key, validated
 
 READ_TIMEOUT_S = 0.2
 SILENCE_S = 0.5
 
 
 def listen(
+    *,
     link: Annotated[
-        str, typer.Argument(help="serial:PORT or can:INTERFACE:CHANNEL, as in the configuration.")
+        str,
+        typer.Argument(
+            help="serial:PORT or can:INTERFACE:CHANNEL, as in the configuration; for another "
+            "kind of link its name, with --set for its settings."
+        ),
     ],
     baudrate: Annotated[int, typer.Option(help="Serial: bits per second.")] = 115200,
     bitrate: Annotated[int, typer.Option(help="CAN: bits per second.")] = 500000,
-    fd: Annotated[bool, typer.Option("--fd", help="CAN: CAN FD.")] = False,
-    base_id: Annotated[int, typer.Option(help="CAN: id of the first frame.")] = DEFAULT_BASE_ID,
-    extended: Annotated[bool, typer.Option("--extended", help="CAN: 29-bit ids.")] = False,
+    fd: Annotated[bool, typer.Option("--fd", help="CAN: use CAN FD.")] = False,
+    base_id: Annotated[
+        int, typer.Option(help="CAN: id of the first frame, in decimal.")
+    ] = DEFAULT_BASE_ID,
+    extended: Annotated[bool, typer.Option("--extended", help="CAN: use 29-bit ids.")] = False,
     isotp_id: Annotated[
         int | None, typer.Option(help="CAN: id of zones by ISO-TP; default: base id + 70.")
     ] = None,
     listen_only: Annotated[
-        bool, typer.Option("--listen-only", help="CAN: not even acknowledge what is heard.")
+        bool,
+        typer.Option("--listen-only", help="CAN: send nothing, not even acknowledgement bits."),
     ] = False,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Set a setting of the link: key=value. Repeatable."),
+    ] = None,
     alerts: Annotated[
-        bool, typer.Option("--alerts", help="Only changes of level and of the node's state.")
+        bool, typer.Option("--alerts", help="Print only changes of level and of the node's state.")
     ] = False,
     seconds: Annotated[float | None, typer.Option(help="Stop after this many seconds.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="JSON lines on standard output.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON lines on standard output.")
+    ] = False,
 ) -> None:
-    """Print what a controller would hear; nothing is sent.
+    """Print what a controller would receive on a link; send nothing.
 
-    Until a Schema of this program's version and hash has come, all else is unknown, and it says so.
+    Until a Schema with this program's version and hash arrives, all other
+    messages are shown as unknown, with the reason.
 
     Example: hri-predict listen can:socketcan:can0 --alerts
     """
@@ -51,15 +68,16 @@ def listen(
         raise ConfigError(f"--seconds {seconds}: give a number above 0")
     can: dict[str, Any] = {"bitrate": bitrate, "fd": fd, "base_id": base_id, "extended": extended}
     if isotp_id is not None:
-        can["isotp"] = {"id": isotp_id, "peer_id": isotp_id ^ 1}  # whoever answers, it is not us
-    cls, settings = _settings(link, {"baudrate": baudrate}, can)
+        can["isotp"] = {"id": isotp_id, "peer_id": isotp_id ^ 1}  # only the controller answers
+    cls, settings = _settings(link, {"baudrate": baudrate}, can, change or [])
     if listen_only:
         if settings.kind != "can":
-            raise ConfigError(f"--listen-only is for CAN; {link} never acknowledges; remove it")
+            raise ConfigError(f"--listen-only: only for CAN, not for {link}; leave it out")
         settings = settings.model_copy(update={"listen_only": True})
-    transport = cls.make_transport(settings)
+    with registry.building(f"link '{link}'"):
+        transport = cls.make_transport(settings)
+        receiver = cls.receiver(settings)
     transport.open()
-    receiver = cls.receiver(settings)
     printer = Printer(alerts, as_json)
     began = last = time.monotonic()
     silent = False
@@ -80,22 +98,32 @@ def listen(
         printer.counters(receiver.counters)
 
 
-def _settings(link: str, serial: dict[str, Any], can: dict[str, Any]) -> tuple[Any, Any]:
-    """The link's class, and its settings from what the options say of a link of its kind."""
+def _settings(
+    link: str, serial: dict[str, Any], can: dict[str, Any], changes: Sequence[str]
+) -> tuple[AnyLinkClass, LinkSettings]:
+    """Return the link's class and its settings, from the options for this kind of link."""
     kind, _, rest = link.partition(":")
     if kind == "serial" and rest:
         data: dict[str, Any] = {"port": rest, **serial}
     elif kind == "can" and ":" in rest:
         interface, _, channel = rest.partition(":")
         data = {"interface": interface, "channel": channel, **can}
+    elif link in {"serial", "can"} or link not in registry.names("links"):
+        raise ConfigError(
+            f"listen {link}: give serial:PORT or can:INTERFACE:CHANNEL; of another kind of link "
+            f"its KIND, and --set key=value"
+        )
     else:
-        raise ConfigError(f"listen {link}: give serial:PORT or can:INTERFACE:CHANNEL")
+        data = {}
     cls = registry.load("links", kind)
-    return cls, validated(cls.settings_model, {"name": "listen", "kind": kind, **data}, link)
+    data = {"name": "listen", "kind": kind, **data}
+    for change in changes:
+        set_key(data, change)
+    return cls, validated(cls.settings_model, data, link)
 
 
 class Printer:
-    """Prints messages as text or JSON lines; what the schema does not vouch for is unknown."""
+    """Prints messages as text or JSON lines; without a matching Schema they are unknown."""
 
     def __init__(self, alerts: bool, as_json: bool) -> None:
         self._alerts, self._json = alerts, as_json
@@ -103,7 +131,7 @@ class Printer:
         self._gate = SchemaGate()
 
     def show(self, message: Message, seconds: float) -> None:
-        """Print a message that came after so many seconds."""
+        """Print a message that arrived ``seconds`` after the start."""
         if isinstance(message, Schema):
             self._gate.take(message)
         if self._alerts and not self._is_news(message):
@@ -119,11 +147,11 @@ class Printer:
         self._out(type(message).__name__.lower(), shown, seconds)
 
     def silent(self, seconds: float) -> None:
-        """Print that nothing comes."""
+        """Print that the link is silent."""
         self._out("silent", {"level": Level.UNKNOWN.name.lower()}, seconds)
 
     def forget(self) -> None:
-        """Who comes after so long a silence must first say what it speaks."""
+        """Forget the Schema: after so long a silence the sender must send it again."""
         self._gate.reset()
 
     def _unknown(self) -> dict[str, Any]:

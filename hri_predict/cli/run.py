@@ -1,4 +1,4 @@
-"""``demo``, ``run`` and ``replay``: the node at work."""
+"""``demo``, ``run`` and ``replay``: run the node."""
 
 import json
 import math
@@ -10,57 +10,59 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from hri_predict import config as configuration
-from hri_predict.assemble import unused_coverage
 from hri_predict.cli.terminal_view import TerminalView
-from hri_predict.config import Config
 from hri_predict.errors import ConfigError
-from hri_predict.session import Options
-from hri_predict.session import run as run_session
-from hri_predict.summary import Summary
+from hri_predict.monitoring.summary import Summary
+from hri_predict.run import config as configuration
+from hri_predict.run.assemble import unused_coverage
+from hri_predict.run.config import Config
+from hri_predict.run.session import Options
+from hri_predict.run.session import run as run_session
 
-Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")]
+Json = Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")]
 Record = Annotated[Path | None, typer.Option(help="Record into this MCAP file.")]
 Duration = Annotated[float | None, typer.Option(help="Stop after this many seconds.")]
-Speed = Annotated[str, typer.Option(help="1 = true time, 2 = twice as fast, max = no waiting.")]
+Speed = Annotated[str, typer.Option(help="1 = real time, 2 = twice as fast, max = no waiting.")]
 Predictor = Annotated[str | None, typer.Option(help="Use this predictor instead.")]
 Shadow = Annotated[
-    bool, typer.Option("--shadow", help="Compute and show everything; tell the links *unknown*.")
+    bool,
+    typer.Option("--shadow", help="Compute and show everything, but send 'unknown' on the links."),
 ]
 Faults = Annotated[
     list[str] | None,
     typer.Option(
         "--fault",
-        help="Inject a fault: kind[@start[+seconds]][:key=value]; without a time from the first "
-        "scene to the last. Repeatable.",
+        help="Inject a fault: kind[@start[+seconds]][:key=value]. Without a time it lasts from "
+        "the first scene to the last. Repeatable.",
     ),
 ]
 
-BESIDE_THE_ROBOT = [-1.9, 2.0, 0.0]  # where a recording starts, unless something says otherwise
-DEMO_S = 24.0  # the person comes, reaches out, and is gone again
-MAX_SECONDS = 1e9  # 31 years: far beyond it a float has no count of nanoseconds
+BESIDE_THE_ROBOT = [-1.9, 2.0, 0.0]  # default place where a recording starts
+DEMO_S = 24.0  # the person comes, reaches out and leaves
+MAX_SECONDS = 1e9  # 31 years: far beyond it a float cannot count nanoseconds
 
 
 def demo(
     speed: Speed = "1", record: Record = None, fault: Faults = None, as_json: Json = False
 ) -> None:
-    """Everything at once, no hardware: a person approaches a moving robot, two controllers obey.
+    """Run a demonstration without hardware: a person approaches a robot, two controllers obey.
 
     Example: hri-predict demo
     """
     config = _with_faults(configuration.load(configuration.shipped("demo.yaml")), fault)
-    options = Options(_factor(speed), duration_s=DEMO_S, record=record)
+    options = Options(factor=_factor(speed), duration_s=DEMO_S, record=record)
     _go(config, options, as_json)
 
 
 def run(
+    *,
     config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
     record: Record = None,
     duration: Duration = None,
     shadow: Shadow = False,
     as_json: Json = False,
 ) -> None:
-    """The daemon: runs until SIGINT or SIGTERM, then tells the controllers and ends.
+    """Run the node until SIGINT or SIGTERM; it tells the controllers before it ends.
 
     Example: hri-predict run cell.yaml --shadow
     """
@@ -70,6 +72,7 @@ def run(
 
 
 def replay(
+    *,
     recording: Annotated[Path, typer.Argument(help=".npz, .bvh, .c3d, .trc, .csv or .mcap.")],
     config: Annotated[Path, typer.Option(help="The node's YAML configuration.")] = Path(
         "configs/demo.yaml"
@@ -84,13 +87,13 @@ def replay(
     no_links: Annotated[
         bool,
         typer.Option(
-            "--no-links", help="Advise nobody; take RobotState from the recording (MCAP)."
+            "--no-links", help="Open no links; take RobotState from the recording (MCAP)."
         ),
     ] = False,
     fault: Faults = None,
     as_json: Json = False,
 ) -> None:
-    """A recording through the node and its links.
+    """Replay a recording through the node and its links.
 
     Example: hri-predict replay walk.bvh --config configs/demo.yaml --place 2,0,3.14 --speed max
     """
@@ -105,7 +108,7 @@ def replay(
     }
     if loaded.source.kind == "recording":
         source = loaded.source.model_dump() | {"path": str(recording.absolute())}
-    elif recording.suffix != ".mcap":  # those already stand in the room
+    elif recording.suffix != ".mcap":  # .mcap holds positions in the room frame already
         source["place"] = BESIDE_THE_ROBOT
     if place is not None:
         source["place"] = _place(place)
@@ -114,7 +117,7 @@ def replay(
         loaded = loaded.with_predictor(predictor)
     if no_links:
         loaded = loaded.without_links()
-    options = Options(_factor(speed), until_exhausted=True, record=record, shadow=shadow)
+    options = Options(factor=_factor(speed), until_exhausted=True, record=record, shadow=shadow)
     _go(loaded, options, as_json)
 
 
@@ -128,7 +131,7 @@ def _go(config: Config, options: Options, as_json: bool) -> None:
         summary = run_session(config, options)
     try:
         _show(summary, as_json)
-    finally:  # also when nobody reads the summary
+    finally:  # even if the summary cannot be printed
         if summary.contacts:
             raise typer.Exit(1)
 

@@ -1,44 +1,50 @@
-"""``simulate``: the closed loop by the thousand, and what it says of modes and predictors."""
+"""``simulate``: thousands of closed-loop approaches, to compare risk modes and predictors."""
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict import config as configuration
 from hri_predict import registry
 from hri_predict.cli.common import need_plots, progress, recordings
 from hri_predict.errors import ConfigError
+from hri_predict.peers import SimulationReport, SimulationRequest
+from hri_predict.run import config as configuration
 
 _PROCEDURAL = "procedural"
 _SCRIPTS = 24  # procedural motions stand for as many recordings
 
 
 def simulate(
+    *,
     config: Annotated[
-        Path, typer.Argument(help="Configuration of kind: approach, as the shipped simulate.yaml.")
+        Path, typer.Argument(help="Configuration with a source of kind: approach.")
     ] = Path("simulate.yaml"),
     predictor: Annotated[
-        list[str] | None, typer.Option(help="Predictor; default the configuration's. Repeatable.")
+        list[str] | None, typer.Option(help="Predictor; default: the configuration's. Repeatable.")
     ] = None,
     mode: Annotated[
         list[str] | None,
         typer.Option(
-            help="Risk mode; default the configuration's. 'foreknown' is predictive with the true "
-            "future: what no forecast can beat. Repeatable."
+            help="Risk mode; default: the configuration's. 'foreknown' is mode predictive with the "
+            "true future, which no forecast can beat. Repeatable."
         ),
     ] = None,
     coverage: Annotated[
         list[float] | None,
-        typer.Option(help="Also mode predictive with zones of this coverage. Repeatable."),
+        typer.Option(help="Also simulate mode predictive with zones of this coverage. Repeatable."),
     ] = None,
-    episodes: Annotated[int, typer.Option(min=1, max=1_000_000, help="Approaches.")] = 2000,
-    seed: Annotated[int, typer.Option(min=0, help="Of places, phases and losses.")] = 0,
-    people: Annotated[int, typer.Option(min=1, max=4, help="At once.")] = 1,
+    episodes: Annotated[
+        int, typer.Option(min=1, max=1_000_000, help="Number of approaches.")
+    ] = 2000,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Random seed of places, phases and message losses.")
+    ] = 0,
+    people: Annotated[int, typer.Option(min=1, max=4, help="People at once.")] = 1,
     data: Annotated[
         list[Path] | None,
         typer.Option(
@@ -47,14 +53,14 @@ def simulate(
             show_default="../shared/data",
         ),
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, max=256, help="Processes.")] = 2,
+    jobs: Annotated[int, typer.Option(min=1, max=256, help="Number of processes.")] = 2,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for tables, plots, and what is resumed.")
+        Path | None, typer.Option(help="Folder for tables, plots and what --resume needs.")
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with what is in --out.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON alone.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in --out.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> int:
-    """Let people approach a robot that obeys, again and again, and count what comes of it.
+    """Simulate people who approach a robot that follows the advice, and count what happens.
 
     Example: hri-predict simulate --mode predictive --mode iso --episodes 200 --out runs/closed_loop
 
@@ -64,8 +70,8 @@ def simulate(
     if out is not None:
         need_plots()
     if resume and out is None:
-        raise ConfigError("--resume: there is nothing to go on with; give --out as well")
-    request = simulation.Request(
+        raise ConfigError("--resume: needs the folder of the run; give --out as well")
+    request = SimulationRequest(
         config=configuration.find(config),
         predictors=_each_once("--predictor", predictor),
         modes=_each_once("--mode", mode),
@@ -80,17 +86,16 @@ def simulate(
     )
     with progress() as bar:
         task = bar.add_task("approaches", total=None)
-        result = simulation.simulate(
+        report = simulation.run(
             request, lambda done, total: bar.update(task, completed=done, total=total)
         )
-    report = simulation.report(result, out)
     if as_json:
         print(report.json)
     else:
         _show(report)
-    for line in result.disagreements:
+    for line in report.disagreements:
         print(f"disagrees with the whole node: {line}", file=sys.stderr)
-    return 1 if result.disagreements else 0
+    return 1 if report.disagreements else 0
 
 
 def _each_once(flag: str, names: list[str] | None) -> tuple[str, ...]:
@@ -110,19 +115,17 @@ def _motions(data: list[Path]) -> tuple[str, ...]:
             found += [str(path.resolve()) for path in recordings(entry, "test")]
     for name in found:
         if found.count(name) > 1:
-            raise ConfigError(
-                f"--data: {name} is named twice, and would weigh double; name it once"
-            )
+            raise ConfigError(f"--data: {name} is named twice and would count double; name it once")
     return tuple(found)
 
 
-def _show(report: Any) -> None:
+def _show(report: SimulationReport) -> None:
     console = Console()
     for table in report.tables:
         shown = Table(
             title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
         )
-        # a column for each variant, for a row of intervals is wider than a terminal
+        # one column per variant: a row of intervals is wider than a terminal
         labels = 1 + (table.columns[1] == "mode")
         shown.add_column("", overflow="fold")
         for row in table.rows:

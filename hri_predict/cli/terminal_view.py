@@ -1,6 +1,6 @@
-"""A live plan view for the terminal: people, their zones, the robot, and what it is advised.
+"""A live plan view for the terminal: people, their zones, the robots and the advice.
 
-Drawn in a thread of its own from the newest tick; the loop only leaves the tick here.
+A thread of its own draws the newest tick; the node's loop only stores the tick here.
 """
 
 import threading
@@ -15,12 +15,12 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from hri_predict.assemble import Assembly
+from hri_predict.geometry import Capsules
+from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Advice, Level
-from hri_predict.risk.types import Capsules
-from hri_predict.session import View
+from hri_predict.run.assemble import Assembly
+from hri_predict.run.session import View
 from hri_predict.source import live_part
-from hri_predict.tick import Tick
 
 COLOURS = {
     Level.UNKNOWN: "magenta",
@@ -35,7 +35,7 @@ METRES_PER_COLUMN = 0.1
 METRES_PER_ROW = 0.2  # a character is about twice as high as it is wide
 COLUMNS, ROWS = 66, 26
 ORIGIN_COLUMN, ORIGIN_ROW = 20, 13
-LEGEND = "plan, 10 columns a metre: o person  █ robot  · zone"
+LEGEND = "plan, 10 columns per metre: o person  █ robot  · zone"
 
 
 class TerminalView(View):
@@ -54,11 +54,11 @@ class TerminalView(View):
         self._thread = threading.Thread(target=self._draw_often, name="view", daemon=True)
 
     def bind(self, assembly: Assembly) -> None:
-        """Learn the robots and links to show."""
+        """Take the assembly whose robots and links are shown."""
         self._assembly = assembly
 
     def on_tick(self, tick: Tick) -> None:
-        """Leave the newest tick for the drawing thread."""
+        """Store the newest tick for the drawing thread."""
         if self._start_ns is None:
             self._start_ns = tick.now_ns
         for advice in tick.advices:
@@ -101,7 +101,7 @@ class TerminalView(View):
             Layout(
                 Panel(
                     self._plan(tick, assembly),
-                    title="plan, 10 columns a metre: o person  █ robot  · zone",
+                    title=LEGEND,
                 ),
                 size=COLUMNS + 4,
             ),
@@ -123,7 +123,7 @@ class TerminalView(View):
             links.add_row(
                 Text(link.name, style="green" if link.connected else "red"),
                 f"{link.counters.messages_sent} sent",
-                f"{link.counters.messages_received} heard",
+                f"{link.counters.messages_received} received",
             )
         parts.append(Panel(links, title="links"))
         changes = Text("\n").join(self._changes)
@@ -136,11 +136,11 @@ class TerminalView(View):
         robot = assembly.trackers[advice.robot].at(tick.now_ns)
         limit = advice.speed_limit_m_s
         table.add_row("advice", Text(advice.level.name, style=f"bold {COLOURS[advice.level]}"))
-        table.add_row("because", advice.reason.text)
+        table.add_row("reason", advice.reason.text)
         table.add_row("separation", _metres(advice.separation_m))
         table.add_row("speed limit", f"{limit:.2f} m/s" if limit is not None else "-")
-        table.add_row("robot moves", f"{robot.speed_m_s:.2f} m/s" if robot.q is not None else "-")
-        table.add_row("node", f"{tick.status.node_state.name.lower()}, {tick.status.people} here")
+        table.add_row("robot speed", f"{robot.speed_m_s:.2f} m/s" if robot.q is not None else "-")
+        table.add_row("node", f"{tick.status.node_state.name.lower()}, people {tick.status.people}")
         name = assembly.config.node.robots[advice.robot].name
         return Panel(table, title=f"{name}  t = {self._seconds(tick.now_ns):.1f} s")
 
@@ -162,7 +162,13 @@ class TerminalView(View):
                 ends = person[np.isfinite(person).all(axis=-1)]
                 _fill(cells, Capsules(ends, ends, np.full(len(ends), 0.06)), "o", "bold yellow")
         for advice in tick.advices:
-            _mark(cells, ORIGIN_ROW, ORIGIN_COLUMN, "+", COLOURS[advice.level])
+            _mark(
+                cells=cells,
+                row=ORIGIN_ROW,
+                column=ORIGIN_COLUMN,
+                mark="+",
+                style=COLOURS[advice.level],
+            )
         return Text("\n").join(
             Text.assemble(*[(mark, style) for mark, style in row]) for row in cells
         )
@@ -182,10 +188,12 @@ def _fill(cells: list[list[tuple[str, str]]], capsules: Capsules, mark: str, sty
     distance = np.linalg.norm(points - (a + t[..., None] * along), axis=-1)
     inside = (distance <= np.maximum(capsules.radius, METRES_PER_COLUMN)).any(-1)
     for row, column in np.argwhere(inside):
-        _mark(cells, int(row), int(column), mark, style)
+        _mark(cells=cells, row=int(row), column=int(column), mark=mark, style=style)
 
 
-def _mark(cells: list[list[tuple[str, str]]], row: int, column: int, mark: str, style: str) -> None:
+def _mark(
+    *, cells: list[list[tuple[str, str]]], row: int, column: int, mark: str, style: str
+) -> None:
     if 0 <= row < ROWS and 0 <= column < COLUMNS:
         cells[row][column] = (mark, style)
 

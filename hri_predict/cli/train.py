@@ -1,4 +1,4 @@
-"""``train``: find a predictor's weights on recorded motion."""
+"""``train`` finds a predictor's weights on recorded motion; ``ablate`` compares augmentations."""
 
 import json
 import shlex
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hri_predict.settings import data_path
+from hri_predict.files import data_path
 from hri_predict.training.config import load_training_config
 
 if TYPE_CHECKING:
@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
 
 def train(
-    config: Annotated[Path, typer.Argument(help="A YAML of configs/training, or your own.")],
+    *,
+    config: Annotated[Path, typer.Argument(help="A YAML file of configs/training, or your own.")],
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from the run's last checkpoint.")
+        bool, typer.Option("--resume", help="Continue from the run's last checkpoint.")
     ] = False,
     data: Annotated[Path | None, typer.Option(help="Folder of the recordings.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the run.")] = None,
@@ -31,15 +32,17 @@ def train(
         bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")
     ] = False,
 ) -> None:
-    """Train a predictor; Ctrl-C saves, and --resume goes on to the same numbers.
+    """Train a predictor. Ctrl-C saves the run; --resume continues it to the same weights.
 
-    The run's folder gets the best weights, checkpoints and a TensorBoard log. In more processes:
+    The run's folder holds the best weights, checkpoints and a TensorBoard log.
+
+    To use several processes:
     torchrun --nproc-per-node 2 -m hri_predict train CONFIG
 
     Example: hri-predict train configs/training/trajectorycnn_real.yaml --set train.epochs=20
     """
     settings = load_training_config(_found(config), _changes(changes, data, out))
-    # torch takes seconds to import, which the other commands need not wait for
+    # torch takes seconds to import; the other commands need not wait for it
     from hri_predict.training.building import build_network, open_samples
     from hri_predict.training.loop import train as run_training
     from hri_predict.training.processes import Processes
@@ -60,7 +63,7 @@ def train(
     if result.ending == "interrupted":
         if processes.rank == 0:
             again = [a for a in sys.argv[1:] if a != "--resume"] + ["--resume"]
-            print(f"saved; go on with: hri-predict {shlex.join(again)}", file=sys.stderr)
+            print(f"saved; continue with: hri-predict {shlex.join(again)}", file=sys.stderr)
         raise typer.Exit(130)
 
 
@@ -95,3 +98,32 @@ def _show(result: "Result", unit: str, as_json: bool) -> None:
             f"in epoch {result.best_epoch}"
         )
     print(f"weights: {result.weights}")
+
+
+def ablate(
+    *,
+    config: Annotated[
+        Path, typer.Argument(help="Training configuration of trajectorycnn, judgement real.")
+    ],
+    data: Annotated[str, typer.Option(help="Folder of the recordings.")],
+    out: Annotated[str, typer.Option(help="Folder of the runs and of the table.")],
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="key.key=value: change a key of the YAML. Repeatable."),
+    ] = None,
+) -> None:
+    """Train a small TrajectoryCNN with one augmentation left out at a time, and compare errors.
+
+    Ctrl-C saves the run; the same command continues. Finished runs are not run again.
+
+    Example: hri-predict ablate configs/training/trajectorycnn_real.yaml --data ../shared/data
+    --out runs/ablation
+    """
+    from hri_predict.training import ablation
+
+    try:
+        text = ablation.ablate(ablation.configuration(_found(config), data, out, changes or ()))
+    except KeyboardInterrupt:
+        print("saved; continue with the same command", file=sys.stderr)
+        raise typer.Exit(130) from None
+    print(text, end="")

@@ -1,6 +1,5 @@
 """Finding nodes, sources and controllers by DNS-SD over multicast DNS (RFC 6763, RFC 6762).
 
-Discovery is a hint and nothing rests on it: who is there is told by whoever is there, unprotected,
-and what has lost power is remembered for a while. Whether a source or node is alive is decided by
-its data.
+Discovery is only a hint, and nothing relies on it: announcements are unprotected, and a device
+that has lost power stays known for a while. Only its data show whether a source or node is alive.
 """

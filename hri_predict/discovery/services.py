@@ -1,4 +1,4 @@
-"""Which services there are, and what they say of themselves."""
+"""The types of services and their properties."""
 
 import ipaddress
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ KINDS = {NODE: "node"} | dict.fromkeys(SOURCES, "source") | dict.fromkeys(CONTRO
 
 MAX_LABEL = 63  # bytes of a service's own name (RFC 1035, 2.3.4)
 MAX_NAME = 32
-MAX_TXT = 200  # bytes of one key=value, of 255 that there may be (RFC 6763, 6.1)
+MAX_TXT = 200  # bytes of one key=value; RFC 6763, 6.1 allows 255
 LOOPBACK = ["127.0.0.1"]
 
 
@@ -24,7 +24,7 @@ def _address(value: str) -> str:
     try:
         return str(ipaddress.ip_address(value))
     except ValueError:
-        raise ValueError("must be an IP address of this machine, as 192.168.1.5") from None
+        raise ValueError("must be an IP address of this machine, such as 192.168.1.5") from None
 
 
 def _printable(value: str) -> str:
@@ -39,22 +39,22 @@ ServiceName = Annotated[str, Field(min_length=1, max_length=MAX_LABEL), AfterVal
 
 
 class DiscoverySettings(Settings):
-    """``discovery:``; without it a node announces nothing and opens no socket for it."""
+    """``discovery:``; without it a node announces nothing and opens no socket for discovery."""
 
     name: Annotated[str, AfterValidator(_printable)] | None = Field(
         None, min_length=1, max_length=MAX_NAME, description="default: the configuration's name"
     )
     interfaces: Interfaces = Field(
-        LOOPBACK, description="addresses to announce on; default: this machine alone hears it"
+        LOOPBACK, description="addresses to announce on; default: only on this machine"
     )
 
 
 class ServiceSettings(Settings):
-    """``service:`` of a source: who to connect to, by the name that it announces."""
+    """``service:`` of a source: the announced name of the service to connect to."""
 
     name: ServiceName
     interfaces: Interfaces = Field(LOOPBACK, description="where to search for it")
-    timeout_s: float = Field(2.0, gt=0, le=30, description="how long to search at each try")
+    timeout_s: float = Field(2.0, gt=0, le=30, description="how long each search takes")
 
     @model_validator(mode="before")
     @classmethod
@@ -62,16 +62,16 @@ class ServiceSettings(Settings):
         return {"name": data} if isinstance(data, str) else data
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Service:
-    """A service as it announced itself; strings are printable, whatever it sent.
+    """A service as it announced itself; all strings are made printable.
 
     Attributes:
         kind: ``node``, ``source`` or ``controller``.
-        type, name: full type, and the name that tells it from others of its type.
-        host, addresses, port: where it says it is; a node has no port (0): it is asked for nothing.
-        properties: what else it says.
-        liveness: what a look at it gave; a hint. See ``browser.discover``.
+        type, name: full type, and the name, unique within its type.
+        host, addresses, port: its announced place; the port of a node is 0, because it has none.
+        properties: its other announced properties.
+        liveness: the result of the check, a hint. See ``browser.discover``.
     """
 
     kind: str
@@ -84,29 +84,32 @@ class Service:
     liveness: str
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return plain data for JSON."""
         return asdict(self)
 
 
-def instance(name: str, host: str, pid: int) -> str:
-    """The name that a node announces: no two nodes share it, whatever they are called."""
-    own = f" {pid}"
+def instance(name: str, host: str, pid: int, number: int = 1) -> str:
+    """Return the name that a node announces; it is unique even if two nodes have one ``name``.
+
+    ``number`` distinguishes nodes with the same host name and process id, as in two containers.
+    """
+    own = f" {pid}" if number == 1 else f" {pid}-{number}"
     return cut(f"{cut(name, MAX_NAME)} {host}", MAX_LABEL - len(own)) + own
 
 
 def txt(properties: Mapping[str, str]) -> dict[str, bytes]:
-    """Properties as they go into a TXT record; what is too long ends in an ellipsis."""
+    """Return properties as a TXT record holds them; a value that is too long ends in "…"."""
     return {k: cut(v, MAX_TXT - len(k) - 1).encode() for k, v in properties.items()}
 
 
 def printable(data: bytes | str | None) -> str:
-    """Text of what somebody else sent, for a terminal."""
+    """Return text from another device, made printable for a terminal."""
     text = data.decode("utf-8", "replace") if isinstance(data, bytes) else data or ""
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def cut(text: str, most: int) -> str:
-    """No more than so many bytes of UTF-8."""
+    """Cut a text to at most ``most`` bytes of UTF-8."""
     if len(text.encode()) <= most:
         return text
     return text.encode()[: most - 3].decode("utf-8", "ignore") + "…"

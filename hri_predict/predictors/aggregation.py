@@ -3,7 +3,7 @@
 Chen et al., "Rethinking Human Motion Prediction with Symplectic Integral", CVPR 2024, section 3.2.
 A network that predicts t steps is applied again and again with the same weights until the whole
 horizon is covered (Eqs. 8-9); before each time a forget unit drops the t oldest steps of its window
-and appends the t just predicted. It asks nothing of the network (its Table 5 wraps six others).
+and appends the t just predicted. It works with any network (the paper's Table 5 wraps six others).
 
 The window is read anew each time. A recurrent network could go on from its last state at a fifth of
 the cost, but would then remember steps that the forget unit drops.
@@ -18,25 +18,25 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from hri_predict import registry
 from hri_predict.errors import ConfigError
-from hri_predict.predictors.network import (
+from hri_predict.predictors.neural.network import (
     Network,
     NetworkOptions,
     Shape,
     Target,
     Window,
     mpjpe,
+    network_class_of,
 )
-from hri_predict.predictors.neural import NeuralPredictor, NeuralSettings
-from hri_predict.predictors.weights import Header, LoadedWeights, load_weights
+from hri_predict.predictors.neural.predictor import NeuralPredictor, NeuralSettings
+from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
 from hri_predict.settings import validated
 
 
 def forget(window: Window, predicted: Tensor) -> Window:
-    """Drop as many of the oldest steps as were ``predicted`` (B, t, J, 3), and append those.
+    """Drop the t oldest steps, and append those ``predicted`` (B, t, J, 3).
 
-    Predicted joints count as observed: nothing better will be known of them.
+    Predicted joints count as observed: nothing better is known about them.
     """
     steps = window.positions.shape[1]
     seen = window.observed.new_ones(predicted.shape[:3])
@@ -49,7 +49,7 @@ def forget(window: Window, predicted: Tensor) -> Window:
 def aggregate(operator: Callable[[Window], Tensor], window: Window, horizon_steps: int) -> Tensor:
     """Apply ``operator``, a window to (B, t, J, 3), until (B, horizon_steps, J, 3) are predicted.
 
-    The horizon needs not be a multiple of t; of the last application only the start is used then.
+    If the horizon is not a multiple of t, only the start of the last application is used.
     """
     parts: list[Tensor] = []
     done = 0
@@ -65,10 +65,10 @@ class AggregatedOptions(NetworkOptions):
     """Which network is wrapped, and how.
 
     Attributes:
-        method: name of the predictor whose network it is.
-        steps: t, how many steps that network predicts at a time.
-        options: its sizes and switches.
-        pretraining: share of the training in which it learns its own t steps alone.
+        method: name of the predictor whose network is wrapped.
+        steps: t, number of steps that the network predicts at a time.
+        options: the network's sizes and switches.
+        pretraining: share of the training in which it learns only its own t steps.
     """
 
     method: str = "trajectorycnn"
@@ -78,13 +78,13 @@ class AggregatedOptions(NetworkOptions):
 
 
 class Aggregated(Network):
-    """Any predictor's network, made to predict few steps, and chained to predict many.
+    """Any predictor's network that predicts a few steps, chained to predict many.
 
-    Its loss has two stages: at first the network within learns its own steps with its own loss,
-    then the position error over the whole horizon. Unobserved joints: as that network has it.
+    Its loss has two stages: first the inner network learns its own steps with its own loss, then
+    the position error over the whole horizon. The inner network handles unobserved joints.
 
     Attributes:
-        inner: the network within.
+        inner: the inner network.
 
     Raises:
         ConfigError: there is no such predictor, it has no network, or an option is wrong.
@@ -96,20 +96,20 @@ class Aggregated(Network):
     def __init__(self, shape: Shape, options: AggregatedOptions) -> None:
         super().__init__(shape)
         self.options: AggregatedOptions = options
-        network_class = getattr(registry.load("predictors", options.method), "network_class", None)
+        network_class = network_class_of(options.method)
         if network_class is None:
             raise ConfigError(
                 f"options.method '{options.method}': has no network; name a trained predictor"
             )
         own = validated(network_class.options_model, options.options, "options.options")
-        self.inner: Network = network_class(replace(shape, horizon_steps=options.steps), own)
+        self.inner = network_class(replace(shape, horizon_steps=options.steps), own)
         self.inner.rest = (
             self.rest
-        )  # one tensor: set or loaded for the whole, it is the inner one's
+        )  # one tensor: setting or loading the outer one sets the inner one
 
     @classmethod
     def around(cls, inner: LoadedWeights, steps: int, horizon_steps: int) -> "Aggregated":
-        """A network trained by itself, of whose forecast the first ``steps`` are used each time."""
+        """Wrap a network trained by itself; each time its first ``steps`` are used."""
         network = inner.network
         options = AggregatedOptions(
             method=inner.method, steps=steps, options=network.options.model_dump()
@@ -124,7 +124,7 @@ class Aggregated(Network):
 
     def _operator(self, window: Window) -> Tensor:
         predicted: Tensor = self.inner(window)
-        return predicted[:, : self.options.steps]  # one that was trained by itself goes further
+        return predicted[:, : self.options.steps]  # a network trained by itself predicts more
 
     def loss(self, window: Window, target: Target, progress: float) -> Tensor:
         """Return the inner network's loss on its own steps, later the error over all."""
@@ -133,7 +133,7 @@ class Aggregated(Network):
         return mpjpe(self(window), target)
 
     def critic_loss(self, window: Window, target: Target, progress: float) -> Tensor | None:
-        """Return the loss of the inner network's adversary while that network learns alone."""
+        """Return the loss of the inner network's adversary during pretraining."""
         if not self._pretraining(progress):
             return None
         return self.inner.critic_loss(window, self._near(target), self._inner_progress(progress))
@@ -158,17 +158,17 @@ class AggregatedSettings(NeuralSettings):
     """Settings of the aggregated predictor."""
 
     inner: str = Field("trajectorycnn", description="trained predictor whose network is repeated")
-    steps: int = Field(5, ge=1, le=1000, description="steps that are used of each repetition")
+    steps: int = Field(5, ge=1, le=1000, description="steps used from each repetition")
 
 
 class AggregatedPredictor(NeuralPredictor):
     """Repeats another trained predictor on its own first steps (SINN's temporal aggregation).
 
-    Its weights are those of the inner predictor, by default the shipped ones; or those of a
-    training of ``aggregated`` itself, which say what they wrap and how. It takes any predictor to
-    any horizon. Within the inner predictor's own it is no gain unless that was trained for it: the
-    shipped trajectorycnn, repeated every 5 steps, is 246 mm off after 1 s on the validation
-    recordings, by itself 188.
+    Its weights are those of the inner predictor (the shipped ones by default), or come from
+    training ``aggregated`` itself and state what they wrap. It extends any predictor to any
+    horizon. Within the inner predictor's own horizon it brings no gain, unless that was trained for
+    it: on the validation recordings the shipped trajectorycnn has an error of 246 mm after 1 s when
+    repeated every 5 steps, and of 188 mm by itself.
     """
 
     method = "aggregated"
@@ -177,8 +177,7 @@ class AggregatedPredictor(NeuralPredictor):
 
     def _weights_method(self, settings: NeuralSettings) -> str:
         assert isinstance(settings, AggregatedSettings)
-        trained = getattr(registry.load("predictors", settings.inner), "network_class", None)
-        if trained is None:
+        if network_class_of(settings.inner) is None:
             raise ConfigError(
                 f"predictor.inner '{settings.inner}': has no network; name a trained predictor"
             )
@@ -191,7 +190,8 @@ class AggregatedPredictor(NeuralPredictor):
         if header.method == self.method:
             _check_same(settings, header, path)
             return load_weights(path, horizon_steps)
-        any_horizon = registry.load("predictors", header.method).network_class.any_horizon
+        network_class = network_class_of(header.method)
+        any_horizon = network_class is not None and network_class.any_horizon
         inner = load_weights(path, settings.steps if any_horizon else None)
         reach = inner.network.shape.horizon_steps
         if reach < settings.steps:
@@ -204,7 +204,7 @@ class AggregatedPredictor(NeuralPredictor):
 
 
 def _check_same(settings: AggregatedSettings, header: Header, path: Path) -> None:
-    """What the configuration says must be what its weights were trained with."""
+    """Refuse a configuration that contradicts what its weights were trained with."""
     trained = AggregatedOptions.model_validate(header.options)
     for key, value in (("inner", trained.method), ("steps", trained.steps)):
         if key in settings.model_fields_set and getattr(settings, key) != value:

@@ -3,11 +3,11 @@
 Xu, Tan, Tan, Chen, Wang, Wang: "Auxiliary Tasks Benefit 3D Skeleton-based Human Motion Prediction",
 ICCV 2023. Every coordinate (a joint at a step) is one token. Layers alternate attention among the
 observed tokens with attention among all, each in space (the joints of a step), then in time (the
-steps of a joint). Beside the future, the network learns to recover hidden coordinates and to clean
-noisy ones; both tasks fall away when it predicts.
+steps of a joint). Besides the future, the network learns to recover hidden coordinates and to clean
+noisy ones; prediction does without both tasks.
 
-Unobserved joints are the method's strength: their tokens hold a learnt vector in place of a
-coordinate, and observed-only attention passes them by. What was filled in for them is not read.
+Unobserved joints are the method's strength: their tokens hold a learnt vector instead of a
+coordinate, and observed-only attention skips them. Filled-in values are not read.
 
 Where this differs from the paper, and why:
 
@@ -32,9 +32,16 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hri_predict.predictors.body_frame import fill
-from hri_predict.predictors.network import Network, NetworkOptions, Shape, Target, Window, mpjpe
-from hri_predict.predictors.neural import NeuralPredictor
+from hri_predict.predictors.neural.body_frame import fill
+from hri_predict.predictors.neural.network import (
+    Network,
+    NetworkOptions,
+    Shape,
+    Target,
+    Window,
+    mpjpe,
+)
+from hri_predict.predictors.neural.predictor import NeuralPredictor
 
 _PER_METRE = 10.0  # the input is divided by 100 mm (section 5.2)
 
@@ -49,7 +56,7 @@ class AuxFormerOptions(NetworkOptions):
     future_stride: int = Field(
         5, ge=1, le=1000, description="future steps per token; the paper's is 1"
     )
-    observed_attention: bool = Field(True, description="Table 7: false leaves full attention alone")
+    observed_attention: bool = Field(True, description="Table 7: false keeps only full attention")
     order: Literal["iterative", "separate"] = Field(
         "iterative", description="Table 7: separate has all observed-only attention come first"
     )
@@ -184,7 +191,7 @@ class AuxFormer(Network):
         truth = window.positions[:share], window.observed[:share]
         if self.unmask is not None:
             loss = loss + options.mask_weight * self._mask_loss(
-                others[0], filled[1], inputs[0], truth, target
+                tokens=others[0], filled=filled[1], masked=inputs[0], truth=truth, target=target
             )
         if self.denoise is not None:
             cleaned = self._past(self.denoise, others[-1], filled[-1])
@@ -193,6 +200,7 @@ class AuxFormer(Network):
 
     def _mask_loss(
         self,
+        *,
         tokens: Tensor,
         filled: Tensor,
         masked: Window,

@@ -1,16 +1,24 @@
-"""The contract of a predictor: a batch of histories in, one forecast out."""
+"""The contract of a predictor: a batch of histories in, one forecast out.
+
+A kind of predictor is a class: ``PredictorClass`` says what the node asks of the class,
+``Predictor`` what it asks of an object. ``hri-predict conformance predictor:NAME`` checks the
+contract on any kind.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 from pydantic import Field
 
+from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import PredictorError
-from hri_predict.scene import Bools, Floats
 from hri_predict.settings import Settings
-from hri_predict.skeleton import Skeleton
+from hri_predict.skeleton import CANONICAL, Skeleton
+
+MAX_STEPS = 100_000
+"""Of history or horizon: 10 s, the longest horizon, at 10 kHz."""
 
 
 class PredictorSettings(Settings):
@@ -67,19 +75,80 @@ class Predictor(Protocol):
         """
 
 
+S = TypeVar("S", bound=PredictorSettings)
+
+
+class PredictorClass(Protocol[S]):
+    """What the node asks of a kind of predictor: a class whose objects are ``Predictor``.
+
+    The first line of its docstring is what ``hri-predict predictors`` shows.
+    """
+
+    @property
+    def settings_model(self) -> type[S]:
+        """The model that validates ``predictor:`` of this kind."""
+
+    def __call__(self, settings: S, skeleton: Skeleton = CANONICAL, /) -> Predictor:
+        """Make a predictor, ready to predict within the node's cycle.
+
+        Args:
+            settings: validated by ``settings_model``, and ``resolved``.
+            skeleton: the joints to work on; the node gives none, so that the default holds.
+
+        Raises:
+            HriPredictError: a setting cannot be used; one line with the remedy.
+        """
+
+
+AnyPredictorClass = PredictorClass[PredictorSettings]
+"""A kind of predictor by its name alone, as the registry gives it."""
+
+
+def refuse_unsound(predictor: Predictor) -> None:
+    """Check the attributes of a predictor before anything is sized by them.
+
+    Raises:
+        PredictorError: one is missing, of the wrong type or absurd.
+    """
+    skeleton = getattr(predictor, "skeleton", None)
+    if not isinstance(skeleton, Skeleton):
+        raise PredictorError(
+            f"its skeleton is {skeleton!r}: must be a hri_predict.skeleton.Skeleton"
+        )
+    for name in ("history_steps", "horizon_steps"):
+        steps = getattr(predictor, name, None)
+        if not isinstance(steps, int) or not 1 <= steps <= MAX_STEPS:
+            raise PredictorError(f"its {name} is {steps!r}: must be an int from 1 to {MAX_STEPS}")
+    rate_hz = getattr(predictor, "rate_hz", None)
+    if not isinstance(rate_hz, (int, float)) or not 0 < rate_hz < np.inf:
+        raise PredictorError(f"its rate_hz is {rate_hz!r}: must be a number above 0")
+
+
 def checked(forecast: Forecast, people: int, predictor: Predictor) -> Forecast:
     """Return ``forecast`` if it keeps the contract.
 
     Raises:
         PredictorError: wrong shape, or not finite.
     """
-    shape = (people, predictor.horizon_steps, len(predictor.skeleton.joints), 3)
+    problem = problem_in(
+        forecast, (people, predictor.horizon_steps, len(predictor.skeleton.joints), 3)
+    )
+    if problem:
+        raise PredictorError(problem)
+    return forecast
+
+
+def problem_in(forecast: Forecast, shape: tuple[int, int, int, int]) -> str:
+    """What is wrong with a forecast whose positions should have ``shape`` (P, H, J, 3), or ""."""
     if forecast.positions.shape != shape:
-        raise PredictorError(f"forecast has shape {forecast.positions.shape}, expected {shape}")
+        return f"forecast has shape {forecast.positions.shape}, expected {shape}"
+    for array in (forecast.positions, forecast.std):
+        if array is not None and not np.issubdtype(array.dtype, np.floating):
+            return f"forecast is of type {array.dtype}, expected float64"
     if not np.isfinite(forecast.positions).all():
-        raise PredictorError("forecast is not finite")
+        return "forecast is not finite"
     if forecast.std is not None and not (
         forecast.std.shape == shape[:3] and np.isfinite(forecast.std).all()
     ):
-        raise PredictorError("forecast's std is of the wrong shape or not finite")
-    return forecast
+        return "forecast's std is of the wrong shape or not finite"
+    return ""

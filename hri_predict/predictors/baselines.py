@@ -1,12 +1,15 @@
 """Zero velocity and constant velocity: the baselines every forecast is measured against.
 
-Both extrapolate each joint by itself from where it was last observed in the window. A joint never
-observed there goes with the nearest joint in the tree that was; a person without any goes to zero.
+Both extrapolate each joint by itself from its last observed position in the window. A joint never
+observed there moves with the nearest observed joint in the tree; a person without any is at zero.
 """
+
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
+from hri_predict.arrays import Bools, Floats
 from hri_predict.predictors.base import Forecast, PredictorSettings
 from hri_predict.predictors.masked import (
     Indices,
@@ -17,7 +20,6 @@ from hri_predict.predictors.masked import (
     steps,
     steps_to_cover,
 )
-from hri_predict.scene import Bools, Floats
 from hri_predict.skeleton import CANONICAL, Skeleton, neighbours
 
 
@@ -38,7 +40,7 @@ class ConstantVelocitySettings(ZeroVelocitySettings):
 class ZeroVelocity:
     """Everything stays where it is."""
 
-    settings_model: type[ZeroVelocitySettings] = ZeroVelocitySettings
+    settings_model: ClassVar[type[ZeroVelocitySettings]] = ZeroVelocitySettings
 
     def __init__(self, settings: ZeroVelocitySettings, skeleton: Skeleton = CANONICAL) -> None:
         self.skeleton = skeleton
@@ -67,7 +69,7 @@ class ZeroVelocity:
 
 
 class ConstantVelocity(ZeroVelocity):
-    """Everything goes on as over the last ``span_s``.
+    """Everything moves on as over the last ``span_s``.
 
     Velocity is the difference between a joint's newest observed position and the one ``span_s``
     before it, or the observed one nearest to that time; zero if there is no other in the window.
@@ -90,7 +92,7 @@ class ConstantVelocity(ZeroVelocity):
         return self._extrapolate(start, (start - before) / elapsed, newest, seen)
 
     def _earlier(self, observed: Bools, newest: Indices) -> tuple[Indices, Bools]:
-        """(P, J) the observed step before ``newest`` nearest to a span before it; is there one?"""
+        """(P, J) the observed step nearest to a span before ``newest``, and whether one exists."""
         step = np.arange(observed.shape[1])[:, np.newaxis]
         newest = newest[:, np.newaxis]
         candidate = observed & (step < newest)

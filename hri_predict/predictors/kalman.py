@@ -1,14 +1,14 @@
-"""A constant-acceleration Kalman filter per joint and axis: a forecast that knows how sure it is.
+"""A constant-acceleration Kalman filter per joint and axis: a forecast with its uncertainty.
 
 State: position, velocity, acceleration; process noise: white jerk. Bar-Shalom, Li, Kirubarajan,
 "Estimation with Applications to Tracking and Navigation", Wiley 2001, section 6.2.3 ("Continuous
 Wiener process acceleration model"); filter equations: section 5.2.3.
 
-The filter runs over the history window alone, from a prior of a body at rest, so that a prediction
+The filter runs over the history window alone, from a prior of a body at rest, so a prediction
 depends on nothing else. The three axes of a joint share one covariance.
 
-Acceleration kept up for a second leads nowhere a person goes: this is for horizons of some 0.3 s,
-and a scale for how far to trust it. The default jerk was chosen on the CMU training recordings at
+No person keeps the same acceleration for a second. Use this filter for horizons of about 0.3 s; its
+``std`` says how far to trust it. The default jerk was chosen on the CMU training recordings at
 30 fps with 10 mm of noise added: there one ``std`` holds 69, 73 and 79 % of the errors per axis
 at 0.1, 0.2 and 0.4 s (a Gaussian would have 68), two hold 90, 91 and 92 % (95).
 """
@@ -18,12 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from hri_predict.arrays import Bools, Floats
 from hri_predict.predictors.base import Forecast, PredictorSettings
 from hri_predict.predictors.masked import at_step, ever, nearest_seen, steps, steps_to_cover
-from hri_predict.scene import Bools, Floats
 from hri_predict.skeleton import CANONICAL, Skeleton, neighbours
 
-# A joint about which nothing is known may be anywhere in the room.
+# An unknown joint may be anywhere in the room.
 UNKNOWN_STD_M = 100.0
 
 
@@ -43,7 +43,7 @@ class KalmanSettings(PredictorSettings):
     )
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _State:
     """Means (P, J, 3) and the six different entries of the covariance (P, J, 1)."""
 
@@ -61,8 +61,8 @@ class _State:
 class ConstantAccelerationKalman:
     """Each joint and axis by itself: constant acceleration disturbed by white jerk.
 
-    ``std`` is that of the true position, measurement noise not included. A joint never observed in
-    the window goes with the nearest joint in the tree that was; its ``std`` grows by the longest
+    ``std`` is that of the true position, without measurement noise. A joint never observed in the
+    window moves with the nearest observed joint in the tree; its ``std`` grows by the longest
     possible distance between the two.
     """
 
@@ -88,7 +88,7 @@ class ConstantAccelerationKalman:
         return self._placed(*self._extrapolated(state), seen)
 
     def _prior(self, history: Floats, observed: Bools, seen: Bools) -> _State:
-        """At rest about where the joint is first observed; that place itself says nothing."""
+        """At rest, centred where the joint is first observed, with an unknown position."""
         first = at_step(history, np.argmax(observed, axis=1))
         position = np.where(seen[..., np.newaxis], first, 0.0)
         shape = (*seen.shape, 1)
@@ -156,7 +156,7 @@ class ConstantAccelerationKalman:
         return p + v * t + a * half, variance[..., 0]
 
     def _placed(self, positions: Floats, variance: Floats, seen: Bools) -> Forecast:
-        """Put joints never seen where their nearest seen neighbour is."""
+        """Place unseen joints at their nearest seen neighbour."""
         source = nearest_seen(seen, self._neighbours)
         away = self._reach[np.arange(source.shape[1]), source]
         away = np.where(ever(seen)[:, np.newaxis], away, UNKNOWN_STD_M)[:, np.newaxis]

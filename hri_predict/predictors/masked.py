@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.scene import Bools, Floats
+from hri_predict.arrays import Bools, Floats
 
 Indices = NDArray[np.intp]
 
@@ -26,7 +26,7 @@ def ever(mask: Bools) -> Bools:
 
 
 def last_observed(observed: Bools) -> tuple[Indices, Bools]:
-    """(P, J) index of each joint's newest observed step, and whether there is any.
+    """(P, J) index of each joint's newest observed step, and whether there is one.
 
     Args:
         observed: (P, T, J).
@@ -42,9 +42,9 @@ def at_step(history: Floats, step: Indices) -> Floats:
 
 
 def nearest_seen(seen: Bools, neighbours: Indices) -> Indices:
-    """(P, J) of each joint the nearest one in the tree that was seen: itself where it was.
+    """(P, J) the nearest seen joint in the tree for each joint; a seen joint is its own nearest.
 
-    Where a person has no seen joint at all, the joint itself.
+    For a person without any seen joint, the joint itself.
 
     Args:
         seen: (P, J).

@@ -20,13 +20,14 @@ Where this differs from the paper, or the paper leaves it open:
   body moves would be lost.
 """
 
+from functools import partial
 from typing import Literal
 
 import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from hri_predict.predictors.network import (
+from hri_predict.predictors.neural.network import (
     Network,
     NetworkOptions,
     Shape,
@@ -35,7 +36,7 @@ from hri_predict.predictors.network import (
     last_pose,
     mpjpe,
 )
-from hri_predict.predictors.neural import NeuralPredictor
+from hri_predict.predictors.neural.predictor import NeuralPredictor
 
 _DECIMETRES = 10.0
 
@@ -70,13 +71,15 @@ class STB(Network):
         self.options = options
         frames, coordinates = shape.history_steps + shape.horizon_steps, 3 * shape.joints
         kinds = 3 if options.inputs == "both" else 2  # of features, the mask among them
-        size = (options.width, options.blocks, options.dropout)
+        make = partial(Branch, width=options.width, blocks=options.blocks, dropout=options.dropout)
         self.branches = nn.ModuleDict()
         if options.branches != "spatial":
             features = (kinds - 1) * coordinates + shape.joints
-            self.branches["temporal"] = Branch(frames, features, coordinates, *size)
+            self.branches["temporal"] = make(nodes=frames, inputs=features, outputs=coordinates)
         if options.branches != "temporal":
-            self.branches["spatial"] = Branch(coordinates, kinds * frames, frames, *size)
+            self.branches["spatial"] = make(
+                nodes=coordinates, inputs=kinds * frames, outputs=frames
+            )
 
     def forward(self, window: Window) -> Tensor:
         """Predict (B, H, J, 3) metres in the body frame: the mean of the branches (Eq. 20)."""
@@ -141,7 +144,7 @@ class Branch(nn.Module):
     """Embedding (Eq. 7), encoder (Eqs. 8, 10) and one-layer decoder (Eqs. 9, 11) of one domain."""
 
     def __init__(
-        self, nodes: int, inputs: int, outputs: int, width: int, blocks: int, dropout: float
+        self, *, nodes: int, inputs: int, outputs: int, width: int, blocks: int, dropout: float
     ) -> None:
         super().__init__()
         self.embedding = nn.Sequential(nn.Linear(inputs, width), nn.ReLU(), nn.Linear(width, width))

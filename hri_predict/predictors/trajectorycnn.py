@@ -22,8 +22,8 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from hri_predict.predictors.network import Network, NetworkOptions, Shape, Window, last_pose
-from hri_predict.predictors.neural import NeuralPredictor
+from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, Window, last_pose
+from hri_predict.predictors.neural.predictor import NeuralPredictor
 from hri_predict.skeleton import Skeleton
 
 PART_ORDER = ("right_arm", "left_arm", "torso", "right_leg", "left_leg")

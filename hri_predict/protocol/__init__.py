@@ -1,1 +1,1 @@
-"""Messages and their encoding: the one definition that the DBC and the documents come from."""
+"""The messages and their encoding; DBC and documents are generated from the same definition."""

@@ -1,6 +1,6 @@
-"""Messages to payloads and back; what surrounds a payload on the wire is the links' matter.
+"""Messages to payloads and back; framing is up to the links.
 
-Both ways are compiled from the definition once: a payload is one integer, every field a shift.
+Both directions are compiled once from the definition: a payload is one integer, each field a shift.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,6 +14,8 @@ from hri_predict.protocol.definition import (
     MAX_ROBOTS,
     SCHEMA_HASH,
     SCHEMA_VERSION,
+)
+from hri_predict.protocol.fields import (
     Definition,
     Field,
 )
@@ -38,11 +40,13 @@ __all__ = [
     "robot_of",
 ]
 
-_EPSILON = 1e-6  # of a step: what the decimal fraction loses in binary is not rounded away
+_EPSILON = (
+    1e-6  # of a step: a decimal fraction is inexact in binary, and must not round the wrong way
+)
 
 
 class Malformed(ValueError):
-    """A payload of the right CRC whose length or values cannot be."""
+    """A payload with the right CRC but an impossible length or value."""
 
 
 def _round(rounding: str) -> Callable[[float], int]:
@@ -54,7 +58,7 @@ def _round(rounding: str) -> Callable[[float], int]:
 
 
 def _encoder(field: Field) -> Callable[[Any], int]:
-    """Return what turns a value into the raw bits of ``field``."""
+    """Return the function from a value to the raw bits of ``field``."""
     mask = (1 << field.bits) - 1
     low, high = field.raw_range
     missing = None if field.not_available is None else field.not_available & mask
@@ -90,7 +94,7 @@ def _encoder(field: Field) -> Callable[[Any], int]:
 
 
 def _decoder(field: Field) -> Callable[[int], Any]:
-    """Return what turns raw bits of ``field`` into a value; raises ``Malformed``."""
+    """Return the function from the raw bits of ``field`` to a value; it raises ``Malformed``."""
     enum, fallback = field.enum, field.fallback
     if enum is not None:
         known = {int(e): e for e in enum}
@@ -115,7 +119,7 @@ def _decoder(field: Field) -> Callable[[int], Any]:
 
 
 class _Packer:
-    """Packs a row of values into bytes, and unpacks it."""
+    """Packs a row of values into bytes and unpacks it."""
 
     def __init__(self, fields: Sequence[Field]):
         self.size = sum(f.bits for f in fields) // 8
@@ -147,7 +151,7 @@ def _robot_state_row(m: RobotState) -> list[Any]:
     if joints > MAX_JOINTS or len(m.velocities) != joints:
         raise ValueError(
             f"RobotState holds {joints} positions and {len(m.velocities)} velocities; "
-            f"both must be equally many and at most {MAX_JOINTS}"
+            f"give as many of each, at most {MAX_JOINTS}"
         )
     absent = (None,) * (MAX_JOINTS - joints)
     positions, velocities = (*m.positions, *absent), (*m.velocities, *absent)
@@ -168,14 +172,14 @@ _ROW: dict[type, Callable[[Any], Sequence[Any]]] = {
 
 
 def encode_payloads(message: Message, items: int | None = None) -> list[bytes]:
-    """Return the payloads that carry ``message``: one, or for Zone and Pose one per frame.
+    """Return the payloads of ``message``: one, or for Zone and Pose one per frame.
 
-    ``items`` is how many items of a Zone or Pose one payload takes; default: what fits a frame.
+    ``items`` is the number of items of a Zone or Pose in one payload; default: what fits a frame.
 
     Numbers saturate at the ends of their range; ``None`` and NaN become "not available".
 
     Raises:
-        ValueError: a robot index, a joint count or a ``None`` that no field can hold.
+        ValueError: a field cannot hold the robot index, the joint count or a ``None``.
     """
     if isinstance(message, Zone):
         capsules = [(c.segment, *c.a, *c.b, c.radius) for c in message.capsules]
@@ -189,7 +193,7 @@ def encode_payloads(message: Message, items: int | None = None) -> list[bytes]:
 
 
 def _split(message: Zone | Pose, items: Sequence[Sequence[Any]], room: int | None) -> list[bytes]:
-    """Deal the items out over as many payloads as needed, at least one."""
+    """Distribute the items over as many payloads as needed, at least one."""
     kind = type(message)
     fixed, packer, room = _FIXED[kind], _ITEM[kind], room or BY_TYPE[kind].items_per_frame
     head = (message.person, message.step, message.horizon_s, message.age_s)
@@ -206,12 +210,12 @@ def _split(message: Zone | Pose, items: Sequence[Sequence[Any]], room: int | Non
 def decode_payload(
     definition: Definition, robot: int, payload: bytes, items: int | None = None
 ) -> Message:
-    """Return the message in ``payload``; bytes after its end (padding) do not matter.
+    """Return the message in ``payload``; bytes after its end (padding) are ignored.
 
-    ``items`` is how many items of a Zone or Pose it may hold; default: what fits a frame.
+    ``items`` is the largest number of items of a Zone or Pose; default: what fits a frame.
 
     Raises:
-        Malformed: too short, or a value that cannot be.
+        Malformed: too short, or an impossible value.
     """
     fixed = _FIXED[definition.type]
     if len(payload) < fixed.size:
@@ -225,13 +229,26 @@ def decode_payload(
 def _advice(row: list[Any], robot: int, payload: bytes) -> Advice:
     level, reason, speed, separation, predicted, breach, age, latch, echo, part, link = row
     return Advice(
-        robot, level, reason, latch, separation, predicted, breach, speed, part, link, echo, age
+        robot=robot,
+        level=level,
+        reason=reason,
+        latch_id=latch,
+        separation_m=separation,
+        predicted_separation_m=predicted,
+        time_to_breach_s=breach,
+        speed_limit_m_s=speed,
+        body_part=part,
+        robot_link=link,
+        echo=echo,
+        age_s=age,
     )
 
 
 def _status(row: list[Any], robot: int, payload: bytes) -> Status:
     state, people, reason, predictor, cycle, age = row
-    return Status(state, reason, people, predictor, cycle, age)
+    return Status(
+        node_state=state, reason=reason, people=people, predictor=predictor, cycle=cycle, age_s=age
+    )
 
 
 def _robot_state(row: list[Any], robot: int, payload: bytes) -> RobotState:
@@ -242,7 +259,13 @@ def _robot_state(row: list[Any], robot: int, payload: bytes) -> RobotState:
     velocities = [*rest[MAX_JOINTS - 1 :], last_velocity][:joints]
     if None in positions or None in velocities:
         raise Malformed("a joint of RobotState is not available")
-    return RobotState(robot, mode, counter, tuple(positions), tuple(velocities))
+    return RobotState(
+        robot=robot,
+        mode=mode,
+        counter=counter,
+        positions=tuple(positions),
+        velocities=tuple(velocities),
+    )
 
 
 def _items(kind: type, row: list[Any], payload: bytes) -> list[list[Any]]:
@@ -261,12 +284,12 @@ def _zone(row: list[Any], robot: int, payload: bytes) -> Zone:
         ZoneCapsule(segment, (ax, ay, az), (bx, by, bz), radius)
         for segment, ax, ay, az, bx, by, bz, radius in _items(Zone, row, payload)
     )
-    return Zone(row[0], row[1], row[2], capsules, row[3])
+    return Zone(person=row[0], step=row[1], horizon_s=row[2], capsules=capsules, age_s=row[3])
 
 
 def _pose(row: list[Any], robot: int, payload: bytes) -> Pose:
     joints = tuple((j, x, y, z) for j, x, y, z in _items(Pose, row, payload))
-    return Pose(row[0], row[1], row[2], joints, row[3])
+    return Pose(person=row[0], step=row[1], horizon_s=row[2], joints=joints, age_s=row[3])
 
 
 _BUILD: dict[type, Callable[[list[Any], int, bytes], Message]] = {
@@ -281,5 +304,5 @@ _BUILD: dict[type, Callable[[list[Any], int, bytes], Message]] = {
 
 
 def robot_of(message: Message) -> int:
-    """Index of the robot that ``message`` belongs to, 0 if to none."""
+    """Index of the robot of ``message``, 0 if it has none."""
     return message.robot if isinstance(message, Advice | RobotState) else 0

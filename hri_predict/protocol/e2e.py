@@ -4,8 +4,8 @@ Source: AUTOSAR Foundation, "E2E Protocol Specification" (PRS_E2EProtocol), prof
 offset 0. The CRCs are CRC-8 0x2F (start and final xor 0xFF), CRC-32 0xF4ACFB13 (reflected, start
 and final xor 0xFFFFFFFF) and CRC-16 0x1021 (start 0xFFFF).
 
-What goes beyond: on classic CAN the four bits beside profile 2's counter extend it to eight bits,
-so that byte 1 as a whole counts 0..255 and its low nibble is the profile's own counter.
+One extension: on classic CAN the four bits beside profile 2's counter extend it to eight bits.
+Byte 1 as a whole counts 0..255; its low nibble is the profile's own counter.
 """
 
 from enum import Enum
@@ -13,7 +13,7 @@ from struct import Struct
 
 from fastcrc import crc8, crc16, crc32
 
-MAX_DELTA = 5  # accepted advance of the counter: up to four lost in a row
+MAX_DELTA = 5  # largest accepted advance of the counter: up to four lost in a row
 RESYNC = 3  # frames in sequence before a receiver follows a counter that has jumped
 
 PROFILE_2_HEADER = 2
@@ -26,10 +26,9 @@ _PROFILE_4 = Struct(">HHI")
 def data_id_list(number: int) -> bytes:
     """Profile 2's 16 data ids of the frame ``number``: all are ``number + 1``.
 
-    No two frames share one, and so a frame under another's CAN id never passes the other's CRC.
-    They are alike for all counters because a wrong bit in the counter would otherwise change the
-    data id as well: then some errors of two and three bits pass the CRC, of which the polynomial by
-    itself detects all.
+    No two frames share one, so a frame under a wrong CAN id never passes the CRC. All 16 are
+    equal because a wrong bit in the counter would otherwise change the data id as well. Some errors
+    of two and three bits would then pass the CRC, although the polynomial alone detects them all.
     """
     return bytes((number + 1,)) * 16
 
@@ -79,14 +78,14 @@ def protect_profile4(counter: int, payload: bytes, data_id: int) -> bytes:
 
 
 def check_profile4(frame: bytes) -> bool:
-    """Whether CRC and length are right; which message it is stands in its data id (bytes 4..7)."""
+    """Whether CRC and length are right; the data id (bytes 4..7) says which message it is."""
     if len(frame) < PROFILE_4_HEADER or int.from_bytes(frame[:2], "big") != len(frame):
         return False
     return crc32.autosar(frame[:8] + frame[12:]) == int.from_bytes(frame[8:12], "big")
 
 
 class Verdict(Enum):
-    """What a counter says of the message that carries it; only OK and SOME_LOST are fresh."""
+    """What a counter says about its message; only OK and SOME_LOST are fresh."""
 
     OK = "ok"
     SOME_LOST = "some lost"
@@ -97,9 +96,9 @@ class Verdict(Enum):
 class CounterCheck:
     """Judges the counters of one stream of messages.
 
-    Fresh is what advances the counter by 1..MAX_DELTA, and the very first message. After a jump
-    (the sender restarted, the wire was down) it takes RESYNC messages, each following the one
-    before, until the last of them is fresh again: single old messages never are.
+    The very first message is fresh, and so is any that advances the counter by 1..MAX_DELTA. After
+    a jump (the sender restarted, the wire was down) RESYNC consecutive messages must arrive; the
+    last of them is fresh again. A single old message is never fresh.
     """
 
     __slots__ = ("_candidate", "_last", "_modulus", "_run", "lost")
@@ -116,7 +115,7 @@ class CounterCheck:
         self.lost = 0  # messages that the last verdict found missing
 
     def check(self, counter: int) -> Verdict:
-        """Judge the next ``counter``; one that is not fresh changes nothing but the resync."""
+        """Judge the next ``counter``; if it is not fresh, only the resync state changes."""
         self.lost = 0
         if self._last is None:
             self._last = counter

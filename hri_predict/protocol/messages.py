@@ -1,16 +1,16 @@
 """The messages between node and controller, in physical units; ``None`` means "not available".
 
-How each field travels (bits, scaling, frames) stands in ``definition``; nothing else knows it.
+``definition`` alone says how each field travels (bits, scaling, frames).
 """
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from hri_predict.reasons import Reason
+from hri_predict.protocol.reasons import Reason
 
 
 class Level(IntEnum):
-    """What a robot is asked to do; whatever is not CLEAR, WARN or SLOW means stop."""
+    """What the node asks of a robot; any value but CLEAR, WARN or SLOW means stop."""
 
     UNKNOWN = 0
     CLEAR = 1
@@ -32,7 +32,7 @@ class NodeState(IntEnum):
 
 
 class RobotMode(IntEnum):
-    """Operating mode that the controller reports."""
+    """Operating mode, as the controller reports it."""
 
     UNKNOWN = 0
     AUTOMATIC = 1
@@ -41,12 +41,12 @@ class RobotMode(IntEnum):
     DRIVES_OFF = 4
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """How the node is: sent every cycle, input or not.
+    """State of the node, sent every cycle even without input.
 
-    ``reason`` is the worst condition, ``predictor`` the predictor's index, ``capture_ns`` (not on
-    the wire) the newest good capture, from which ``age_s`` is filled at encoding.
+    ``reason`` is the worst active condition, ``predictor`` the predictor's index. ``capture_ns`` is
+    the newest good capture; it is not on the wire, but ``age_s`` is computed from it at encoding.
     """
 
     node_state: NodeState
@@ -58,24 +58,24 @@ class Status:
     capture_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """What the node asks of one robot, why, and what it rests on.
+    """What the node asks of one robot, why, and on which capture.
 
     Attributes:
         robot: the robot's index in the configuration.
-        level, reason: what is asked, and why.
-        latch_id: id of a latched stop, 0 when none is latched.
-        separation_m: smallest distance now between a body and the robot, less what the mode takes.
-        predicted_separation_m: smallest distance until the robot would have stopped.
-        time_to_breach_s: until the separation may be violated, 0 when it is.
-        speed_limit_m_s: of the fastest point of the robot; ``None`` means 0.
-        body_part: index of the body segment that decides.
-        robot_link: index of the robot capsule that decides.
-        echo: counter of the last RobotState from the link that this is sent on (link fills it).
-        age_s: age of the capture at encoding (link fills it from ``capture_ns``).
-        capture_ns: not on the wire.
-        detail: not on the wire; names, for people.
+        level, reason: the request, and the reason for it.
+        latch_id: id of the latched stop, 0 if none.
+        separation_m: smallest distance between a body and the robot now, less mode deductions.
+        predicted_separation_m: smallest distance by the time the robot can have stopped.
+        time_to_breach_s: time until the separation may be violated; 0 if it already is.
+        speed_limit_m_s: limit for the robot's fastest point; ``None`` means 0.
+        body_part: index of the deciding body segment.
+        robot_link: index of the deciding robot capsule.
+        echo: counter of the last RobotState received on the same link; the link fills it in.
+        age_s: age of the capture at encoding; the link computes it from ``capture_ns``.
+        capture_ns: when the capture was made, node's clock; not on the wire.
+        detail: a line for people, with names; not on the wire.
     """
 
     robot: int
@@ -104,9 +104,9 @@ class ZoneCapsule:
     radius: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Zone:
-    """Where the segments of one person may be at one horizon."""
+    """Where the body segments of one person may be at one horizon."""
 
     person: int
     step: int
@@ -116,7 +116,7 @@ class Zone:
     capture_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
     """Predicted joints of one person at one horizon: (joint index, x, y, z), metres, room frame."""
 
@@ -130,15 +130,15 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """Protocol version and hash of the definitions: until it matches, all is unknown."""
+    """Protocol version and hash of the definitions; unless both match, discard all messages."""
 
     version: int
     hash: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RobotState:
-    """Where the robot is: rad and rad/s, up to 7 joints; ``counter`` 0..65535 advances."""
+    """Joint positions (rad) and velocities (rad/s), at most 7; ``counter`` counts 0..65535."""
 
     robot: int
     mode: RobotMode
@@ -149,9 +149,9 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """A person's acknowledgement of the latched stop ``latch_id`` (0: of a lost person).
+    """A person acknowledges the latched stop ``latch_id`` (0: a lost person).
 
-    ``ack_id`` is the sender's own number, non-zero: repeats of one number count once.
+    The sender chooses ``ack_id``, not 0; repeats of one number count once.
     """
 
     latch_id: int
@@ -162,7 +162,7 @@ Message = Status | Advice | Zone | Pose | Schema | RobotState | Acknowledge
 
 
 def at_encoding(message: Message, now_ns: int, echo: int | None = None) -> Message:
-    """Fill what is only known when the message goes out: its age, and an Advice's echo."""
+    """Fill in what is known only at sending: the age, and the echo of an Advice."""
     if isinstance(message, Status | Advice | Zone | Pose) and message.capture_ns is not None:
         message = replace(message, age_s=max(0.0, (now_ns - message.capture_ns) * 1e-9))
     if isinstance(message, Advice) and echo is not None:

@@ -1,4 +1,4 @@
-"""What every receiver does alike: judge counters and the schema, and count whatever is wrong."""
+"""What all receivers share: they check counters and the schema, and count errors."""
 
 from dataclasses import dataclass
 
@@ -7,20 +7,20 @@ from hri_predict.protocol.e2e import CounterCheck, Verdict
 from hri_predict.protocol.messages import Schema
 
 OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
-FORGET_S = 1.0  # silence after which another node, of another version even, may come
+FORGET_S = 1.0  # after this silence, another node may answer, even one of another version
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class ReceiveCounters:
-    """What a receiver met since it was made.
+    """What a receiver has counted since it was created.
 
     Attributes:
         received: messages handed on.
         crc_errors: frames with a wrong CRC.
         counter_errors: messages repeated, out of order, or missing between two received ones.
-        malformed: right CRC, but wrong length or values; or bytes that frame nothing.
-        incomplete: messages of several frames of which not all came.
-        ignored: frames of other senders, which are not ours to judge.
+        malformed: right CRC but wrong length or values, or bytes that form no frame.
+        incomplete: multi-frame messages with frames missing.
+        ignored: frames of other senders; they are not checked.
     """
 
     received: int = 0
@@ -32,7 +32,7 @@ class ReceiveCounters:
 
 
 def fresh(check: CounterCheck, counter: int, counters: ReceiveCounters) -> bool:
-    """Judge a counter and count what is wrong with it."""
+    """Return whether the counter is fresh, and count what is wrong with it."""
     verdict = check.check(counter)
     if verdict is Verdict.OK:
         return True
@@ -44,10 +44,10 @@ def fresh(check: CounterCheck, counter: int, counters: ReceiveCounters) -> bool:
 
 
 class SchemaGate:
-    """Whether what is heard means what this program takes it for.
+    """Whether received messages use our definitions.
 
-    Closed until a Schema of our version and hash has come, and again after one of another: the
-    bytes of other definitions pass the CRC and mean something else.
+    Closed until a Schema with our version and hash arrives, and closed again by any other Schema.
+    Bytes of other definitions would pass the CRC and mean something else.
 
     Attributes:
         heard: the newest Schema, ``None`` if there was none.
@@ -57,11 +57,11 @@ class SchemaGate:
         self.heard: Schema | None = None
 
     def take(self, schema: Schema) -> None:
-        """Take the Schema that has come."""
+        """Take a received Schema."""
         self.heard = schema
 
     def reset(self) -> None:
-        """Forget it, as after a silence of ``FORGET_S``."""
+        """Forget the Schema, as after a silence of ``FORGET_S``."""
         self.heard = None
 
     @property
@@ -71,7 +71,7 @@ class SchemaGate:
 
     @property
     def why(self) -> str:
-        """Why not, "" if they may: which version and hash were heard, and which this is for."""
+        """Why the gate is closed: the version and hash received, and ours; "" if it is open."""
         if self.open:
             return ""
         if self.heard is None:

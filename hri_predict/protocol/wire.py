@@ -1,4 +1,4 @@
-"""Worst-case bits that a message takes on the wire, for the load of a link.
+"""Worst-case bits of a message on the wire, for the load of a link.
 
 Sources: ISO 11898-1:2015 frame formats; the worst case of bit stuffing on classic CAN is
 8 n + g + 13 + floor((g + 8 n - 1) / 4) with g = 34 (11-bit ids) or 54 (29-bit), R. I. Davis et al.,
@@ -8,7 +8,7 @@ Sources: ISO 11898-1:2015 frame formats; the worst case of bit stuffing on class
 from typing import Literal, NamedTuple
 
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can_codec import CLASSIC_BYTES, FD_LENGTHS
+from hri_predict.protocol.can import CLASSIC_BYTES, FD_LENGTHS
 from hri_predict.protocol.definition import BY_TYPE
 from hri_predict.protocol.messages import Message
 
@@ -27,13 +27,13 @@ class WireBits(NamedTuple):
 
 
 def classic_bits(length: int, extended: bool = False) -> int:
-    """Worst case of a classic data frame of ``length`` bytes with the pause after it."""
+    """Worst case of a classic data frame of ``length`` bytes and the interframe space after it."""
     stuffed = 54 if extended else 34
     return 8 * length + stuffed + 13 + (stuffed + 8 * length - 1) // 4
 
 
 def fd_bits(length: int, extended: bool = False) -> WireBits:
-    """Worst case of an FD frame of ``length`` bytes with the pause after it.
+    """Worst case of an FD frame of ``length`` bytes and the interframe space after it.
 
     Nominal: start to bit-rate switch (17 bits, 36 with 29-bit ids) with a stuff bit after each
     four; CRC delimiter, acknowledgement (two bits), its delimiter, end of frame, pause. Data: error
@@ -54,7 +54,7 @@ def wire_bits(
     extended: bool = False,
     items: int | None = None,
 ) -> WireBits:
-    """Worst-case bits of one message: all its frames.
+    """Worst-case bits of all frames of one message.
 
     Args:
         message_type: class of the message.

@@ -1,10 +1,10 @@
-"""Files of unknown origin, read into memory with a limit."""
+"""Reads files of unknown origin into memory, up to a limit."""
 
 from pathlib import Path
 
 from hri_predict.errors import RecordingError
 
-MAX_BYTES = 2**30  # of a file, and of the joints that come of it
+MAX_BYTES = 2**30  # of a file, and of the joint positions read from it
 
 
 def read_bounded(path: Path) -> bytes:
@@ -24,7 +24,7 @@ def read_bounded(path: Path) -> bytes:
 
 
 def read_text(path: Path, what: str) -> str:
-    """The whole file as text: UTF-8, or else one byte a character as old programs write.
+    """The whole file as text: UTF-8, or else one byte per character, as old programs write.
 
     Raises:
         RecordingError: too large, or not text.
@@ -40,7 +40,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def check_joints(path: Path, frames: int, people: int, joints: int) -> None:
-    """Refuse what would fill the memory.
+    """Refuse recordings that would fill the memory.
 
     Raises:
         RecordingError: more than ``MAX_BYTES`` of joint positions.

@@ -1,19 +1,19 @@
-"""From one kind of recording to another."""
+"""Writes a recording in any format."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.recording.amass import write_amass
-from hri_predict.recording.bvh_writer import write_bvh
-from hri_predict.recording.c3d import write_c3d
-from hri_predict.recording.csv_table import write_csv
+from hri_predict.files import atomic_file
+from hri_predict.recording.formats.amass import write_amass
+from hri_predict.recording.formats.bvh_writer import write_bvh
+from hri_predict.recording.formats.c3d import write_c3d
+from hri_predict.recording.formats.csv_table import write_csv
+from hri_predict.recording.formats.npz import write_pack
+from hri_predict.recording.formats.trc import write_trc
 from hri_predict.recording.frames import Written
-from hri_predict.recording.mcap_writer import write_mcap
-from hri_predict.recording.npz import write_pack
+from hri_predict.recording.mcap.writer import write_mcap
 from hri_predict.recording.recording import Recording
-from hri_predict.recording.trc import write_trc
-from hri_predict.whole_file import whole_file
 
 WRITERS: dict[str, Callable[[Path, Recording], Written]] = {
     "amass": write_amass,
@@ -34,16 +34,16 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
         recording: what to write.
         output: the file.
         to: one of ``WRITERS``.
-        force: replace a file that is there; never the one that is read.
+        force: replace an existing file; never the one that is read.
 
     Raises:
-        RecordingError: it cannot be written; the recording is not for this format.
-        ConfigError: a file is there; the format cannot hold the joints' names.
+        RecordingError: it cannot be written, or this format cannot hold the recording.
+        ConfigError: the file exists, or the format cannot hold the joints' names.
     """
     try:
         if output.exists():
             _check_replaceable(recording, output, force)
-        with whole_file(output) as partial:
+        with atomic_file(output) as partial:
             return WRITERS[to](partial, recording)
     except OSError as error:
         raise RecordingError(
@@ -57,4 +57,4 @@ def _check_replaceable(recording: Recording, output: Path, force: bool) -> None:
     if recording.path.exists() and output.samefile(recording.path):
         raise ConfigError(f"{output}: is the recording that is read; name another file")
     if not force:
-        raise ConfigError(f"{output}: is there already; --force replaces it")
+        raise ConfigError(f"{output}: exists already; --force replaces it")

@@ -1,4 +1,4 @@
-"""Parts of recordings: a time, a rate, a person. Frames are left out, never invented."""
+"""Parts of recordings: by time, rate or person. Frames are dropped, never invented."""
 
 import itertools
 import math
@@ -11,10 +11,10 @@ from hri_predict.scene import Scene
 
 
 def between(recording: Recording, start_s: float, end_s: float | None) -> Recording:
-    """The part from ``start_s`` to ``end_s`` after the first arrival; its messages, too.
+    """The part from ``start_s`` to ``end_s`` after the first arrival, with its messages.
 
     Raises:
-        RecordingError: there is nothing in it.
+        RecordingError: the part is empty.
     """
     if start_s == 0 and end_s is None:
         return recording
@@ -24,7 +24,7 @@ def between(recording: Recording, start_s: float, end_s: float | None) -> Record
     kept = [k for k, ns in enumerate(recording.arrival_ns) if begin_ns <= ns <= end_ns]
     if not kept:
         raise RecordingError(
-            f"recording {recording.path}: nothing of it is from {start_s:g} s to {until_s:g} s; "
+            f"recording {recording.path}: has nothing from {start_s:g} s to {until_s:g} s; "
             f"it lasts {recording.duration_s:.1f} s"
         )
     told = [(link, r) for link, r in recording.received if begin_ns <= r.received_ns <= end_ns]
@@ -32,9 +32,9 @@ def between(recording: Recording, start_s: float, end_s: float | None) -> Record
 
 
 def decimated(recording: Recording, rate_hz: float) -> Recording:
-    """Scenes left out so that those that remain come at ``rate_hz``, as near as they can.
+    """Drop scenes so that the rest come at ``rate_hz``, as nearly as possible.
 
-    Of each 1 / ``rate_hz`` the scene nearest to its middle remains; sequences count those spans.
+    Of each span of 1 / ``rate_hz`` the scene nearest to its middle stays; sequences count spans.
 
     Raises:
         RecordingError: the recording's own rate is lower.
@@ -44,7 +44,7 @@ def decimated(recording: Recording, rate_hz: float) -> Recording:
     if rate_hz > recording.rate_hz:
         raise RecordingError(
             f"recording {recording.path}: {rate_hz:g} per second is above its own "
-            f"{recording.rate_hz:g}; frames are left out, never invented"
+            f"{recording.rate_hz:g}; frames are dropped, never invented"
         )
     nearest: dict[int, tuple[float, int]] = {}
     times_ns = true_times(recording)
@@ -81,8 +81,8 @@ def people_of(recording: Recording) -> list[int]:
 
 
 def true_times(recording: Recording) -> Sequence[int]:
-    """When each scene was true, ns: its capture, if the source's clock ran as the node's did."""
-    captures = [scene.capture_ns for scene in recording.scenes]
+    """Times of the scenes, ns: captures if the source's clock ran like the node's, or arrivals."""
+    captures = [scene.stamp_ns for scene in recording.scenes]
     in_order = all(a < b for a, b in itertools.pairwise(captures))
     span_ns = captures[-1] - captures[0]
     arrived_ns = recording.arrival_ns[-1] - recording.arrival_ns[0]

@@ -1,7 +1,7 @@
-"""A recording as arrays at one rate, for formats that hold nothing but joints in frames.
+"""A recording as arrays at one rate, for formats that hold only joints in frames.
 
-Such formats cannot say "nobody is here" or "I cannot see": both become joints that are not
-observed, which is the careful reading, and are counted.
+Such formats cannot say "nobody is here" or "I cannot see". Both become unobserved joints, the
+cautious reading, and are counted.
 """
 
 from collections import Counter
@@ -10,22 +10,22 @@ from itertools import pairwise
 
 import numpy as np
 
+from hri_predict.arrays import Floats
 from hri_predict.errors import RecordingError
 from hri_predict.recording.bounded import check_joints
 from hri_predict.recording.cutting import of_person, people_of, true_times
 from hri_predict.recording.recording import Recording
-from hri_predict.scene import Floats
 
 
 @dataclass(frozen=True)
 class Written:
-    """What came of writing a recording.
+    """The result of writing a recording.
 
     Attributes:
-        frames: that were written.
-        people: ids of who is in them.
-        dropped: what the format cannot hold: a plural noun, and how many.
-        notes: what else the user should know, a line each.
+        frames: number of frames written.
+        people: ids of the people in them.
+        dropped: what the format cannot hold: a plural noun and a count.
+        notes: what else the user should know, one line each.
     """
 
     frames: int
@@ -34,16 +34,16 @@ class Written:
     notes: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Frames:
     """Frames at an even rate.
 
     Attributes:
         rate_hz: frames per second.
-        ids: of the people.
-        joints: names.
+        ids: ids of the people.
+        joints: names of the joints.
         positions: (F, P, J, 3) metres, x forward, y left, z up; NaN where not observed.
-        written: what is lost already.
+        written: what was lost so far.
     """
 
     rate_hz: float
@@ -54,15 +54,15 @@ class Frames:
 
 
 def frames_of(recording: Recording) -> Frames:
-    """All people of a recording in even frames; frames that are missing there have no joints.
+    """All people of a recording in even frames; frames missing in it have no joints.
 
     Raises:
-        RecordingError: there is nobody in it, or it is too long to hold.
+        RecordingError: it shows nobody, or is too long for the memory.
     """
     ids = people_of(recording)
     if not ids:
         raise RecordingError(
-            f"recording {recording.path}: nobody is in it; this format holds people alone, take "
+            f"recording {recording.path}: shows nobody; this format holds only people: choose "
             f".csv or .mcap"
         )
     slots, rate_hz = _slots(recording)
@@ -81,13 +81,15 @@ def frames_of(recording: Recording) -> Frames:
             written.dropped["scenes of a blind source"] += 1
     empty = slots[-1] + 1 - len(slots)
     if empty:
-        written.notes.append(f"{empty} frames are missing in the recording; there no joint is seen")
+        written.notes.append(f"{empty} frames are missing in the recording; they have no joints")
     written.dropped["messages of controllers"] += len(recording.received)
     if len(ids) == 1 and ids[0] != 1:
         written.notes.append(
-            f"the file written does not say that this is person {ids[0]}: give --person then"
+            f"the file does not store that this is person {ids[0]}: give --person when reading it"
         )
-    return Frames(rate_hz, tuple(ids), joints, positions, written)
+    return Frames(
+        rate_hz=rate_hz, ids=tuple(ids), joints=joints, positions=positions, written=written
+    )
 
 
 def frames_of_one(recording: Recording) -> Frames:
@@ -104,13 +106,13 @@ def frames_of_one(recording: Recording) -> Frames:
     if others:
         frames.written.dropped["other people"] += others
         frames.written.notes.append(
-            f"one person in such a file: {frames.ids[0]} is written; choose by --person"
+            f"the format holds one person: {frames.ids[0]} is written; choose with --person"
         )
     return frames
 
 
 def _slots(recording: Recording) -> tuple[list[int], float]:
-    """Of each scene the number of its frame, rising, and the frames per second."""
+    """The frame number of each scene, rising, and the frames per second."""
     times_ns = true_times(recording)
     nominal = recording.rate_hz
     steps = [max(1, round((b - a) * 1e-9 * nominal)) for a, b in pairwise(times_ns)]
@@ -118,6 +120,6 @@ def _slots(recording: Recording) -> tuple[list[int], float]:
     even = [round((ns - times_ns[0]) * 1e-9 * nominal) for ns in times_ns]
     if all(a < b for a, b in pairwise(even)) and abs(even[-1] - counted[-1]) < 1:
         return even, nominal
-    # The source's true rate is not quite what it says: go by the number of periods in each step.
+    # The source's true rate differs from its nominal one: count the periods in each step.
     span_s = (times_ns[-1] - times_ns[0]) * 1e-9
     return counted, counted[-1] / span_s if span_s > 0 else nominal

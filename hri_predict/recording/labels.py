@@ -10,22 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError
-from hri_predict.scene import Floats
 
 MAX_ID = 65535
-MAX_MARKERS = 1_000_000  # of all people together, those included that a person does not have
+MAX_MARKERS = 1_000_000  # people times joints
 
 
 @dataclass(frozen=True)
 class Labelled:
-    """Whose which marker is.
+    """Which label belongs to which person and joint.
 
     Attributes:
-        ids: of the people.
-        joints: names, the same for all people.
+        ids: ids of the people.
+        joints: names of the joints, the same for all people.
         columns: (P, J) index of the label; -1 where a person has no such marker.
-        note: what was left out, and who is who; "" if nothing.
+        note: what was left out, and which name is which person; "" if nothing.
     """
 
     ids: tuple[int, ...]
@@ -43,16 +43,16 @@ class Labelled:
 def split_labels(labels: Sequence[str], person: int, left_out: Sequence[str] = ()) -> Labelled:
     """Sort labels by person.
 
-    Left out, and counted in the note: what has no name or an automatic one (``*12``), those of
-    ``left_out``, markers of nobody beside those of somebody, and all but the first of one name.
+    Left out, and counted in the note: labels without a name or with an automatic one (``*12``), the
+    labels in ``left_out``, labels without a person where others have one, and repeated labels.
 
     Args:
-        labels: of the file, in order.
-        person: the id of those whom the file gives no number: the first; the next gets the next.
-        left_out: labels of what is no position.
+        labels: labels of the file, in order.
+        person: id for the first person without a number; the next one gets the next id.
+        left_out: labels that are not positions.
 
     Raises:
-        ConfigError: no label is a marker's; or more people, or markers of them, than can be.
+        ConfigError: no label is a marker's, or there are too many people or markers.
     """
     named = [split_label(label) for label in labels]
     several = any(who for who, _ in named)
@@ -73,24 +73,24 @@ def split_labels(labels: Sequence[str], person: int, left_out: Sequence[str] = (
         raise ConfigError(f"none of its {len(labels)} points has a name; name them")
     if len(ids) > MAX_ID or len(ids) * len(joints) > MAX_MARKERS:
         raise ConfigError(
-            f"its labels name {len(ids)} people with {len(joints)} different markers, more than "
-            f"can be; give markers of one person one name before the colon"
+            f"its labels name {len(ids)} people with {len(joints)} different markers, which is "
+            f"too many; give all markers of a person the same name before the colon"
         )
     _number(ids, person)
     columns = np.full((len(ids), len(joints)), -1, dtype=np.intp)
     row = {who: k for k, who in enumerate(ids)}
     for (who, joint), k in found.items():
         columns[row[who], joints[joint]] = k
-    notes = [f"{skipped} of {len(labels)} labels are no markers of a person"] if skipped else []
+    notes = [f"{skipped} of {len(labels)} labels are not markers of a person"] if skipped else []
     notes += [f"'{who}' is person {number}" for who, number in ids.items() if who != str(number)]
     note = "; ".join(notes) if several or skipped else ""
     return Labelled(tuple(ids.values()), tuple(joints), columns, note)
 
 
 def split_label(label: str) -> tuple[str, str]:
-    """``Anna:LeftWrist`` to ``("Anna", "LeftWrist")``; the first is "" where nobody is named.
+    """``Anna:LeftWrist`` to ``("Anna", "LeftWrist")``; the first is "" if no person is named.
 
-    Behind an id a joint's own name may have a colon: ``2:rig:Hips`` is ``rig:Hips`` of person 2.
+    After an id a joint's own name may have a colon: ``2:rig:Hips`` is ``rig:Hips`` of person 2.
     """
     label = label.strip()
     first, _, rest = label.partition(":")
@@ -107,14 +107,14 @@ def _is_id(who: str) -> bool:
 
 
 def joined_labels(ids: Sequence[int], joints: Sequence[str]) -> list[str]:
-    """Labels of people in order, and of each the joints; bare ones of one person."""
+    """Labels person by person and joint by joint; bare joint names for a single person."""
     if len(ids) == 1:
         return list(joints)
     return [f"{person}:{joint}" for person in ids for joint in joints]
 
 
 def _number(ids: dict[str, int], person: int) -> None:
-    """Give everybody an id: their own number, or the next that is free."""
+    """Give each person an id: their own number, or the next free one."""
     own = {who: int(who) for who in ids if _is_id(who)}
     taken = set(own.values())
     following = person

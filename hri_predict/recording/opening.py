@@ -1,20 +1,20 @@
-"""Opens a recording of any kind that is known."""
+"""Opens a recording of any known kind."""
 
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.recording.amass import is_amass, read_amass
-from hri_predict.recording.bvh import read_bvh
-from hri_predict.recording.c3d import read_c3d
-from hri_predict.recording.csv_table import read_csv
-from hri_predict.recording.mcap_reader import read_mcap
+from hri_predict.recording.formats.amass import is_amass, read_amass
+from hri_predict.recording.formats.bvh import read_bvh
+from hri_predict.recording.formats.c3d import read_c3d
+from hri_predict.recording.formats.csv_table import read_csv
+from hri_predict.recording.formats.npz import read_npz
+from hri_predict.recording.formats.trc import read_trc
+from hri_predict.recording.mcap.reader import read_mcap
 from hri_predict.recording.naming import check_known
-from hri_predict.recording.npz import read_npz
 from hri_predict.recording.recording import Recording
 from hri_predict.recording.sniffing import ending_of, seems
-from hri_predict.recording.trc import read_trc
 
 ACCEPTED = (
     "accepted are .npz (the data pack's layouts, AMASS with joints), .bvh, .c3d, .trc, .csv, and "
@@ -46,17 +46,17 @@ def open_recording(
 
     Args:
         path: the file.
-        person: the id of the body, for files that know but one.
-        unit_m: metres per unit of a motion file; default as it says, or as its format has it.
-        axes: a motion file's axes that are forward, left and up; default as its format has it.
-        any_joints: read it even if no canonical joint follows from the joints' names.
+        person: id of the body, for formats with a single one.
+        unit_m: metres per unit of a motion file; default: as the file or its format states.
+        axes: a motion file's axes that are forward, left and up; default: its format's.
+        any_joints: read it even if the joints' names give no canonical joint.
 
     Raises:
-        RecordingError: missing, truncated, empty, of unknown kind, or with unknown joint names; one
-            line that names the file and the remedy.
+        RecordingError: the file is missing, truncated, empty or of unknown kind, or has unknown
+            joint names; one line that names the file and the remedy.
     """
     path = Path(path)
-    if not os.path.exists(path):  # bears a name that is too long
+    if not os.path.exists(path):  # takes names that are too long
         raise RecordingError(f"recording {path}: no such file; check the path")
     if not path.is_file():
         what = "a folder; name a file in it" if path.is_dir() else "a device, not a file"
@@ -91,7 +91,7 @@ def _unknown(path: Path, ending: str) -> str:
 
 
 def _but(path: Path, ending: str) -> str:
-    """What the file seems to be, if that is not what its name says."""
+    """What the file seems to be, if its name says something else."""
     what = seems(path)
     if not what or ending_of(what) == ending:
         return ""

@@ -1,4 +1,4 @@
-"""A link that plays what a controller said while it was recorded, and sends nowhere."""
+"""A link that replays a controller's recorded messages and sends nothing."""
 
 from collections import deque
 from collections.abc import Callable
@@ -26,12 +26,12 @@ class PlayedLink:
         """There is nothing to open."""
 
     def post(self, message: Message) -> None:
-        """Nobody is there to hear it; count it all the same."""
+        """Count the message; nobody receives it."""
         self.counters.superseded += 1
 
     def take(self) -> list[Received]:
-        """What was received by now."""
-        if self._waiting is None:  # the source was opened by now: it knows the times of this run
+        """The messages received by now."""
+        if self._waiting is None:  # by now the source is open and knows the times of this run
             told = getattr(self._source, "received", ())
             self._waiting = deque(received for link, received in told if link == self.name)
         due = []
@@ -48,6 +48,6 @@ class PlayedLink:
 
 
 def played_links(source: Source, clock: Clock) -> tuple[PlayedLink, ...]:
-    """One link for each that was recorded; none for a source that recorded none."""
+    """One link for each recorded link; none for a source without any."""
     told = getattr(source, "received", ())
     return tuple(PlayedLink(name, source, clock) for name in dict.fromkeys(n for n, _ in told))

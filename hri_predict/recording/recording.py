@@ -1,4 +1,4 @@
-"""What every motion file becomes: scenes, in time, and how they are put into the room."""
+"""What every motion file becomes: timed scenes, and their placement in the room."""
 
 import hashlib
 import itertools
@@ -9,21 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
+from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import RecordingError
+from hri_predict.geometry import transform
 from hri_predict.joint_map import JointMap
 from hri_predict.link import Received
-from hri_predict.scene import Bools, Floats, Person, Scene
-from hri_predict.settings import MAX_COORDINATE_M, MAX_RATE_HZ, MIN_RATE_HZ, Pose, transform
+from hri_predict.scene import Person, Scene
+from hri_predict.settings import MAX_COORDINATE_M, MAX_RATE_HZ, MIN_RATE_HZ, Pose
 from hri_predict.skeleton import JOINTS
 
-# Heading of a recording's start: the way first travelled, if it is long enough to be one.
+# Heading at a recording's start: the first direction of travel, if it is long enough.
 HEADING_WINDOW_S = 1.0
 HEADING_TRAVEL_M = 0.3
 SELF_EXPLAINED = ("cmu", "assembly", "mcap")  # kinds whose units and axes are fixed
-MAX_GAP_S = 3600.0  # between two scenes; a node that waits longer seems to hang
+MAX_GAP_S = 3600.0  # between two scenes; a node that waits longer would seem to hang
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Recording:
     """A motion file, read.
 
@@ -33,14 +35,14 @@ class Recording:
         joint_map: names of the source's joints and how they become canonical ones.
         rate_hz: nominal scenes per second.
         scenes: in the order of arrival; joints in metres, z up, in the file's own frame ("mcap": in
-            the room's frame, as recorded). ``capture_ns`` counts from 0 at the file's first frame
+            the room's frame, as recorded). ``stamp_ns`` counts from 0 at the file's first frame
             ("mcap": the clock of the recorded source).
         arrival_ns: (N,) when each scene arrives; the same as its capture, but for "mcap", where it
             is the recorded receipt.
         declares_noise: see ``source.Source``.
-        received: what controllers sent while it was recorded: (link, message); "mcap" alone.
+        received: messages of controllers during the recording: (link, message); "mcap" only.
         note: something the user should know, such as where a cut file was cut; "" if nothing.
-        config: text of the recording node's configuration; "mcap" alone.
+        config: text of the recording node's configuration; "mcap" only.
     """
 
     path: Path
@@ -61,7 +63,7 @@ class Recording:
 
     @property
     def digest(self) -> str | None:
-        """SHA-256 of the file in hexadecimal digits; ``None`` where there is none."""
+        """SHA-256 of the file in hexadecimal digits; ``None`` without a file."""
         return hashlib.sha256(self.path.read_bytes()).hexdigest() if self.path.is_file() else None
 
 
@@ -69,7 +71,7 @@ def check_rate(path: Path, what: str, rate_hz: float) -> None:
     """Refuse a rate at which nobody records people.
 
     Raises:
-        RecordingError: ``what`` of the file gives a rate that is out of range, or NaN.
+        RecordingError: ``what`` in the file gives a rate out of range, or NaN.
     """
     if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
         raise RecordingError(
@@ -79,7 +81,7 @@ def check_rate(path: Path, what: str, rate_hz: float) -> None:
 
 
 def check_gaps(path: Path, arrivals: Sequence[int]) -> None:
-    """Refuse scenes that a replay would never come to, or would give in another order.
+    """Refuse scenes that a replay would never reach, or would give in another order.
 
     Raises:
         RecordingError: two arrivals (ns) are more than ``MAX_GAP_S`` apart, or go back.
@@ -94,22 +96,29 @@ def check_gaps(path: Path, arrivals: Sequence[int]) -> None:
 
 
 def recording_of_one(
-    path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, person: int
+    *, path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, person: int
 ) -> Recording:
     """A recording of one person from (F, J, 3); see ``recording_of``."""
-    return recording_of(path, kind, joint_map, raw[:, np.newaxis], rate_hz, [person])
+    return recording_of(
+        path=path,
+        kind=kind,
+        joint_map=joint_map,
+        raw=raw[:, np.newaxis],
+        rate_hz=rate_hz,
+        ids=[person],
+    )
 
 
 def recording_of(
-    path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, ids: Sequence[int]
+    *, path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, ids: Sequence[int]
 ) -> Recording:
     """A recording from (F, P, J, 3) in the source's units and axes: everybody in every frame.
 
-    Joints that are NaN, or farther than ``MAX_COORDINATE_M`` from the origin, are not observed; the
-    recording's ``note`` says in how many frames none is, or where the format knows no missing
-    joints ("bvh"), in how many some are not.
+    Joints that are NaN, or farther than ``MAX_COORDINATE_M`` from the origin, are not observed. The
+    recording's ``note`` counts the frames without any observed joint; for a format that cannot
+    leave joints out ("bvh"), the frames in which some joint is not observed.
     """
-    believed = np.abs(raw) <= MAX_COORDINATE_M / joint_map.scale_to_m  # NaN is not
+    believed = np.abs(raw) <= MAX_COORDINATE_M / joint_map.scale_to_m  # false for NaN
     observed = np.asarray(believed.all(axis=-1))
     positions = joint_map.to_metres_z_up(np.where(observed[..., None], raw, np.nan))
     scenes = [
@@ -126,25 +135,33 @@ def recording_of(
     poor = int(np.count_nonzero(~good))
     what = "some joint is not a sane number" if whole else "no joint is known"
     note = f"in {poor} of {len(scenes)} frames {what}" if poor else ""
-    times = [scene.capture_ns for scene in scenes]
-    return Recording(path, kind, joint_map, rate_hz, scenes, times, note=note)
+    times = [scene.stamp_ns for scene in scenes]
+    return Recording(
+        path=path,
+        kind=kind,
+        joint_map=joint_map,
+        rate_hz=rate_hz,
+        scenes=scenes,
+        arrival_ns=times,
+        note=note,
+    )
 
 
 def noted(recording: Recording, note: str) -> Recording:
-    """The recording with one more thing that the user should know; "" is nothing."""
+    """The recording with one more note for the user; "" adds nothing."""
     return replace(recording, note="; ".join(n for n in (recording.note, note) if n))
 
 
 def placed(
     recording: Recording, room_from_source: Pose, place: Sequence[float] | None
 ) -> Recording:
-    """Put a recording into the room.
+    """Place a recording in the room.
 
-    ``room_from_source`` is the pose of the file's frame in the room; the scenes of an "mcap" stand
-    in the room already, and it is not applied to them. ``place`` (x, y, yaw) then moves everything
-    over the floor so that the recording's *start* is at x, y, with its heading along yaw: the start
-    is where the waist, or else the middle of what was observed, first was; the heading is the way
-    travelled in the first second if that is 0.3 m or more, and else where the body faces.
+    ``room_from_source`` is the pose of the file's frame in the room; an "mcap", whose scenes are in
+    the room already, ignores it. ``place`` (x, y, yaw) then moves everything over the floor
+    so that the recording's *start* is at x, y with its heading along yaw. The start is the first
+    position of the waist, or else of the middle of what was observed. The heading is the direction
+    of travel in the first second if that is 0.3 m or more, or else where the body faces.
     """
     matrix = np.eye(4) if recording.kind == "mcap" else room_from_source.matrix()
     moved = _moved(recording, matrix)
@@ -187,18 +204,18 @@ def start_of(recording: Recording) -> tuple[Floats, float]:
             if here is None:
                 continue
             if anchor is None:
-                anchor, person_id, start_ns = here, person.id, scene.capture_ns
+                anchor, person_id, start_ns = here, person.id, scene.stamp_ns
                 facing = _facing(joints, seen)
             travel = here - anchor
             if np.hypot(*travel) >= HEADING_TRAVEL_M:
                 return anchor, math.atan2(travel[1], travel[0])
-        if anchor is not None and scene.capture_ns - start_ns > HEADING_WINDOW_S * 1e9:
+        if anchor is not None and scene.stamp_ns - start_ns > HEADING_WINDOW_S * 1e9:
             break
     return (np.zeros(2) if anchor is None else anchor), facing
 
 
 def _middle(joints: Floats, seen: Bools) -> Floats | None:
-    """The waist on the floor, or else the middle of the shoulders, or of whatever was seen."""
+    """The waist on the floor, or else the middle of the shoulders, or of all joints seen."""
     waist, left, right = (JOINTS.index(n) for n in ("waist", "l_shoulder", "r_shoulder"))
     if seen[waist]:
         chosen = joints[[waist]]
@@ -213,7 +230,7 @@ def _middle(joints: Floats, seen: Bools) -> Floats | None:
 
 
 def _facing(joints: Floats, seen: Bools) -> float:
-    """Where a body faces: ahead of the line through its hips, or else its shoulders, ..."""
+    """Direction a body faces: ahead of the line through its hips, or else shoulders, ..."""
     for part in ("hip", "shoulder", "elbow", "wrist"):
         left, right = JOINTS.index(f"l_{part}"), JOINTS.index(f"r_{part}")
         if seen[left] and seen[right]:

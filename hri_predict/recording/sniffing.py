@@ -1,10 +1,10 @@
-"""What a file seems to be, from its first bytes: for explanations, never to read it as that."""
+"""What a file seems to be, from its first bytes: only for explanations, never to read it."""
 
 import zipfile
 from pathlib import Path
 
 HEAD_BYTES = 4096
-# First bytes, and what begins so; of kinds that are read, the ending that they should have first.
+# First bytes, and what they begin; for kinds that are read, the proper ending comes first.
 _MAGIC: tuple[tuple[bytes, str], ...] = (
     (b"\x89MCAP0\r\n", ".mcap, MCAP"),
     (b"HIERARCHY", ".bvh, BVH"),
@@ -45,7 +45,7 @@ _MAGIC: tuple[tuple[bytes, str], ...] = (
 
 
 def seems(path: Path) -> str:
-    """What the file seems to be, such as ".bvh, BVH" or "FBX"; "" where nothing tells.
+    """What the file seems to be, such as ".bvh, BVH" or "FBX"; "" if unknown.
 
     Raises:
         OSError: it cannot be read.
@@ -68,7 +68,7 @@ def seems(path: Path) -> str:
 
 
 def ending_of(what: str) -> str:
-    """The ending that ``seems`` calls for; "" where it is nothing that is read."""
+    """The ending for what ``seems`` found; "" for a kind that is not read."""
     return what.split(",")[0] if what.startswith(".") else ""
 
 

@@ -6,44 +6,44 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import Capsules, in_polygon, segment_distance
 from hri_predict.protocol.messages import Level
-from hri_predict.reasons import Reason
-from hri_predict.risk.geometry import segment_distance
-from hri_predict.risk.levels import Demand
-from hri_predict.risk.separation import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
-from hri_predict.risk.types import Capsules, NamedZoneState
-from hri_predict.risk.zones import BodyZones
-from hri_predict.scene import Bools, Floats
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.levels.demand import Demand
+from hri_predict.risk.separation.terms import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
+from hri_predict.risk.types import NamedZoneState
+from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.settings import Region
 
 FLOOR_M = 0.05
-"""Below this nobody is; a view that begins here begins at the floor."""
+"""Nobody is below this height; a view that begins here begins at the floor."""
 TOUCH_M = 1e-9
-"""Nearer than this is touching: a crossing of lines is not found to the last bit."""
+"""Nearer than this counts as touching: crossing lines are not exact to the last bit."""
 TOP_M = 2.5
-"""Above this nobody reaches (2.2 m is a tall man's grip); a view that ends here sees all."""
+"""Nobody reaches above this height (a tall man's grip is at 2.2 m); a view up to here sees all."""
 
 
 class NamedZoneSettings(Region):
-    """A zone of the user's (an entry of ``zones:``) and what it asks of robots.
+    """A user's zone (an entry of ``zones:``) and what it asks of robots.
 
-    ``occupied`` compares the bodies as captured, widened by ``person_uncertainty_m``. Entry is
-    predicted from the body as forecast, enclosed over each step but not grown: that informs. With
-    ``entry: zone`` it is predicted from the zones, which hold wherever the body may be. Where there
-    is no forecast (it failed, or the person is lost) both are the zones.
+    ``occupied`` regards the bodies as captured, widened by ``person_uncertainty_m``. An entry is
+    predicted from the forecast body, enclosed over each step but not grown: it informs. With
+    ``entry: zone`` it is predicted from the zones, which hold the body wherever it may be. Without
+    a forecast (it failed, or the person is lost) both use the zones.
     """
 
     name: str = Field(min_length=1)
     level: Literal["none", "warn", "slow", "stop"] = Field(
-        "warn", description="what is asked while it is occupied"
+        "warn", description="what it asks for while it is occupied"
     )
-    robots: list[str] | None = Field(None, description="robots that it asks it of; default all")
+    robots: list[str] | None = Field(None, description="robots that it concerns; default all")
     speed_limit_m_s: float = Field(
         0.25, gt=0, le=10, description="for level slow; 0.25 m/s is reduced speed (ISO 10218-1)"
     )
     entry: Literal["forecast", "zone"] = "forecast"
     entry_warning_s: float = Field(
-        0.0, ge=0, le=10, description="ask it this long before a predicted entry already"
+        0.0, ge=0, le=10, description="ask this long before a predicted entry"
     )
 
 
@@ -57,14 +57,8 @@ class _Outline:
         self.low, self.high = corners.min(0), corners.max(0)
 
     def contains(self, points: Floats) -> Bools:
-        """Whether each of (..., 2) points is inside (even-odd rule)."""
-        x, y = points[..., 0, None], points[..., 1, None]
-        x0, y0, x1, y1 = self.start[:, 0], self.start[:, 1], self.end[:, 0], self.end[:, 1]
-        spans = (y0 > y) != (y1 > y)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = x0 + (y - y0) * (x1 - x0) / (y1 - y0)
-        inside: Bools = (np.count_nonzero(spans & (x < crossing), axis=-1) % 2).astype(bool)
-        return inside
+        """Whether each of the (..., 2) points is inside (even-odd rule)."""
+        return in_polygon(points, self.start[:, :2])
 
     def edge_distance(self, capsules: Capsules) -> Floats:
         """Distance in the plane from each capsule's axis (...,) to the nearest edge."""
@@ -75,7 +69,7 @@ class _Outline:
 
 
 class NamedZone:
-    """A named zone, watched."""
+    """A named zone and who is in it."""
 
     def __init__(self, settings: NamedZoneSettings, person_uncertainty_m: float) -> None:
         self.settings = settings
@@ -83,10 +77,10 @@ class NamedZone:
         self._margin = person_uncertainty_m
 
     def occupied(self, capsules: Capsules) -> Bools:
-        """Whether each capsule (...,) touches the prism; never misses one that does.
+        """Whether each capsule (...,) touches the prism. It never misses a capsule that does.
 
-        The capsule is taken with the whole of its height range everywhere along it, which can only
-        add; a capsule that is not finite touches.
+        The test takes the capsule's full height range everywhere along it: that can only add
+        touches. A capsule that is not finite touches.
         """
         result = ~self._far(capsules)
         near = np.nonzero(result)
@@ -99,7 +93,7 @@ class NamedZone:
         return result
 
     def state(self, bodies: BodyZones) -> NamedZoneState:
-        """Who is inside now, and when somebody may first be."""
+        """Whether somebody is inside now, and when somebody may first enter."""
         zones = bodies.zones.capsules
         if self.occupied(Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])).any():
             return NamedZoneState(self.settings.name, True, 0.0)
@@ -111,7 +105,7 @@ class NamedZone:
         return NamedZoneState(self.settings.name, False, float(begins))
 
     def demand(self, state: NamedZoneState, robot: str, max_speed_m_s: float) -> Demand:
-        """What the zone asks of ``robot`` in that state."""
+        """What the zone asks of ``robot`` in this state."""
         settings = self.settings
         asked = not settings.robots or robot in settings.robots
         soon = state.entry_s is not None and state.entry_s <= settings.entry_warning_s
@@ -124,10 +118,12 @@ class NamedZone:
             Level.SLOW: min(settings.speed_limit_m_s, max_speed_m_s),
         }.get(level, 0.0)
         reason = Reason.ZONE_OCCUPIED if state.occupied else Reason.ZONE_ENTRY_PREDICTED
-        return Demand(level, level, limit, limit, reason)
+        return Demand(
+            level=level, release=level, limit_m_s=limit, release_limit_m_s=limit, reason=reason
+        )
 
     def _far(self, capsules: Capsules) -> Bools:
-        """Capsules whose bounding box misses the prism's."""
+        """Whether each capsule's bounding box misses that of the prism."""
         radius = (capsules.radius + self._margin)[..., None]
         low = np.minimum(capsules.a, capsules.b) - radius
         high = np.maximum(capsules.a, capsules.b) + radius
@@ -141,8 +137,8 @@ class NamedZone:
 class FieldOfView:
     """What the sensor sees; everything else counts as occupied.
 
-    A person may stand just outside, unseen, and come in at the speeds of ISO 13855. People stand on
-    the floor: above ``TOP_M`` and below ``FLOOR_M`` nobody is, seen or not.
+    An unseen person may stand just outside and come in at the speeds of ISO 13855. People stand on
+    the floor: nobody is above ``TOP_M`` or below ``FLOOR_M``, seen or unseen.
     """
 
     region: Region
@@ -154,7 +150,7 @@ class FieldOfView:
         return cls(region, _Outline(region))
 
     def distance_outside(self, capsules: Capsules) -> Floats:
-        """Distance (...,) from each capsule to where the sensor does not see; <= 0: it is there."""
+        """Distance (...,) from each capsule to the unseen space; <= 0: the capsule is in it."""
         outline = self._outline
         inside = outline.contains(capsules.a[..., :2]) & outline.contains(capsules.b[..., :2])
         edge = outline.edge_distance(capsules)

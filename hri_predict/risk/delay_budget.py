@@ -1,10 +1,10 @@
-"""The delay budget: what T_r, the time from a capture until the robot begins to brake, is made of.
+"""The delay budget: the terms of T_r, the time from a capture until the robot begins to brake.
 
     T_r = age at encoding + one cycle + link delay + the controller's silence time-out + reaction
 
-The silence time-out is in it because the one frame that matters may be lost: then the robot brakes
-only when the controller has noticed the silence. Advice is given on one capture, so trigger counts
-add nothing. A robot that hears several links is taken to hear only the slowest of them.
+The silence time-out counts because the one frame that matters may be lost: then the robot brakes
+only when the controller has noticed the silence. One capture is enough for advice, so trigger
+counts add nothing. For a robot with several links, only the slowest link counts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,12 +15,12 @@ from hri_predict.errors import ConfigError
 from hri_predict.link import LinkSettings
 
 ENCODING_FRACTION = 0.5
-"""Of a cycle: from the tick to encoding at worst; a prediction later than that is replaced."""
+"""Part of a cycle from the tick to encoding, at worst: a later prediction is replaced."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LinkDelay:
-    """What one link adds; ``robots`` are the names of those it advises, ``None`` all of them."""
+    """The delays of one link; ``robots`` are the names of the robots it advises, ``None``: all."""
 
     name: str
     robots: frozenset[str] | None
@@ -30,7 +30,7 @@ class LinkDelay:
 
     @property
     def total_s(self) -> float:
-        """Seconds from encoding, less a cycle, until the robot begins to brake."""
+        """Seconds from encoding until the robot begins to brake, without the cycle."""
         return self.delay_s + self.silence_timeout_s + self.reaction_s
 
 
@@ -39,10 +39,10 @@ class DelayBudget:
     """The delays between a capture and braking, seconds.
 
     Attributes:
-        stale_s: age at which input counts as stale: the worst age that advice can rest on.
+        stale_s: age at which input counts as stale: the worst age of input behind any advice.
         encoding_s: from the tick to encoding.
         cycle_s: one cycle of the node.
-        links: what each link adds.
+        links: the delays of each link.
     """
 
     stale_s: float
@@ -52,19 +52,19 @@ class DelayBudget:
 
     @classmethod
     def from_settings(cls, rate_hz: float, links: Sequence[LinkSettings], stale_s: float) -> Self:
-        """Budget of a node at ``rate_hz`` whose source is stale at the age ``stale_s``."""
+        """Budget of a node at ``rate_hz`` whose input is stale at the age ``stale_s``."""
         return cls(
             stale_s=stale_s,
             encoding_s=ENCODING_FRACTION / rate_hz,
             cycle_s=1.0 / rate_hz,
             links=tuple(
                 LinkDelay(
-                    link.name,
+                    name=link.name,
                     # an empty list means all, as everywhere in the configuration
-                    frozenset(link.robots) if link.robots else None,
-                    link.delay_s + link.blocking_s,
-                    link.silence_timeout_s,
-                    link.reaction_s,
+                    robots=frozenset(link.robots) if link.robots else None,
+                    delay_s=link.delay_s + link.blocking_s,
+                    silence_timeout_s=link.silence_timeout_s,
+                    reaction_s=link.reaction_s,
                 )
                 for link in links
             ),
@@ -76,14 +76,14 @@ class DelayBudget:
         return self.encoding_s + self.cycle_s + (worst.total_s if worst is not None else 0.0)
 
     def reaction_s(self, age_s: float, robot: str | None = None) -> float:
-        """T_r, seconds, for advice that rests on a capture of ``age_s`` at the tick."""
+        """T_r, seconds, for advice on a capture whose age is ``age_s`` at the tick."""
         return age_s + self.after_now_s(robot)
 
     def terms(self, robot: str | None = None) -> Mapping[str, float]:
         """Each term and its seconds at worst, in the contract's order; their sum is T_r at worst.
 
-        ``age`` is the age at the tick when the source is just not stale; ``encoding`` from there to
-        the moment at which the message is encoded.
+        ``age`` is the age at the tick when the input is just not stale; ``encoding`` is the time
+        from the tick until the message is encoded.
         """
         worst = self._worst(robot)
         return {
@@ -98,7 +98,7 @@ class DelayBudget:
     def check(
         self, robot: str, stopping_s: float, horizon_s: float, extend_beyond_horizon: bool
     ) -> None:
-        """See that the forecast reaches to the end of the robot's stop.
+        """Check that the forecast reaches to the end of the robot's stop.
 
         Args:
             robot: the robot's name.

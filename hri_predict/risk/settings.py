@@ -7,15 +7,15 @@ from pydantic import Field, field_validator, model_validator
 from hri_predict.settings import Settings
 
 LEVELS = (0.9, 0.95, 0.99)
-"""The coverages that zones are calibrated for."""
+"""Coverage levels of calibrated zones."""
 
 
 class Reach(Settings):
-    """How far a joint of one part of the body can come: the smaller of two balls.
+    """How far a joint of one part of the body can get: it is within both of two spheres.
 
-    ``speed_m_s`` t about where it was, and (``burst_m_s`` + ``sustained_m_s2`` t / 2) t about where
-    its present velocity would take it. Every zone is cut to it, so it cannot be less than what
-    people at work do.
+    The first has the radius ``speed_m_s`` t about where the joint was. The second has the radius
+    (``burst_m_s`` + ``sustained_m_s2`` t / 2) t about where its present velocity would take it.
+    Every zone is cut to them, so they must not be smaller than what people at work do.
     """
 
     speed_m_s: float = Field(ge=2, le=50)
@@ -28,18 +28,18 @@ class Reach(Settings):
 class HumanLimits(Settings):
     """How fast people move: what the standard assumes, and what bodies can do.
 
-    What the standard assumes serves where there is no calibrated forecast: ISO 13855:2010 gives
-    K = 2.0 m/s for an upper limb and 1.6 m/s for a walking body (read in the ifm OY and Schmersal
-    SLC manuals). Accelerations: the body file of SaRA gives 20-25 m/s2 for trunk and head, 30 for
-    legs, 50 for arms and hands, with 2 m/s for every joint (JakobThumm/sara-shield,
+    The standard's figures apply without a calibrated forecast: ISO 13855:2010 gives K = 2.0 m/s for
+    an upper limb and 1.6 m/s for a walking body (as quoted in the ifm OY and Schmersal SLC
+    manuals). Accelerations: the body file of SaRA gives 20-25 m/s2 for trunk and head, 30 for legs,
+    50 for arms and hands, and 2 m/s for every joint (JakobThumm/sara-shield,
     ``safety_shield/config/human_reach_TUM_lab.yaml``).
 
-    ``reach`` is what no zone needs to exceed. SaRA's figures do not hold for it: people run, jump
-    and kick. The sprinters of di Prampero et al. (J. Exp. Biol. 208 (2005) 2809) came to 9.46 m/s
-    (SD 0.19) and accelerated by 6.42 m/s2 (SD 0.61): mean + 3 SD give the trunk's speed and every
-    part's sustained acceleration. Bursts, and the limbs' speeds, are chosen to hold at least
-    99.9 % of all joints in the recordings of the splits fit, validation and calibration, up to
-    1 s ahead (a test looks at the test recordings).
+    No zone needs to exceed ``reach``. SaRA's figures are too small for it: people run, jump and
+    kick. The sprinters of di Prampero et al. (J. Exp. Biol. 208 (2005) 2809) reached 9.46 m/s (SD
+    0.19) and accelerated by 6.42 m/s2 (SD 0.61). Mean + 3 SD give the trunk's speed and every
+    part's sustained acceleration. Bursts and the limbs' speeds are chosen to hold at least 99.9 %
+    of all joints in the recordings of the splits fit, validation and calibration, up to 1 s ahead
+    (a test checks this on the test recordings).
     """
 
     arm_speed_m_s: float = Field(2.0, gt=0, le=20, description="shoulder to finger tips")
@@ -48,7 +48,7 @@ class HumanLimits(Settings):
         2.0,
         gt=0,
         le=20,
-        description="every joint, where there is no forecast to go by; its present speed if higher",
+        description="every joint without a forecast; its present speed if higher",
     )
     arm_acceleration_m_s2: float = Field(50.0, gt=0, le=1000)
     body_acceleration_m_s2: float = Field(30.0, gt=0, le=1000)
@@ -56,11 +56,11 @@ class HumanLimits(Settings):
         1.6,
         ge=0,
         le=20,
-        description="error of the forecast's velocity at capture, where it is not calibrated; the"
-        " default, a whole walking speed, holds for any predictor",
+        description="error of an uncalibrated forecast's velocity at capture; the default, a whole"
+        " walking speed, holds for any predictor",
     )
     std_factor: float = Field(
-        0.0, ge=0, le=10, description="zones hold at least this many of the forecast's std; 0: off"
+        0.0, ge=0, le=10, description="zones hold at least so many of the forecast's std; 0: off"
     )
     extend_beyond_horizon: bool = Field(
         False, description="past the last horizon zones grow at the physical speed"
@@ -83,19 +83,20 @@ class HumanLimits(Settings):
 class CoverageSettings(Settings):
     """How often zones hold the body (``risk.coverage``); see ``calibration``.
 
-    ``of: joint`` asks that each joint is inside (the one nearest to the robot is one joint),
-    ``body`` that all are at once: those zones are larger. ``guaranteed`` radii exist only where
-    enough independent recordings support the level; ``estimated`` ones rest on all windows pooled.
+    ``of: joint`` requires each joint to be inside (the joint nearest to the robot is one joint);
+    ``body`` requires all joints at once, which takes larger zones. ``guaranteed`` radii exist only
+    if enough independent recordings support the level; ``estimated`` radii rest on all windows
+    together.
     """
 
     level: float = Field(0.99, description="0.9, 0.95 or 0.99")
     of: Literal["body", "joint"] = "joint"
     basis: Literal["estimated", "guaranteed"] = "estimated"
     calibration: str | None = Field(
-        None, description="file of hri-predict calibrate; default the predictor's shipped one"
+        None, description="file from hri-predict calibrate; default: the shipped one"
     )
     self_check: bool = Field(
-        True, description="compare each forecast with what came, and widen zones that fall short"
+        True, description="compare past forecasts with the truth; widen zones that were too small"
     )
 
     @model_validator(mode="after")
@@ -108,10 +109,10 @@ class CoverageSettings(Settings):
 class RiskSettings(Settings):
     """How separation is judged, and how levels change.
 
-    ``iso``: the distance now against the protective separation distance of ISO/TS 15066.
-    ``predictive``: the zones against the stopping robot, time by time. ``reactive``: the same with
-    zones that grow from the body as seen, whatever is forecast. ``fixed``: a circle around the
-    robot's base, inside which nobody may be while it moves.
+    ``iso`` compares the distance now with the protective separation distance of ISO/TS 15066.
+    ``predictive`` compares the zones with the stopping robot, time by time. ``reactive`` does the
+    same with zones that grow from the body as seen, without a forecast. ``fixed`` is a circle
+    around the robot's base: nobody may be inside while the robot moves.
     """
 
     mode: Literal["iso", "predictive", "reactive", "fixed"] = "iso"
@@ -119,12 +120,12 @@ class RiskSettings(Settings):
         None,
         gt=0,
         le=100,
-        description="of mode fixed; default the robot's reach and the protective separation"
+        description="for mode fixed; default: the robot's reach plus the protective separation"
         " distance at its highest speed and the longest delay",
     )
     intrusion_m: float = Field(0.0, ge=0, le=2, description="C: reach into the field, ISO 13855")
     person_uncertainty_m: float = Field(
-        0.05, ge=0, le=1, description="Z_d: of a person's position as sensed"
+        0.05, ge=0, le=1, description="Z_d: of a person's sensed position"
     )
     robot_uncertainty_m: float = Field(0.01, ge=0, le=1, description="Z_r: of the robot's position")
     band_m: float = Field(
@@ -135,7 +136,7 @@ class RiskSettings(Settings):
         ge=1,
         le=10_000,
         description="distinct captures that must agree before a release; the default is half a"
-        " second at 30 Hz, a step of walking: what a person does within it is no reason to start",
+        " second at 30 Hz, one walking step: its swing alone must not start the robot",
     )
     warn_margin_m: float = Field(
         0.5, ge=0, le=10, description="warn this far before the robot would be slowed"
@@ -144,8 +145,8 @@ class RiskSettings(Settings):
         0.25,
         ge=0,
         le=2,
-        description="the speed limit is for a person this much nearer, so that a robot that obeys"
-        " it, with its delay, is not stopped while a person walks up",
+        description="the speed limit assumes a person this much nearer: then a robot that obeys it"
+        " with its delay need not stop while a person walks up",
     )
     min_speed_m_s: float = Field(
         0.05, gt=0, le=1, description="a limit below this is advised as a stop"
@@ -154,7 +155,7 @@ class RiskSettings(Settings):
         0.5, gt=0, le=100, description="how fast the speed limit may rise; it falls at once"
     )
     latch_stop: bool = Field(
-        False, description="a stop stays until acknowledged after its cause has cleared"
+        False, description="a stop remains until it is acknowledged after its cause has cleared"
     )
     limits: HumanLimits = HumanLimits()
     coverage: CoverageSettings = CoverageSettings()
@@ -166,11 +167,25 @@ class RiskSettings(Settings):
         return self
 
     @property
+    def judges_over_time(self) -> bool:
+        """Whether zones over time count, not only the distance now."""
+        return self.mode in ("predictive", "reactive")
+
+    @property
     def beyond_horizon(self) -> bool:
         """Whether zones may go past the forecast's last step; ``reactive`` asks for no forecast."""
         return self.limits.extend_beyond_horizon or self.mode == "reactive"
 
     @property
     def clearance_m(self) -> float:
-        """C + Z_d + Z_r, metres: what must be left of the distance whatever moves."""
+        """C + Z_d + Z_r, metres: the part of the distance that must always remain."""
         return self.intrusion_m + self.person_uncertainty_m + self.robot_uncertainty_m
+
+    @property
+    def margins_m(self) -> tuple[float, float, float, float]:
+        """How much nearer a hazard is taken to be for each speed limit of a finding, metres.
+
+        For the limit now and for its release; for the warning now and for its release.
+        """
+        slow, warn = self.slow_margin_m, self.slow_margin_m + self.warn_margin_m
+        return slow, slow + self.band_m, warn, warn + self.band_m

@@ -1,24 +1,11 @@
-"""What the risk stage works on and gives."""
+"""What the risk stage works on, and its result."""
 
 from dataclasses import dataclass
 
+from hri_predict.arrays import Floats
+from hri_predict.geometry import Capsules
 from hri_predict.protocol.messages import Advice
-from hri_predict.reasons import Reason
-from hri_predict.scene import Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Capsules:
-    """A batch of capsules: all points within ``radius`` of the segment from ``a`` to ``b``.
-
-    Attributes:
-        a, b: (..., 3) ends, metres, room frame; equal ends make a sphere.
-        radius: (...,) metres.
-    """
-
-    a: Floats
-    b: Floats
-    radius: Floats
+from hri_predict.protocol.reasons import Reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,9 +32,9 @@ class Assessment:
 
     Attributes:
         advices: one per robot, in the configuration's order.
-        zones: the zones they rest on.
-        named_zones: per named zone of the user's: inside now, and seconds to predicted entry.
-        reasons: why the zones are no better than they are; empty when nothing is the matter.
+        zones: the zones behind the advice.
+        named_zones: the state of each of the user's named zones.
+        reasons: why the zones are no better than they are; empty if nothing is wrong.
     """
 
     advices: tuple[Advice, ...]
@@ -63,8 +50,8 @@ class NamedZoneState:
     Attributes:
         name: as configured.
         occupied: whether anybody is inside now.
-        entry_s: seconds until somebody may first be inside; 0 when occupied, ``None`` when not
-            within the horizon.
+        entry_s: seconds until somebody may first be inside; 0 if occupied, ``None`` if not within
+            the horizon.
     """
 
     name: str

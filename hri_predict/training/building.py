@@ -1,19 +1,18 @@
-"""From a training configuration to what it trains and what it is trained on."""
+"""Builds the network and the training windows that a training configuration names."""
 
 from pathlib import Path
 
 import torch
 
-from hri_predict import registry
 from hri_predict.errors import ConfigError
-from hri_predict.predictors.body import BODY
-from hri_predict.predictors.network import Network, Shape
-from hri_predict.predictors.weights import load_weights
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import Network, Shape, network_class_of
+from hri_predict.predictors.neural.weights import load_weights
 from hri_predict.settings import validated
-from hri_predict.training.benchmark_samples import BenchmarkData, BenchmarkSamples
 from hri_predict.training.config import TrainingConfig
-from hri_predict.training.motion import DataSettings, MotionSamples
-from hri_predict.training.samples import SampleSource
+from hri_predict.training.windows.benchmark import BenchmarkData, BenchmarkSamples
+from hri_predict.training.windows.motion import DataSettings, MotionSamples
+from hri_predict.training.windows.samples import SampleSource
 
 
 def open_samples(config: TrainingConfig) -> SampleSource:
@@ -34,25 +33,32 @@ def open_samples(config: TrainingConfig) -> SampleSource:
             )
         return source
     settings = validated(DataSettings, config.data, where)
-    return MotionSamples(settings, Shape(BODY, *steps, shape.rate_hz))
+    ours = Shape(
+        skeleton=BODY,
+        history_steps=shape.history_steps,
+        horizon_steps=shape.horizon_steps,
+        rate_hz=shape.rate_hz,
+    )
+    return MotionSamples(settings, ours)
 
 
 def build_network(config: TrainingConfig, source: SampleSource) -> Network:
     """The network that ``config`` names, seeded, or with its ``initial_weights``.
 
     Raises:
-        ConfigError: no such predictor, it is not trained, or a wrong option.
-        PredictorError: the initial weights cannot be read or are another network's.
+        ConfigError: there is no such predictor, it is not a trained one, or an option is wrong.
+        PredictorError: the initial weights cannot be read or belong to another network.
     """
-    predictor = registry.load("predictors", config.predictor)
-    network_class = getattr(predictor, "network_class", None)
+    network_class = network_class_of(config.predictor)
     if network_class is None:
-        raise ConfigError(f"predictor '{config.predictor}' has no network: nothing to train")
+        raise ConfigError(
+            f"predictor '{config.predictor}' has no network: nothing to train; name a trained one"
+        )
     options = validated(
         network_class.options_model, config.options, "training configuration: options"
     )
     torch.manual_seed(config.train.seed)
-    network: Network = network_class(source.shape, options)
+    network = network_class(source.shape, options)
     network.rest.copy_(source.rest())
     if config.initial_weights is not None:
         _start_from(network, config.initial_weights)
@@ -65,11 +71,11 @@ def _start_from(network: Network, path: Path) -> None:
     ours = (type(network), network.shape, network.options)
     if (type(given), given.shape, given.options) != ours:
         raise ConfigError(
-            f"initial_weights {path}: of another network, shape or options; train with the "
+            f"initial_weights {path}: have another network, shape or options; train with the "
             f"predictor, shape and options that its card states"
         )
     missing = network.load_state_dict(given.state_dict(), strict=False).missing_keys
     critic = {id(p) for p in network.critic_parameters()}
-    for name in missing:  # an adversary is not shipped, and starts anew
+    for name in missing:  # an adversary is not shipped; it starts with fresh weights
         if id(network.get_parameter(name)) not in critic:
             raise ConfigError(f"initial_weights {path}: lacks '{name}'; train anew without it")

@@ -37,7 +37,7 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
             reason = error.strerror or reason
             if error.errno not in _NO_ROOM:
                 remedy = "choose another 'out'"
-            if isinstance(error, FileExistsError):  # of mkdir
+            if isinstance(error, FileExistsError):  # from mkdir
                 reason = f"{path.parent} is not a folder"
         raise ConfigError(f"checkpoint {path}: cannot be written: {reason}; {remedy}") from error
 
@@ -52,12 +52,12 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
         state = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError as error:
         raise ConfigError(
-            f"checkpoint {path}: not there; start the run without --resume"
+            f"checkpoint {path}: no such file; start the run without --resume"
         ) from error
     except Exception as error:  # torch.load's failures have no common base
         raise ConfigError(
             f"checkpoint {path}: cannot be read; remove it and start the run anew"
         ) from error
     if not isinstance(state, dict):
-        raise ConfigError(f"checkpoint {path}: not a training run's; start the run anew")
+        raise ConfigError(f"checkpoint {path}: is not from a training run; start the run anew")
     return state

@@ -1,18 +1,16 @@
-"""What ``hri-predict train`` is told: one YAML file per predictor and judgement."""
+"""The configuration of ``hri-predict train``: one YAML file per predictor and evaluation."""
 
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import yaml
 from pydantic import Field, field_validator, model_validator
 
-from hri_predict.errors import ConfigError
-from hri_predict.settings import Settings, read_yaml, validated
-from hri_predict.yaml_text import load_yaml
+from hri_predict.files import read_yaml
+from hri_predict.settings import Settings, set_key, validated
 
 
 class ShapeSettings(Settings):
-    """Steps of history and horizon, and how many make a second (``shape:``)."""
+    """Steps of history and horizon, and steps per second (``shape:``)."""
 
     history_steps: int = Field(ge=2, le=1000)
     horizon_steps: int = Field(ge=1, le=1000)
@@ -20,55 +18,64 @@ class ShapeSettings(Settings):
 
 
 class TrainSettings(Settings):
-    """How the weights are found (``train:``)."""
+    """How the network is trained (``train:``)."""
 
-    epochs: int = Field(50, ge=1, le=10**9, description="that the learning rate's schedule spans")
-    stop_after: int | None = Field(None, ge=1, description="end after so many of these epochs")
+    epochs: int = Field(50, ge=1, le=10**9, description="epochs of the learning rate's schedule")
+    stop_after: int | None = Field(None, ge=1, description="end after this many epochs")
     windows_per_epoch: int = Field(4096, ge=1, le=10**9)
     batch: int = Field(64, ge=1, le=2**16, description="windows per step, over all processes")
     learning_rate: float = Field(1e-3, gt=0)
-    critic_learning_rate: float = Field(1e-4, gt=0, description="of an adversary, where there is")
+    critic_learning_rate: float = Field(
+        1e-4, gt=0, description="learning rate of an adversary, if any"
+    )
     weight_decay: float = Field(0.01, ge=0)
     warmup_steps: int = Field(
         200, ge=0, le=10**9, description="steps over which the learning rate rises"
     )
     schedule: Literal["cosine", "constant"] = "cosine"
     ema_decay: float = Field(
-        0.999, ge=0, lt=1, description="of the averaged weights, which are shipped; 0: no average"
+        0.999,
+        ge=0,
+        lt=1,
+        description="decay of the averaged weights, which are shipped; 0: no average",
     )
     clip_norm: float = Field(1.0, gt=0, description="largest norm of a step's gradient")
     seed: int = Field(0, ge=0, le=2**63 - 1)
     patience: int = Field(
-        0, ge=0, description="stop after so many epochs without a better validation; 0: never"
+        0, ge=0, description="stop after this many epochs without better validation; 0: never"
     )
     threads: int = Field(1, ge=1, le=256)
     device: Literal["cpu", "cuda"] = "cpu"
     precision: Literal["float32", "bfloat16"] = Field(
         "float32",
-        description="of products; bfloat16 (3 digits) is faster where the processor has it",
+        description="of products; bfloat16 (3 digits) is faster on processors that have it",
     )
     max_minutes: float | None = Field(
-        None, gt=0, description="of training, resumed runs included; the best weights are kept"
+        None,
+        gt=0,
+        description="longest training, resumed parts included; the best weights are kept",
     )
-    checkpoint_minutes: float = Field(5.0, gt=0, description="between checkpoints in an epoch")
+    checkpoint_minutes: float = Field(
+        5.0, gt=0, description="minutes between checkpoints within an epoch"
+    )
 
     @model_validator(mode="after")
     def _an_epoch_has_a_batch(self) -> Self:
         if self.batch > self.windows_per_epoch:
             raise ValueError(
                 f"batch {self.batch} is more than windows_per_epoch {self.windows_per_epoch}; make "
-                f"it smaller"
+                f"batch smaller"
             )
         return self
 
     @property
     def steps_per_epoch(self) -> int:
-        """Whole batches in an epoch, at least one."""
+        """Whole batches in an epoch; at least one."""
         return self.windows_per_epoch // self.batch
 
     @property
     def total_steps(self) -> int:
-        """Steps that the schedule spans."""
+        """Steps of the whole schedule."""
         return self.epochs * self.steps_per_epoch
 
 
@@ -88,12 +95,12 @@ class TrainingConfig(Settings):
     @classmethod
     def _a_folder_of_its_own(cls, value: Path) -> Path:
         if value == Path() or "\0" in str(value):
-            raise ValueError("must name a folder of the run's own, such as runs/sinn")
+            raise ValueError("must name a folder for this run alone, such as runs/sinn")
         return value
 
     @property
     def error_unit(self) -> str:
-        """Unit of the validation error: joints are places, or rotations (exponential maps)."""
+        """Unit of the validation error: mm of positions, mrad of rotations (exponential maps)."""
         return "mrad" if self.data.get("space") == "rotations" else "mm"
 
 
@@ -105,23 +112,5 @@ def load_training_config(path: Path, changes: list[str] | None = None) -> Traini
     """
     data = read_yaml(path, "training configuration")
     for change in changes or []:
-        _apply(data, change)
+        set_key(data, change)
     return validated(TrainingConfig, data, str(path))
-
-
-def _apply(data: dict[str, Any], change: str) -> None:
-    """Set one ``key.key=value``, its value written as in YAML."""
-    keys, equals, text = change.partition("=")
-    path = keys.strip().split(".")
-    if not equals or not all(path):
-        raise ConfigError(f"--set {change}: write it as key=value, such as train.epochs=20")
-    try:
-        value = load_yaml(text)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise ConfigError(f"--set {change}: its value is not valid YAML; quote it") from error
-    at = data
-    for key in path[:-1]:
-        at = at.setdefault(key, {})
-        if not isinstance(at, dict):
-            raise ConfigError(f"--set {change}: '{key}' holds no keys; see the configuration")
-    at[path[-1]] = value

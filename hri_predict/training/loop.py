@@ -12,37 +12,37 @@ import numpy as np
 import torch
 
 from hri_predict.errors import ConfigError
-from hri_predict.predictors.network import Network, Target, Window
-from hri_predict.predictors.weights import save_weights
+from hri_predict.predictors.neural.network import Network, Target, Window
+from hri_predict.predictors.neural.weights import save_weights
 from hri_predict.training.checkpoint import load_checkpoint, save_checkpoint
 from hri_predict.training.config import TrainingConfig
 from hri_predict.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.training.processes import Processes
 from hri_predict.training.provenance import commit, fingerprint
-from hri_predict.training.samples import SampleSource
 from hri_predict.training.validation import Validation, validate
+from hri_predict.training.windows.samples import SampleSource
 
 Ending = Literal["epochs done", "no better validation", "out of time", "interrupted"]
 _MAY_CHANGE = ("out", "initial_weights")  # between a run and its resumption
 _MAY_CHANGE_TRAIN = ("stop_after", "patience", "max_minutes", "checkpoint_minutes", "threads")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Epoch:
-    """What came of an epoch (or its part, where the run ended within it)."""
+    """Results of an epoch, or of its part if the run ended within it."""
 
     number: int  # from 1
-    step: int  # steps taken
+    step: int  # steps taken since the run began
     loss: float  # mean over its steps
     validation: Validation | None
     best: bool
     learning_rate: float
-    minutes: float  # since the run began, interruptions left out
+    minutes: float  # since the run began, without interruptions
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """What came of a run."""
+    """Results of a run."""
 
     ending: Ending
     epochs: int
@@ -58,21 +58,21 @@ class Result:
 
 
 class View(Protocol):
-    """Who watches a run."""
+    """An observer of a run."""
 
     def started(self, step: int, total_steps: int) -> None:
-        """Training goes on from ``step``."""
+        """Training starts or continues at ``step``."""
 
     def stepped(self, step: int, loss: float) -> None:
-        """``step`` steps are taken."""
+        """``step`` steps have been taken."""
 
     def ended_epoch(self, epoch: Epoch) -> None:
         """An epoch is over."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Progress:
-    """Where the run stands; goes into each checkpoint as JSON."""
+    """State of the run's progress; stored in each checkpoint as JSON."""
 
     step: int = 0
     loss_sum: float = 0.0  # over the epoch's steps so far
@@ -96,27 +96,36 @@ def train(
     """Train ``network`` on ``source`` as ``config`` says, into the folder ``config.out``.
 
     The same configuration, data, processes and threads on the same machine give the same bytes,
-    straight or resumed.
+    whether the run was interrupted or not.
 
     Args:
         config: the run's settings.
         source: training and validation windows.
-        network: fresh, as ``build_network`` gives it.
-        view: is told how it goes; in the first process alone.
-        resume: go on from the checkpoint in ``config.out``.
-        stop: asked after each step; true ends the run with a checkpoint.
-        processes: that share the run; alone if ``None``.
+        network: fresh, from ``build_network``.
+        view: observes the run, in the first process alone.
+        resume: continue from the checkpoint in ``config.out``.
+        stop: called after each step; true ends the run with a checkpoint.
+        processes: the processes that share the run; ``None``: this one alone.
 
     Raises:
-        ConfigError: a run is there already (or none to resume, or another's), or no room.
+        ConfigError: the folder holds a run already, or no run or another one to resume; or the
+            disk is full.
         PredictorError: the loss is not finite.
     """
-    return _Run(config, source, network, view, stop, processes or Processes()).go(resume)
+    return _Run(
+        config=config,
+        source=source,
+        network=network,
+        view=view,
+        stop=stop,
+        processes=processes or Processes(),
+    ).go(resume)
 
 
 class _Run:
     def __init__(
         self,
+        *,
         config: TrainingConfig,
         source: SampleSource,
         network: Network,
@@ -125,7 +134,7 @@ class _Run:
         processes: Processes,
     ) -> None:
         if config.train.batch < processes.count:
-            raise ConfigError(f"train.batch {config.train.batch}: less than one a process")
+            raise ConfigError(f"train.batch {config.train.batch}: less than one per process")
         torch.set_num_threads(config.train.threads)
         self.config, self.source, self.view, self.stop = config, source, view, stop
         self.settings, self.processes = config.train, processes
@@ -137,7 +146,7 @@ class _Run:
         torch.manual_seed(config.train.seed + processes.rank)  # dropout differs between processes
         self.progress = _Progress()
         self.fingerprint = fingerprint(source)
-        self.commit = commit()  # of the code that runs, whatever is committed while it does
+        self.commit = commit()  # read now: somebody may commit during the run
         self.weights = config.out / f"{config.predictor}.safetensors"
         self._clock = self._saved = time.monotonic()
 
@@ -145,11 +154,11 @@ class _Run:
         """Run to one of the endings."""
         if resume:
             self._resume()
-        elif os.path.exists(self.config.out / "last.pt"):  # bears a name that is too long
+        elif os.path.exists(self.config.out / "last.pt"):  # takes names that are too long
             raise ConfigError(
-                f"{self.config.out}: holds a run; --resume goes on with it, --out starts another"
+                f"{self.config.out}: holds a run; --resume continues it, another --out starts anew"
             )
-        self.processes.every(torch.zeros(1))  # nobody writes before all have looked
+        self.processes.every(torch.zeros(1))  # no process writes before all have checked
         progress, settings = self.progress, self.settings
         if not resume:
             self._save()
@@ -183,7 +192,7 @@ class _Run:
         return "interrupted" if interrupted else None
 
     def _step(self) -> tuple[bool, bool]:
-        """Take one step; returns whether any process was told to stop, or is out of time."""
+        """Take one step; returns whether any process was asked to stop, or is out of time."""
         batch = self.source.batch(self.rng, self.settings.batch)
         mine, share = self.processes.share(batch)
         window, target = mine.entered(self.entry)
@@ -207,13 +216,17 @@ class _Run:
         return bool(flags[0] > 0), bool(flags[1] > 0)
 
     def _end_epoch(self) -> None:
-        """Validate, keep the best, save, tell."""
+        """Validate, keep the best weights, save, and notify the view."""
         progress, per_epoch = self.progress, self.settings.steps_per_epoch
         number = -(-progress.step // per_epoch)
         steps = progress.step - (number - 1) * per_epoch
         network = self.optimisation.settle()
         validation = validate(
-            network, self.entry, self.source.validation(), self.source.actions, self.processes
+            network=network,
+            entry=self.entry,
+            batches=self.source.validation(),
+            actions=self.source.actions,
+            processes=self.processes,
         )
         loss = progress.loss_sum / steps
         # without validation windows (a refit on everything) the newest weights are the best
@@ -233,7 +246,15 @@ class _Run:
             )
             minutes = progress.seconds / 60.0
             self.view.ended_epoch(
-                Epoch(number, progress.step, loss, validation, best, rate, minutes)
+                Epoch(
+                    number=number,
+                    step=progress.step,
+                    loss=loss,
+                    validation=validation,
+                    best=best,
+                    learning_rate=rate,
+                    minutes=minutes,
+                )
             )
 
     def _export(self, network: Network) -> None:
@@ -276,14 +297,14 @@ class _Run:
             was = TrainingConfig.model_validate_json(state["config"])
             self._refuse_another(path, was, state["data_fingerprint"])
             self.progress = _Progress(**json.loads(state["progress"]))
-            self.optimisation.restore(state["optimisation"])
+            self.optimisation.restore(state["optimisation"], self.progress.step)
             self.rng.bit_generator.state = json.loads(state["numpy"])
             if self.settings.device == "cuda":
                 torch.cuda.set_rng_state(state["cuda"])
             torch.set_rng_state(state["torch"][self.processes.rank])
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             raise ConfigError(
-                f"checkpoint {path}: not of this network, version or number of processes; start "
+                f"checkpoint {path}: has another network, version or number of processes; start "
                 f"the run anew with another --out"
             ) from error
 
@@ -300,26 +321,26 @@ class _Run:
                 )
         if fingerprint != self.fingerprint:
             raise ConfigError(
-                f"checkpoint {path}: was trained on other data; give it the same, or start "
+                f"checkpoint {path}: was trained on other data; give the same data, or start "
                 f"another run with --out"
             )
 
     def _result(self, ending: Ending) -> Result:
         progress = self.progress
         return Result(
-            ending,
-            progress.step // self.settings.steps_per_epoch,
-            progress.step,
-            progress.best_epoch,
-            progress.best,
-            progress.seconds / 60.0,
-            self.weights,
+            ending=ending,
+            epochs=progress.step // self.settings.steps_per_epoch,
+            steps=progress.step,
+            best_epoch=progress.best_epoch,
+            validation=progress.best,
+            minutes=progress.seconds / 60.0,
+            weights=self.weights,
         )
 
 
 def _device(config: TrainingConfig) -> torch.device:
     if config.train.device == "cuda" and not torch.cuda.is_available():
-        raise ConfigError("train.device cuda: no such device here; use cpu")
+        raise ConfigError("train.device cuda: this machine has none; use cpu")
     return torch.device(config.train.device)
 
 

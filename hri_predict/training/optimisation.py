@@ -1,27 +1,28 @@
 """One step of training: AdamW with warm-up and cosine, clipped gradients, averaged weights."""
 
-import copy
 import math
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
 
 from hri_predict.errors import PredictorError
-from hri_predict.predictors.network import Network, Target, Window
+from hri_predict.predictors.neural.network import Network, Target, Window
 from hri_predict.training.config import TrainSettings
 from hri_predict.training.processes import Processes
 
 
 class Optimisation:
-    """A network's optimisers and the running average of its weights.
+    """The optimisers of a network and the running average of its weights.
 
     AdamW: Loshchilov and Hutter 2019, https://arxiv.org/abs/1711.05101. The average (Polyak and
     Juditsky 1992) forgets faster at first: its decay is at most (1 + n) / (10 + n) at step n.
 
     Attributes:
-        network: that is trained.
-        averaged: the same with averaged weights, in evaluation mode; to be judged and shipped.
+        network: the network that is trained.
+        averaged: a copy with averaged weights, in evaluation mode, to be evaluated and shipped;
+            ``network`` itself where ``ema_decay`` is 0.
     """
 
     def __init__(self, network: Network, settings: TrainSettings, processes: Processes) -> None:
@@ -35,9 +36,11 @@ class Optimisation:
         self._critic_adam = (
             _adam(self._critic, settings.critic_learning_rate, 0.0) if self._critic else None
         )
-        self.averaged = copy.deepcopy(network).eval() if settings.ema_decay else network
-        self._averages: list[Tensor] = [p.data for p in self.averaged.parameters()]
-        self._weights: list[Tensor] = [p.data for p in network.parameters()]
+        self.averaged = network
+        self._average: AveragedModel | None = None
+        if settings.ema_decay:
+            self._average = _averaged(network, settings.ema_decay)
+            self.averaged = cast(Network, self._average.module).eval()
 
     def step(self, window: Window, target: Target, share: float, number: int) -> Tensor:
         """Take step ``number`` (from 0) on this process's windows; returns the batch's loss.
@@ -46,7 +49,7 @@ class Optimisation:
             window: this process's histories.
             target: their futures.
             share: this process's share of the batch's loss.
-            number: steps taken before.
+            number: number of steps taken before.
 
         Raises:
             PredictorError: the loss or its gradient is not finite.
@@ -59,12 +62,27 @@ class Optimisation:
             with self._precision():
                 loss = self.network.critic_loss(window, target, progress)
             if loss is not None:
-                self._descend(self._critic_adam, self._critic, loss, share, factor, number)
-        self._adam.zero_grad()  # of the critic's gradients, too, where it did not detach
+                self._descend(
+                    adam=self._critic_adam,
+                    parameters=self._critic,
+                    loss=loss,
+                    share=share,
+                    factor=factor,
+                    number=number,
+                )
+        self._adam.zero_grad()  # also clears the critic's gradients where it did not detach
         with self._precision():
             loss = self.network.loss(window, target, progress)
-        shown = self._descend(self._adam, self._model, loss, share, factor, number)
-        self._average(number)
+        shown = self._descend(
+            adam=self._adam,
+            parameters=self._model,
+            loss=loss,
+            share=share,
+            factor=factor,
+            number=number,
+        )
+        if self._average is not None:
+            self._average.update_parameters(self.network)
         return shown
 
     def _precision(self) -> torch.autocast:
@@ -74,6 +92,7 @@ class Optimisation:
 
     def _descend(
         self,
+        *,
         adam: torch.optim.AdamW,
         parameters: list[nn.Parameter],
         loss: Tensor,
@@ -99,12 +118,6 @@ class Optimisation:
         return shown
 
     @torch.no_grad()
-    def _average(self, number: int) -> None:
-        if self.averaged is not self.network:
-            decay = min(self._settings.ema_decay, (1 + number) / (10 + number))
-            torch._foreach_lerp_(self._averages, self._weights, 1.0 - decay)
-
-    @torch.no_grad()
     def settle(self) -> Network:
         """Return ``averaged`` for evaluation, with the newest buffers of the first process."""
         buffers = list(self.network.buffers())
@@ -123,24 +136,42 @@ class Optimisation:
             "critic_adam": self._critic_adam.state_dict() if self._critic_adam else None,
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from what ``state`` gave."""
+    def restore(self, state: dict[str, Any], number: int) -> None:
+        """Go on from what ``state`` gave after ``number`` steps."""
         self.averaged.load_state_dict(state["averaged"])
         self.network.load_state_dict(state["network"])
         self._adam.load_state_dict(state["adam"])
         if self._critic_adam is not None:
             self._critic_adam.load_state_dict(state["critic_adam"])
+        if self._average is not None:
+            self._average.n_averaged.fill_(number + 1)
 
 
 def learning_rate_factor(number: int, settings: TrainSettings) -> float:
     """Share of the learning rate at step ``number``: linear warm-up times half a cosine to zero.
 
-    A function of the step alone, so that a resumed run goes on exactly.
+    It depends on the step alone, so that a resumed run continues exactly.
     """
     warm = min(1.0, (number + 1) / (settings.warmup_steps + 1))
     if settings.schedule == "constant":
         return warm
     return warm * 0.5 * (1.0 + math.cos(math.pi * number / settings.total_steps))
+
+
+def _averaged(network: Network, most: float) -> AveragedModel:
+    """The running average of a network's weights, its weights as they are now being the first.
+
+    After step n (from 0) the average has seen n + 1 networks.
+    """
+
+    @torch.no_grad()
+    def lerp(averages: Any, weights: Any, seen: Tensor | int) -> None:
+        decay = min(most, int(seen) / (9 + int(seen)))
+        torch._foreach_lerp_(averages, weights, 1.0 - decay)
+
+    average = AveragedModel(network, multi_avg_fn=lerp)
+    average.update_parameters(network)
+    return average
 
 
 def _adam(parameters: list[nn.Parameter], rate: float, decay: float) -> torch.optim.AdamW:

@@ -1,4 +1,4 @@
-"""The processes that share one training run: alone, or started by torchrun."""
+"""The processes that share one training run: a single one, or those that torchrun started."""
 
 import contextlib
 import os
@@ -9,22 +9,22 @@ import torch
 from torch import Tensor, distributed
 
 from hri_predict.errors import ConfigError
-from hri_predict.training.samples import Samples
+from hri_predict.training.windows.samples import Samples
 
 
 @dataclass(frozen=True, slots=True)
 class Processes:
-    """This process's place, ``rank`` of ``count``. All draw the same batch and take a slice."""
+    """This process, ``rank`` of ``count``. All draw the same batch; each takes a slice of it."""
 
     rank: int = 0
     count: int = 1
 
     @classmethod
     def join(cls) -> "Processes":
-        """Join the run that torchrun's environment describes (gloo), or be alone.
+        """Join the run that torchrun's environment describes (gloo), or run alone.
 
         Raises:
-            ConfigError: the environment is half set, or the others cannot be reached.
+            ConfigError: the environment is incomplete, or the other processes cannot be reached.
         """
         if int(os.environ.get("WORLD_SIZE", "1")) == 1:
             return cls()
@@ -47,14 +47,14 @@ class Processes:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave together with the others, or at once after an error.
+        """Leave together with the other processes, or at once after an error.
 
-        Whoever left first would take the connection from those still talking.
+        A process that left early would break the connection of those still communicating.
         """
         if self.count == 1:
             return
         if kind is None:
-            with contextlib.suppress(RuntimeError):  # another one failed, and says why
+            with contextlib.suppress(RuntimeError):  # another process failed and reports why
                 distributed.barrier()
         distributed.destroy_process_group()
 
@@ -85,19 +85,19 @@ class Processes:
     def share(self, batch: Samples) -> tuple[Samples, float]:
         """This process's slice of ``batch`` and its share of the batch's loss.
 
-        Losses are means over what is known of the future; a slice of which more is known counts
-        for more, so that the processes' sum is the whole batch's mean.
+        Losses are means over the known part of the future. A slice with more of it weighs more, so
+        that the sum over the processes is the mean of the whole batch.
         """
         if self.count == 1:
             return batch, 1.0
         size = len(batch.actions)
         part = slice(self.rank * size // self.count, (self.rank + 1) * size // self.count)
         mine = Samples(
-            batch.history[part],
-            batch.observed[part],
-            batch.future[part],
-            batch.known[part],
-            batch.actions[part],
+            history=batch.history[part],
+            observed=batch.observed[part],
+            future=batch.future[part],
+            known=batch.known[part],
+            actions=batch.actions[part],
         )
         known = float(batch.known.sum())
         return mine, float(mine.known.sum()) / known if known else 1.0 / self.count

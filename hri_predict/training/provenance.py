@@ -1,4 +1,4 @@
-"""What a set of weights came from: which code, which data."""
+"""Where a set of weights came from: code and data."""
 
 import hashlib
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from torch import Tensor
 
-from hri_predict.training.samples import SampleSource
+from hri_predict.training.windows.samples import SampleSource
 
 
 def fingerprint(source: SampleSource) -> str:
@@ -23,7 +23,7 @@ def fingerprint(source: SampleSource) -> str:
 
 
 def commit() -> str | None:
-    """The checkout's commit, marked if files differ from it; ``None`` for an installed package."""
+    """The checkout's commit, marked if files differ; ``None`` for an installed package."""
     command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     here = Path(__file__).resolve().parent
     try:

@@ -1,4 +1,4 @@
-"""Ctrl-C while training: the step is finished and the run saved."""
+"""Ctrl-C during training: the step is finished and the run saved."""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -8,7 +8,7 @@ from types import FrameType
 
 @contextmanager
 def told_to_stop() -> Iterator[Callable[[], bool]]:
-    """While inside, Ctrl-C and SIGTERM are noted; the second ends the program at once."""
+    """Note Ctrl-C and SIGTERM while inside; the second one ends the program at once."""
     told = False
 
     def note(number: int, frame: FrameType | None) -> None:

@@ -6,21 +6,21 @@ from typing import Any
 
 import torch
 
-from hri_predict.predictors.network import Network
+from hri_predict.predictors.neural.network import Network
 from hri_predict.training.processes import Processes
-from hri_predict.training.samples import Samples
+from hri_predict.training.windows.samples import Samples
 
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """MPJPE over all horizons, at each, and per action; every action counts the same.
+    """MPJPE over all horizons, at each horizon, and per action; actions have equal weights.
 
-    Where windows hold rotations instead of places, milliradians.
+    Milliradians where windows hold rotations instead of positions.
 
     Attributes:
-        mm: mean over the actions of their mean error, millimetres.
+        mm: mean error, first over each action, then over the actions, millimetres.
         at_mm: the same at each horizon step.
-        actions_mm: per action over all horizons.
+        actions_mm: by action, over all horizons.
     """
 
     mm: float
@@ -34,20 +34,21 @@ class Validation:
 
 @torch.no_grad()
 def validate(
+    *,
     network: Network,
     entry: Network,
     batches: Iterable[Samples],
     actions: tuple[str, ...],
     processes: Processes,
 ) -> Validation | None:
-    """Judge ``network`` (in evaluation mode) on ``batches``; ``None`` if nothing is known there.
+    """Evaluate ``network`` on ``batches``; ``None`` if they contain nothing known.
 
     Args:
-        network: to be judged; its device is used.
-        entry: a network on the CPU with the same rest pose, that brings windows into body frames.
-        batches: of validation windows; the processes take turns.
-        actions: names that the batches' indices mean.
-        processes: that share the work; all get the same result.
+        network: in evaluation mode, on any device.
+        entry: a network on the CPU with the same rest pose; brings windows into body frames.
+        batches: validation windows; the processes take turns.
+        actions: names of the actions that the batches' indices stand for.
+        processes: the processes that share the work; all get the same result.
     """
     device = network.rest.device
     horizon = network.shape.horizon_steps

@@ -1,4 +1,4 @@
-"""What a person sees of a training run: a bar with the time left, or a line per epoch; the log."""
+"""What a user sees of a training run: a bar with the time left, or a line per epoch; the log."""
 
 import os
 import sys
@@ -80,15 +80,15 @@ class TrainingView:
 
 @contextmanager
 def training_view(config: TrainingConfig) -> Iterator[TrainingView]:
-    """A view that is closed in the end, whatever happens.
+    """A view that is always closed at the end.
 
     Raises:
         ConfigError: the log cannot be written.
     """
     log = config.out / "log"
-    if os.path.exists(log) and not log.is_dir():  # told before anything is written beside it
+    if os.path.exists(log) and not log.is_dir():  # reported before anything is written
         raise ConfigError(
-            f"{log}: is a file where the log goes; remove it, or choose another 'out'"
+            f"{log}: is a file, but the log needs a folder; remove it, or choose another 'out'"
         )
     console = Console(stderr=True)
     bar = None
@@ -116,9 +116,9 @@ def _log(config: TrainingConfig, step: int) -> Any:
     try:
         from torch.utils.tensorboard import SummaryWriter  # optional: extra `train`
     except ImportError:
-        print("no TensorBoard log: pip install 'hri-predict[train]' for one", file=sys.stderr)
+        print("no TensorBoard log; to get one: pip install 'hri-predict[train]'", file=sys.stderr)
         return None
-    # what was logged after the checkpoint is told again
+    # values logged after the checkpoint are logged again
     purge = step // config.train.steps_per_epoch + 1 if step else None
     try:
         return SummaryWriter(str(config.out / "log"), purge_step=purge)

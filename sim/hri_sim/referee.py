@@ -1,7 +1,7 @@
-"""Judges what truly happened between people and robots: how near they came, and who touched whom.
+"""Judges what truly happened between people and robots: distances and touches.
 
-It knows what the node cannot: where every body truly was, and where the arm truly was. Bodies are
-capsules of their real radii without any margin; a joint that the recording does not have is
+The referee knows what the node cannot know: the true positions of every body and of the arm. Bodies
+are capsules of their real radii without any margin. A joint that the recording does not have is
 skipped, never guessed.
 """
 
@@ -11,17 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.risk.geometry import capsule_distance
-from hri_predict.risk.robot import RobotModel
-from hri_predict.risk.types import Capsules
-from hri_predict.scene import Bools, Floats, Scene
+from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.robots.model import RobotModel
+from hri_predict.scene import Scene
 from hri_predict.skeleton import CANONICAL
 from hri_predict.source import Source
 
 MOVING_M_S = 0.010  # faster than this, a touch is a contact
 RELEASE_M = 0.02  # a touch is over when the surfaces are this far apart
 _STEP_S = 0.010
-_LONGEST_GAP_S = 0.5  # across more than this nothing is interpolated
+_LONGEST_GAP_S = 0.5  # no interpolation across a longer gap
 
 Bodies = Mapping[int, tuple[Floats, Bools]]
 """Person id -> canonical joints (J, 3), metres, room frame, and which of them are known (J,)."""
@@ -32,7 +32,7 @@ Joints = Mapping[str, tuple[Floats, Floats]]
 
 @dataclass(slots=True)
 class _Touch:
-    """The touch under way between one person and one robot."""
+    """The current touch between one person and one robot."""
 
     touching: bool = False
     counted_moving: bool = False
@@ -41,23 +41,23 @@ class _Touch:
 class Referee:
     """Counts touches of every person with every robot.
 
-    Between two observations bodies and joints are interpolated, so that a touch shorter than a
-    cycle of the node is seen. A touch counts once for each person and robot, however long it lasts:
-    as a contact if any point of the robot moved faster than 10 mm/s at any time of it, else as a
-    contact with a standing robot.
+    Bodies and joints are interpolated between two observations, so that the referee sees a touch
+    shorter than a cycle of the node. A touch counts once for each person and robot, however long it
+    lasts: as a contact if any point of the robot moved faster than 10 mm/s during the touch,
+    otherwise as a contact with a standing robot.
 
     Attributes:
-        min_separation_m: smallest distance of any body from any robot, at most 0 when they touched;
-            ``None`` while nobody was seen.
+        min_separation_m: smallest distance of any body from any robot, at most 0 after a touch;
+            ``None`` until a person was seen.
         contacts, contacts_standing: see above.
         moving_separation_m: the same while the robot moved (faster than 10 mm/s).
-        violation_s, violation_m: how long a robot moved (faster than 10 mm/s) while somebody was
-            nearer than ``clearance_m``, and by how much at most.
-        observations: how many instants were judged.
+        violation_s, violation_m: time that a robot moved (faster than 10 mm/s) while a person was
+            nearer than ``clearance_m``, and the greatest shortfall.
+        observations: number of instants judged.
     """
 
     def __init__(self, robots: Sequence[RobotModel], clearance_m: float = 0.0) -> None:
-        """``robots``: by whose names ``observe`` gets joints; ``clearance_m``: C + Z_d + Z_r."""
+        """``robots``: their names are the keys in ``observe``; ``clearance_m``: C + Z_d + Z_r."""
         self._robots = {robot.name: robot for robot in robots}
         self._touches: dict[tuple[int, str], _Touch] = {}
         self._last: tuple[int, Bodies, Joints] | None = None
@@ -71,11 +71,11 @@ class Referee:
 
     @property
     def contacts_standing(self) -> int:
-        """Touches of a robot that stood all the while."""
+        """Number of touches during which the robot stood all the time."""
         return self._standing_touches
 
     def observe(self, now_ns: int, people: Bodies, robots: Joints) -> None:
-        """Judge the time since the last observation; all is as it truly is at ``now_ns``."""
+        """Judge the time since the last observation, given the true state at ``now_ns``."""
         times = self._instants(now_ns)
         elapsed_s = 0.0 if self._last is None else (now_ns - self._last[0]) * 1e-9
         if people:
@@ -83,7 +83,7 @@ class Referee:
             bodies = self._bodies(ids, people, times)
             for name, (q, qd) in robots.items():
                 robot, speed = self._motion(name, q, qd, times)
-                gaps = self._judge(ids, bodies, name, robot, speed)
+                gaps = self._judge(ids=ids, bodies=bodies, name=name, robot=robot, speed=speed)
                 self._measure(gaps.min(axis=0)[speed > MOVING_M_S], elapsed_s / len(times))
         gone = [key for key in self._touches if key[0] not in people]
         for key in gone:
@@ -92,7 +92,7 @@ class Referee:
         self.observations += len(times)
 
     def _instants(self, now_ns: int) -> Floats:
-        """(K,) fractions of the way from the last observation to this one, the last of them 1."""
+        """Return (K,) fractions of the way from the last observation to this one; the last is 1."""
         elapsed_s = 0.0 if self._last is None else (now_ns - self._last[0]) * 1e-9
         if not 0 < elapsed_s <= _LONGEST_GAP_S:
             return np.ones(1)
@@ -107,7 +107,7 @@ class Referee:
         before = self._last[1] if self._last is not None else {}
         for p, person in enumerate(ids):
             now, now_known = people[person]
-            if person not in before:  # new here: where it was on the way is not known
+            if person not in before:  # new: its earlier positions are not known
                 positions[p], known[p, -1] = now, now_known
                 continue
             then, then_known = before[person]
@@ -130,13 +130,14 @@ class Referee:
 
     def _judge(
         self,
+        *,
         ids: Sequence[int],
         bodies: tuple[Capsules, Bools],
         name: str,
         robot: Capsules,
         speed: Floats,
     ) -> Floats:
-        """Follow every touch; the distance (P, K) of each person from this robot."""
+        """Follow every touch; return the distance (P, K) of each person from this robot."""
         body, counts = bodies
         distance = capsule_distance(
             Capsules(body.a[..., :, None, :], body.b[..., :, None, :], body.radius[..., :, None]),
@@ -196,14 +197,14 @@ def body_capsules(positions: Floats, known: Bools) -> tuple[Capsules, Bools]:
 
 
 class TruePeople:
-    """Where everybody truly is at any time, from a copy of the source without faults.
+    """The true positions of all people at any time, from a copy of the source without faults.
 
-    The copy is asked a little ahead of the time, so that people can be interpolated between two
-    scenes; of a source that cannot tell the future (a live one) the newest scene is held.
+    The copy is polled slightly ahead, so that people can be interpolated between two scenes. A live
+    source cannot deliver future scenes: then the newest scene is held.
     """
 
     def __init__(self, source: Source) -> None:
-        """``source`` is this object's own; nobody else polls it."""
+        """``source`` belongs to this object alone; nothing else polls it."""
         self._source = source
         self._ahead_ns = round(2e9 / source.rate_hz)
         self._scenes: list[Scene] = []
@@ -213,17 +214,17 @@ class TruePeople:
         self._source.open(start_ns)
 
     def at(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
-        """Everybody's canonical joints (J, 3) and which are known (J,), at ``now_ns``."""
+        """Return id -> canonical joints (J, 3) and which are known (J,), at ``now_ns``."""
         while (scene := self._source.poll(now_ns + self._ahead_ns)) is not None:
             self._scenes.append(scene)
-        while len(self._scenes) > 1 and self._scenes[1].capture_ns <= now_ns:
+        while len(self._scenes) > 1 and self._scenes[1].stamp_ns <= now_ns:
             self._scenes.pop(0)
-        if not self._scenes or self._scenes[0].capture_ns > now_ns:
+        if not self._scenes or self._scenes[0].stamp_ns > now_ns:
             return {}
         here = self._mapped(self._scenes[0])
         if len(self._scenes) < 2:
             return here
-        then_ns, next_ns = (scene.capture_ns for scene in self._scenes[:2])
+        then_ns, next_ns = (scene.stamp_ns for scene in self._scenes[:2])
         if next_ns - then_ns > _LONGEST_GAP_S * 1e9:
             return here
         fraction = (now_ns - then_ns) / (next_ns - then_ns)

@@ -1,7 +1,7 @@
 """Plays a recording as a source (``kind: recording``): motion files, and the node's own MCAP.
 
-A motion file has one person, whom the source sees all the time. An MCAP recording plays as it was
-received: several people, their ids, blind scenes, late ones and lost ones.
+A motion file has one person, and the source sees that person all the time. An MCAP recording plays
+as it was received: several people with their ids, and blind, late and lost scenes.
 """
 
 import bisect
@@ -16,12 +16,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.link import Received
 from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.recording.cutting import between, decimated
 from hri_predict.recording.recording import SELF_EXPLAINED
-from hri_predict.scene import Bools, Floats, Scene
+from hri_predict.scene import Scene
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose, Vector3
 from hri_predict.source import SourceSettings
 
@@ -37,26 +38,28 @@ class RecordingSettings(SourceSettings):
     place: Vector3 | None = Field(
         None, description="[x, y, yaw] in the room of the recording's start"
     )
-    start_s: float = Field(0.0, ge=0, description="skip what is before")
-    end_s: float | None = Field(None, gt=0, description="skip what is after")
+    start_s: float = Field(0.0, ge=0, description="start this far into the recording")
+    end_s: float | None = Field(None, gt=0, description="end this far into the recording")
     loop: bool = Field(False, description="begin again at the end")
     loop_gap_s: float = Field(
-        1.0, ge=0, le=60, description="the room is seen empty for so long between two loops"
+        1.0, ge=0, le=60, description="seconds of empty room between two loops"
     )
     rate_hz: float | None = Field(
         None,
         ge=MIN_RATE_HZ,
         le=MAX_RATE_HZ,
-        description="leave frames out to play at this rate; default the file's own",
+        description="leave frames out to play at this rate; default: the file's own",
     )
     person: int = Field(1, ge=0, le=65535, description="id of the person in a motion file")
-    noise_m: float = Field(0.0, ge=0, le=0.2, description="added; standard deviation per axis")
-    seed: int = Field(0, ge=0, description="of the noise")
+    noise_m: float = Field(
+        0.0, ge=0, le=0.2, description="noise to add: standard deviation per axis"
+    )
+    seed: int = Field(0, ge=0, description="random seed of the noise")
     unit_m: float | None = Field(
         None, gt=0, le=1000, description="metres per unit of a motion file"
     )
     axes: Annotated[list[str], Field(min_length=3, max_length=3)] | None = Field(
-        None, description="a motion file's axes that are forward, left, up"
+        None, description="axes of a motion file that point forward, left and up"
     )
 
 
@@ -64,17 +67,18 @@ class RecordingSource:
     """See ``hri_predict.source.Source``.
 
     Attributes:
-        recording: as read and placed; ``recording.note`` says if the file was cut.
+        recording: as read and placed; ``recording.note`` states if the file was cut.
     """
 
     settings_model = RecordingSettings
 
     def __init__(self, settings: RecordingSettings, base_dir: Path | None = None) -> None:
-        """Read the recording; a relative path starts at ``base_dir``, or else where we are.
+        """Read the recording; a relative path starts at ``base_dir``, or in the current folder.
 
         Raises:
             RecordingError: it cannot be read.
-            ConfigError: the part or rate asked for is not in it; units or axes that it states.
+            ConfigError: it does not contain the configured part or rate, or the configuration
+                sets units or axes that the recording states itself.
         """
         recording = open_recording(
             _find(settings.path, base_dir),
@@ -116,7 +120,7 @@ class RecordingSource:
         return self._shift_ns(loop) + self._arrival_ns(k)
 
     def poll(self, now_ns: int) -> Scene | None:
-        """The oldest scene that has arrived by ``now_ns`` and was not returned."""
+        """Return the oldest scene that has arrived by ``now_ns`` and was not returned yet."""
         due_ns = self.next_ns()
         if due_ns is None or due_ns > now_ns:
             return None
@@ -128,23 +132,21 @@ class RecordingSource:
         else:
             after = k + 1 - len(self._scenes)
             last = self._scenes[-1]
-            scene = Scene(last.capture_ns + after * self._period_ns, 0, True, ())
+            scene = Scene(last.stamp_ns + after * self._period_ns, 0, True, ())
             sequence = last.sequence + after
         span = self._scenes[-1].sequence - self._scenes[0].sequence + 1 + self._gap
         self._next += 1
-        return replace(
-            scene, capture_ns=scene.capture_ns + shift_ns, sequence=sequence + loop * span
-        )
+        return replace(scene, stamp_ns=scene.stamp_ns + shift_ns, sequence=sequence + loop * span)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: the source holds no resources."""
         self._start_ns = None
 
     @property
     def received(self) -> Sequence[tuple[str, Received]]:
-        """What controllers sent while it was recorded (MCAP alone), as if received in this run.
+        """Return the controllers' recorded messages (MCAP only), as if received in this run.
 
-        Times are of the node's clock once ``open`` was called, else of the recording's.
+        Times are on the node's clock after ``open``, before that on the recording's.
         """
         shift_ns = 0 if self._start_ns is None else self._shift_ns(0)
         return [
@@ -153,10 +155,11 @@ class RecordingSource:
         ]
 
     def truth(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
-        """Where everybody really is: id -> ((21, 3) canonical joints in the room, (21,) known).
+        """Return the true people: id -> ((21, 3) canonical joints in the room, (21,) known).
 
-        Between two captures on a straight line; free of added noise; ``open`` must have been
-        called. Nobody in a loop's gap, before the start and after the end.
+        Positions between two captures lie on a straight line, without added noise. The result is
+        empty in the gap between loops, before the start and after the end. ``open`` must have been
+        called.
         """
         assert self._start_ns is not None
         since_ns = now_ns - self._start_ns
@@ -203,32 +206,32 @@ class RecordingSource:
 
 
 def _find(path: str, base_dir: Path | None) -> Path:
-    """A relative path starts at the configuration's folder, or else where the user is."""
+    """Find a relative path in the configuration's folder, otherwise in the current folder."""
     beside = base_dir / path if base_dir is not None else Path(path)
-    return beside if os.path.exists(beside) else Path(path)  # bears a name that is too long
+    return beside if os.path.exists(beside) else Path(path)  # accepts a name that is too long
 
 
 def _zero(kind: str, first: Scene, arrival_ns: int) -> int:
-    """The recording's time that becomes the start: its first arrival, and not before a capture.
+    """Return the recording's time of the start: the first arrival, or the first capture if later.
 
-    An MCAP's source may have had a clock of its own; then its captures keep their distance from
-    the arrivals, as they were received.
+    The source of an MCAP recording may have had its own clock. Then captures keep their distance
+    from the arrivals.
     """
-    if kind == "mcap" and abs(arrival_ns - first.capture_ns) < 1_000_000_000:
-        return min(arrival_ns, first.capture_ns)
+    if kind == "mcap" and abs(arrival_ns - first.stamp_ns) < 1_000_000_000:
+        return min(arrival_ns, first.stamp_ns)
     return arrival_ns
 
 
 def _true_times(recording: Recording) -> list[int]:
-    """When each scene was true, on the clock of the arrivals: its capture, if that fits."""
-    captures = [scene.capture_ns for scene in recording.scenes]
+    """Return the time of each scene on the arrivals' clock: its capture, if that is possible."""
+    captures = [scene.stamp_ns for scene in recording.scenes]
     same_clock = abs(recording.arrival_ns[0] - captures[0]) < 1_000_000_000
     in_order = all(a < b for a, b in itertools.pairwise(captures))
     return captures if same_clock and in_order else list(recording.arrival_ns)
 
 
 def _check_own(recording: Recording, settings: RecordingSettings) -> None:
-    """Refuse units and axes that would be passed over."""
+    """Refuse units and axes that would be ignored."""
     for key in ("unit_m", "axes"):
         if getattr(settings, key) is not None and recording.kind in SELF_EXPLAINED:
             raise ConfigError(
@@ -237,7 +240,7 @@ def _check_own(recording: Recording, settings: RecordingSettings) -> None:
 
 
 def _part(recording: Recording, settings: RecordingSettings) -> Recording:
-    """The part from ``start_s`` to ``end_s``."""
+    """Return the part from ``start_s`` to ``end_s``."""
     try:
         return between(recording, settings.start_s, settings.end_s)
     except RecordingError as error:
@@ -245,7 +248,7 @@ def _part(recording: Recording, settings: RecordingSettings) -> Recording:
 
 
 def _decimated(recording: Recording, settings: RecordingSettings) -> Recording:
-    """Frames left out so that those that remain come at ``rate_hz``, as near as they can."""
+    """Leave out frames so that the others come as near to ``rate_hz`` as possible."""
     if settings.rate_hz is None:
         return recording
     if recording.kind == "mcap" and settings.rate_hz != recording.rate_hz:

@@ -11,24 +11,25 @@ from pathlib import Path
 import numpy as np
 from cobs import cobs
 
-from hri_drivers import scene_codec
-from hri_drivers.can_isotp import IsoTpReceiver
-from hri_drivers.json_source import JsonDecoder
-from hri_drivers.mvn_codec import StreamSplitter
-from hri_drivers.mvn_source import MvnDecoder, MvnSettings
-from hri_drivers.scene_json import LineSplitter, SceneReader
-from hri_drivers.scene_stream import SceneStream
-from hri_drivers.serial_skeleton import FramedStream, framed
-from hri_predict.fleet import Fleet
+from hri_drivers.links.can.isotp import IsoTpReceiver
+from hri_drivers.sources.mvn.codec import StreamSplitter
+from hri_drivers.sources.mvn.source import MvnDecoder, MvnSettings
+from hri_drivers.sources.scene_json.codec import LineSplitter, SceneReader
+from hri_drivers.sources.scene_json.json_source import JsonDecoder
+from hri_drivers.sources.scene_stream import codec as scene_codec
+from hri_drivers.sources.scene_stream.receiver import SceneStream
+from hri_drivers.sources.scene_stream.serial_source import FramedStream, framed
+from hri_drivers.sources.sent import SentScene
 from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.monitoring.fleet import Fleet
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver
+from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver
 from hri_predict.protocol.definition import frame_table
-from hri_predict.protocol.keyed_codec import Keyed, key_of
-from hri_predict.protocol.profile4_codec import Profile4Receiver
-from hri_predict.protocol.serial_codec import SerialReceiver
+from hri_predict.protocol.keyed import Keyed, key_of
+from hri_predict.protocol.profile4 import Profile4Receiver
+from hri_predict.protocol.serial import SerialReceiver
 from hri_predict.source import SourceCounters
-from tests.hri_drivers.scene_streaming import KEY, UTC, joint_map, names
+from tests.hri_drivers.sources.scene_streaming import KEY, UTC, joint_map, names
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT / "tests" / "corpus"
@@ -80,13 +81,12 @@ def _ignoring(call: Callable[[bytes], object]) -> Callable[[bytes], None]:
     return feed
 
 
-def _checked(call: Callable[[bytes, int], Iterable[object]]) -> Callable[[bytes], None]:
+def _checked(call: Callable[[bytes, int], Iterable[SentScene]]) -> Callable[[bytes], None]:
     """Feeds a live source's decoder, and looks at the scenes that come of it."""
     clock = iter(range(0, 1 << 62, 33_000_000))
 
     def feed(data: bytes) -> None:
-        for heard in call(data, next(clock)):
-            scene = heard.scene  # type: ignore[attr-defined]
+        for scene in call(data, next(clock)):
             for person in scene.people:
                 assert np.isfinite(person.positions[person.observed]).all(), "no number"
                 assert 0 <= person.id <= 65535, "an id that is none"
@@ -183,7 +183,13 @@ def _keyed() -> Target:
 
 def _scene_stream(name: str, joints: int, with_key: bool) -> Target:
     key = KEY if with_key else None
-    stream = SceneStream(joint_map(joints), SourceCounters(), key, 1e9, lambda: UTC)
+    stream = SceneStream(
+        joint_map=joint_map(joints),
+        counters=SourceCounters(),
+        key=key,
+        max_skew_s=1e9,
+        utc_ns=lambda: UTC,
+    )
     tag = scene_codec.TAG_BYTES if with_key else scene_codec.CRC_BYTES
 
     def repaired(data: bytes) -> bytes:
@@ -195,7 +201,12 @@ def _scene_stream(name: str, joints: int, with_key: bool) -> Target:
 
 def _serial_skeleton() -> Target:
     counters = SourceCounters()
-    stream = FramedStream(SceneStream(joint_map(21), counters, None, 1e9, lambda: UTC), counters)
+    stream = FramedStream(
+        SceneStream(
+            joint_map=joint_map(21), counters=counters, key=None, max_skew_s=1e9, utc_ns=lambda: UTC
+        ),
+        counters,
+    )
     seeds = [framed(data) for data in _files("scene_stream")]
     return Target("serial_skeleton", seeds, _checked(stream.feed))
 
@@ -204,8 +215,8 @@ def _json() -> Target:
     decoder = JsonDecoder(SceneReader(tuple(names(21)), 0.5, SourceCounters()))
     lines = LineSplitter()
 
-    def feed(data: bytes, received_ns: int) -> list[object]:
-        return [heard for text in lines.feed(data) for heard in decoder.feed(text, received_ns)]
+    def feed(data: bytes, received_ns: int) -> list[SentScene]:
+        return [scene for text in lines.feed(data) for scene in decoder.feed(text, received_ns)]
 
     return Target("json", _files("scene_json"), _checked(feed))
 
@@ -218,8 +229,8 @@ def _mvn(in_stream: bool) -> Target:
     decoder = MvnDecoder(settings, joints, SourceCounters())
     splitter = StreamSplitter()
 
-    def feed(data: bytes, received_ns: int) -> list[object]:
+    def feed(data: bytes, received_ns: int) -> list[SentScene]:
         units = splitter.feed(data) if in_stream else [data]
-        return [heard for unit in units for heard in decoder.feed(unit, received_ns)]
+        return [scene for unit in units for scene in decoder.feed(unit, received_ns)]
 
     return Target("mvn_tcp" if in_stream else "mvn", _files("mvn"), _checked(feed))

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hri_drivers.live_source import LiveSource
+from hri_drivers.sources.live import LiveSource
 from hri_predict import registry
 from hri_predict.scene import Scene
 from hri_predict.settings import validated
@@ -22,7 +22,9 @@ class Ear:
     def __init__(self, kind: str, base_dir: Path = Path(), **settings: Any) -> None:
         cls = registry.load("sources", kind)
         data = {"kind": kind, "room_from_source": POSE, "rate_hz": 60} | settings
-        self.source: LiveSource = cls(validated(cls.settings_model, data, "source"), base_dir)
+        source = cls(validated(cls.settings_model, data, "source"), base_dir)
+        assert isinstance(source, LiveSource)
+        self.source = source
         self.counters = self.source.counters
 
     @property

@@ -1,16 +1,18 @@
+from functools import cache
+
 import pytest
 
-from hri_predict import assemble
 from hri_predict.clock import VirtualClock
 from hri_predict.joint_map import load_joint_map
-from hri_predict.people import People
-from hri_predict.people_settings import PeopleSettings
+from hri_predict.node.listeners import Tick
+from hri_predict.people.people import People
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.run import assemble
 from hri_predict.scene import Scene
 from hri_predict.settings import Pose
 from hri_predict.source import SourceSettings
-from hri_predict.tick import Tick
 from hri_sim.baseline_demo import baseline_demo
-from hri_sim.cell import MockCell
+from hri_sim.controllers.cell import MockCell
 
 MS = 1_000_000
 
@@ -25,15 +27,15 @@ class Room:
         self, declares_noise=False, source=None, joint_map="canonical", latency=5 * MS, **people
     ):
         self.people = People(
-            PeopleSettings(**people),
-            load_joint_map(joint_map),
-            SourceSettings(
+            settings=PeopleSettings(**people),
+            joint_map=load_joint_map(joint_map),
+            source_settings=SourceSettings(
                 kind="test", room_from_source=Pose(), min_latency_s=latency / 1e9, **(source or {})
             ),
-            self.rate_hz,
-            declares_noise,
-            self.steps,
-            self.rate_hz,
+            rate_hz_source=self.rate_hz,
+            declares_noise=declares_noise,
+            history_steps=self.steps,
+            rate_hz_predictor=self.rate_hz,
         )
         self.latency = latency
         self.now = 1_000_000 * MS
@@ -59,19 +61,28 @@ def make_room() -> type[Room]:
     return Room
 
 
+@cache
+def demo():
+    """The demo's configuration, which never changes, read once."""
+    return baseline_demo()
+
+
 class Workcell:
     """The demo's node, links and mock controllers on the virtual clock, stepped by the test."""
 
     near = [1.9, 0.2]  # a person who stands here is slowed down for, at least
 
     def __init__(self, *places, config=None, **build):
-        config = config.quiet() if config else baseline_demo()
+        config = config.quiet() if config else demo()
         script = [{"do": "wait", "seconds": 60.0}]
         people = [{"start": list(place), "script": script} for place in places]
         self.config = config.with_source(config.source.model_dump() | {"people": people})
         self.clock = VirtualClock(1_000 * MS)
         self.cell = MockCell(
-            self.config.links, self.config.node.robots, self.config.base_dir, self.clock
+            links=self.config.links,
+            robots=self.config.node.robots,
+            base_dir=self.config.base_dir,
+            clock=self.clock,
         )
         self.ticks: list[Tick] = []
         self.assembly = assemble.build(

@@ -86,7 +86,7 @@ def test_bvh_names_are_compared_without_case_and_duplicates_take_the_first():
 
 def test_bvh_without_needed_joints_lists_what_is_missing():
     names = [n for n in RIGS["CMU"][0].split() if n not in ("LeftForeArm", "RightLeg")]
-    with pytest.raises(ConfigError, match="no joint is known as l_elbow, r_knee"):
+    with pytest.raises(ConfigError, match="no joint matches l_elbow, r_knee"):
         resolve_bvh_map(names)
     with pytest.raises(ConfigError, match="head, l_shoulder"):
         resolve_bvh_map([])

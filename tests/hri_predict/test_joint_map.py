@@ -126,11 +126,11 @@ def test_declared_left_handed_axes_are_flipped():
 @pytest.mark.parametrize(
     ("axes", "left_handed", "message"),
     [
-        (["z", "-x", "y"], False, "left-handed; turn a sign, or set left_handed: true"),
-        (["z", "x", "y"], True, "right-handed; turn a sign, or set left_handed: false"),
+        (["z", "-x", "y"], False, "left-handed; change a sign, or set left_handed: true"),
+        (["z", "x", "y"], True, "right-handed; change a sign, or set left_handed: false"),
         (["x", "x", "y"], False, "three different axes"),
         (["x", "-x", "y"], False, "three different axes"),
-        (["x", "w", "y"], False, "'w' is no axis"),
+        (["x", "w", "y"], False, "'w' is not an axis"),
         (["x", "y"], False, "three different axes"),
         (["x", "y", "z", "x"], False, "three different axes"),
     ],
@@ -246,7 +246,7 @@ def test_a_users_own_map(tmp_path):
         ({"axes": ["z", "x"]}, "axes"),
         ({"joints": ["LShoulder", "LShoulder", "RShoulder"]}, "'LShoulder' is listed twice"),
         ({"joints": []}, "joints"),
-        ({"map": {}}, "names no joint"),
+        ({"map": {}}, "map is empty"),
         ({"map": {"l_sholder": "LShoulder"}}, "no canonical joint 'l_sholder'; did you mean"),
         ({"map": {"l_shoulder": "LSholder"}}, "no joint 'LSholder'; did you mean 'LShoulder'"),
         ({"map": {"neck": {"LShoulder": 0.5}}}, "sum to 1"),

@@ -14,7 +14,7 @@ def test_shipped_parts_are_there_and_carry_their_settings():
     assert {"procedural", "recording"} <= set(registry.names("sources"))
     assert {"zero_velocity", "constant_velocity", "kalman"} <= set(registry.names("predictors"))
     assert {"serial", "can"} <= set(registry.names("links"))
-    kinds: tuple[registry.Kind, ...] = ("sources", "predictors", "links")
+    kinds: tuple[registry.PartKind, ...] = ("sources", "predictors", "links")
     for kind in kinds:
         assert registry.names(kind) == sorted(registry.names(kind))
         for name in registry.names(kind):
@@ -38,12 +38,21 @@ def third_party(tmp_path, monkeypatch):
     (tmp_path / "other_people_s.py").write_text(
         "import no_such_library_anywhere\n", encoding="utf-8"
     )
-    (tmp_path / "good_people_s.py").write_text("class Wonder:\n    pass\n", encoding="utf-8")
+    (tmp_path / "good_people_s.py").write_text(
+        "from hri_predict.predictors.base import PredictorSettings\n"
+        "class Wonder:\n    settings_model = PredictorSettings\n"
+        "class Bare:\n    pass\n"
+        "NUMBER = 3\n",
+        encoding="utf-8",
+    )
+    (tmp_path / "quitting_people_s.py").write_text("raise SystemExit(0)\n", encoding="utf-8")
     info = tmp_path / "other_people_s-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other-people-s\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         "[hri_predict.predictors]\nbroken = other_people_s:Wonder\nwonder = good_people_s:Wonder\n"
+        "bare = good_people_s:Bare\nnumber = good_people_s:NUMBER\nmodule = good_people_s\n"
+        "quitting = quitting_people_s:Wonder\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     importlib.invalidate_caches()
@@ -55,7 +64,7 @@ def third_party(tmp_path, monkeypatch):
 @pytest.mark.usefixtures("third_party")
 def test_third_parties_join_by_entry_point():
     assert "wonder" in registry.names("predictors")
-    assert registry.load("predictors", "wonder").__name__ == "Wonder"
+    assert repr(registry.load("predictors", "wonder")) == "<class 'good_people_s.Wonder'>"
 
 
 @pytest.mark.usefixtures("third_party")
@@ -64,3 +73,24 @@ def test_a_missing_library_is_named_and_harms_nobody_else():
     assert registry.load("predictors", "kalman") is not None
     with pytest.raises(ConfigError, match=r"no_such_library_anywhere.*install"):
         registry.load("predictors", "broken")
+
+
+@pytest.mark.usefixtures("third_party")
+@pytest.mark.parametrize("name", ["bare", "number", "module"])
+def test_what_is_no_part_is_refused_in_one_line(name):
+    with pytest.raises(ConfigError, match=rf"'{name}' is not a class .* PredictorSettings; mend"):
+        registry.load("predictors", name)
+
+
+@pytest.mark.usefixtures("third_party")
+def test_a_module_that_exits_does_not_end_the_program():
+    with pytest.raises(ConfigError, match=r"cannot be loaded: SystemExit: 0; mend"):
+        registry.load("predictors", "quitting")
+
+
+@pytest.mark.parametrize("error", [RuntimeError("one\ntwo"), KeyError("x"), SystemExit(0)])
+def test_a_part_that_cannot_be_built_is_told_in_one_line(error):
+    with pytest.raises(ConfigError) as caught, registry.building("link 'x'"):
+        raise error
+    assert "link 'x' cannot be built: " + type(error).__name__ in str(caught.value)
+    assert "\n" not in str(caught.value)

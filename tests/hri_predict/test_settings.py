@@ -3,7 +3,9 @@ import pytest
 from pydantic import Field
 
 from hri_predict.errors import ConfigError
-from hri_predict.settings import Pose, Region, Settings, read_yaml, transform, validated
+from hri_predict.files import read_yaml
+from hri_predict.geometry import transform
+from hri_predict.settings import Pose, Region, Settings, validated
 
 
 class Inner(Settings):

@@ -1,12 +1,20 @@
 """The canonical skeleton: its tree, its body, its reach."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from hri_predict.errors import ConfigError
-from hri_predict.skeleton import CANONICAL, JOINTS, PARENTS, make_skeleton, neighbours
+from hri_predict.skeleton import (
+    CANONICAL,
+    JOINTS,
+    PARENTS,
+    generations,
+    make_skeleton,
+    neighbours,
+)
 
 SIDED = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
 
@@ -127,3 +135,12 @@ def test_unknown_bones_and_trees_apart_reach_infinitely_far():
     assert np.isinf(skeleton.reach[0, 1])
     assert np.isinf(skeleton.reach[0, 2])
     np.testing.assert_array_equal(neighbours(skeleton.parents)[2], [2, 0, 1])
+
+
+def test_generations_go_from_the_root_outwards():
+    found = generations(PARENTS)
+    names = [sorted(JOINTS[j] for j in level) for level in found]
+    assert names[:3] == [["waist"], ["l_hip", "r_hip", "torso"], ["l_knee", "neck", "r_knee"]]
+    assert sorted(j for level in found for j in level) == list(range(len(JOINTS)))
+    for above, below in pairwise(found):
+        assert {PARENTS[j] for j in below} <= set(above)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from hri_predict.geometry import Capsules
 from hri_predict.joint_map import load_joint_map
-from hri_predict.risk.types import Capsules
 from hri_predict.scene import Person, Scene
 from hri_predict.skeleton import CANONICAL
 from hri_sim.referee import Referee, TruePeople

@@ -15,7 +15,7 @@ from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import validated
 from hri_predict.skeleton import JOINTS
-from hri_sim.procedural import ProceduralSettings, ProceduralSource
+from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.replay import RecordingSettings, RecordingSource
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -66,7 +66,7 @@ def test_scenes_come_at_their_true_time_and_then_it_ends(walk: Path) -> None:
     assert source.rate_hz == 120.0
     assert not source.declares_noise
     for k, (due, scene) in enumerate(found):
-        assert due == scene.capture_ns == START + round(k * 1e9 / 120)
+        assert due == scene.stamp_ns == START + round(k * 1e9 / 120)
         assert scene.sequence == k
         assert scene.sees_room
     assert source.next_ns() is None
@@ -81,7 +81,7 @@ def test_late_questions_get_every_scene_in_order(walk: Path) -> None:
     got = []
     while (scene := late.poll(START + 10**10)) is not None:
         got.append(scene)
-    assert [s.capture_ns for s in got] == [s.capture_ns for s in expected]
+    assert [s.stamp_ns for s in got] == [s.stamp_ns for s in expected]
 
 
 def test_a_camera_like_rate_leaves_frames_out_and_keeps_their_times(walk: Path) -> None:
@@ -94,7 +94,7 @@ def test_a_camera_like_rate_leaves_frames_out_and_keeps_their_times(walk: Path) 
         for i, scene in enumerate(found):
             twin = full[round(i * ratio)]
             assert scene.sequence == i
-            assert scene.capture_ns == twin.capture_ns
+            assert scene.stamp_ns == twin.stamp_ns
             np.testing.assert_array_equal(scene.people[0].positions, twin.people[0].positions)
     with pytest.raises(ConfigError, match="never invented"):
         _source(walk, rate_hz=200.0)
@@ -113,14 +113,14 @@ def test_a_loop_shows_an_empty_room_before_it_begins_again(walk: Path) -> None:
     found = _all(source, until=START + 7_000_000_000)
     scenes = [scene for _, scene in found]
     assert [s.sequence for s in scenes] == list(range(len(scenes)))
-    gaps = np.diff([s.capture_ns for s in scenes])
+    gaps = np.diff([s.stamp_ns for s in scenes])
     np.testing.assert_allclose(gaps, 1e9 / 30, rtol=1e-3)
     there = np.array([bool(s.people) for s in scenes])
     assert all(s.sees_room for s in scenes)
     assert list(np.flatnonzero(np.diff(there.astype(int)))) == [60, 90, 151, 181]
     np.testing.assert_array_equal(scenes[91].people[0].positions, scenes[0].people[0].positions)
-    assert source.truth(scenes[70].capture_ns) == {}
-    assert 1 in source.truth(scenes[100].capture_ns)
+    assert source.truth(scenes[70].stamp_ns) == {}
+    assert 1 in source.truth(scenes[100].stamp_ns)
 
 
 def test_noise_is_seeded_and_declared(walk: Path) -> None:
@@ -168,14 +168,25 @@ def test_a_path_starts_at_the_configuration_or_where_the_user_is(
 
 def _recorded(path: Path, source: Any, seconds: float, latency_ns: int = 3_000_000) -> list[Any]:
     """Record what a source gives, with a robot's state beside it; returns the scenes."""
-    info = RecordingInfo(source.joint_map, source.rate_hz, source.declares_noise, "a: 1")
+    info = RecordingInfo(
+        joint_map=source.joint_map,
+        rate_hz=source.rate_hz,
+        declares_noise=source.declares_noise,
+        config="a: 1",
+    )
     scenes: list[Any] = []
     with Recorder(path, info, threaded=False) as recorder:
         source.open(START)
         while (due := source.next_ns()) is not None and due <= START + seconds * 1e9:
             scene = source.poll(due)
             recorder.on_scene(scene, due + latency_ns)
-            state = RobotState(0, RobotMode.AUTOMATIC, len(scenes) % 256, (0.5,), (0.0,))
+            state = RobotState(
+                robot=0,
+                mode=RobotMode.AUTOMATIC,
+                counter=len(scenes) % 256,
+                positions=(0.5,),
+                velocities=(0.0,),
+            )
             recorder.on_received("can", Received(state, due + 1))
             scenes.append(scene)
     return scenes
@@ -194,15 +205,15 @@ def test_the_nodes_own_recording_plays_again_exactly(tmp_path: Path) -> None:
     played = _all(source)
     assert len(played) == len(scenes) == 61
     for (due, scene), twin in zip(played, scenes, strict=True):
-        assert scene.capture_ns == twin.capture_ns + 700
-        assert due == scene.capture_ns + 3_000_000  # as late as it was received
+        assert scene.stamp_ns == twin.stamp_ns + 700
+        assert due == scene.stamp_ns + 3_000_000  # as late as it was received
         assert (scene.sequence, scene.sees_room) == (twin.sequence, twin.sees_room)
         for p, q in zip(scene.people, twin.people, strict=True):
             np.testing.assert_array_equal(p.positions, q.positions)
             np.testing.assert_array_equal(p.observed, q.observed)
     link, received = source.received[4]
     assert (link, received.message.counter) == ("can", 4)
-    assert received.received_ns == played[4][1].capture_ns + 1
+    assert received.received_ns == played[4][1].stamp_ns + 1
 
 
 def test_blind_scenes_many_people_and_a_source_clock_of_its_own(tmp_path: Path) -> None:
@@ -221,7 +232,11 @@ def test_blind_scenes_many_people_and_a_source_clock_of_its_own(tmp_path: Path) 
     ]
     arrivals = [100, 12_000_000, 33_000_000, 34_000_000]
     path = tmp_path / "a.mcap"
-    with Recorder(path, RecordingInfo(joint_map, 100.0, False), threaded=False) as recorder:
+    with Recorder(
+        path,
+        RecordingInfo(joint_map=joint_map, rate_hz=100.0, declares_noise=False),
+        threaded=False,
+    ) as recorder:
         for scene, arrival in zip(recorded, arrivals, strict=True):
             recorder.on_scene(scene, arrival)
     source = _source(path)
@@ -230,7 +245,7 @@ def test_blind_scenes_many_people_and_a_source_clock_of_its_own(tmp_path: Path) 
     assert [s.sequence for _, s in played] == [5, 6, 9, 8]
     assert [s.sees_room for _, s in played] == [True, False, True, True]
     assert [[p.id for p in s.people] for _, s in played] == [[3, 40000], [], [40000], []]
-    shifts = {s.capture_ns - r.capture_ns for (_, s), r in zip(played, recorded, strict=True)}
+    shifts = {s.stamp_ns - r.stamp_ns for (_, s), r in zip(played, recorded, strict=True)}
     assert shifts == {START - 100}  # captures keep their distance from the arrivals
     assert set(source.truth(START)) == {3, 40000}
     with pytest.raises(ConfigError, match="as it was received"):

@@ -1,11 +1,11 @@
-/* Prints what recorded frames say, one line for each line of standard input.
+/* Decodes recorded frames, one line of output per line of standard input.
  *
  *   decode classic|fd|serial FIRST_ROBOT LAST_ROBOT [BASE_ID [29]]
  *
  * A line is "ID BYTES" for CAN, "BYTES" for serial, both in hexadecimal without spaces between the
- * bytes. Each message that is complete and fresh is printed with its raw values under the names of
- * PROTOCOL.md, several on one line parted by ";"; "-" stands for none. At the end come the counts of
- * the first robot's receiver.
+ * bytes. It prints each complete and fresh message with its raw values under the names of
+ * PROTOCOL.md, several on one line separated by ";"; "-" means none. The last line has the counts
+ * of the first robot's receiver.
  */
 #include "../hri_predict.h"
 
@@ -58,7 +58,7 @@ static void print_message(uint8_t kind, unsigned robot, const hri_message *messa
     }
 }
 
-/* Bytes of a hexadecimal text; stops at what is none. */
+/* Bytes of a hexadecimal text; stops at the first other character. */
 static unsigned parse(const char *text, uint8_t *bytes, unsigned room)
 {
     unsigned length = 0;

@@ -1,9 +1,9 @@
-/* A controller on a serial line (POSIX): says where its robot is, and obeys.
+/* A controller on a serial line (POSIX): it sends its robot's state and obeys the advice.
  *
  *   serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS]]]
  *
- * Robot 0 of the node stands still here; a real controller fills in what it measures. A line is
- * printed whenever what is permitted changes:
+ * Here robot 0 stands still; a real controller fills in its measurements. It prints a line whenever
+ * the permitted speed changes:
  *
  *   TIME_MS clear|warn|slow|stop SPEED_MM_S REASON VERDICT
  */
@@ -97,7 +97,7 @@ int main(int argc, char **argv)
             hri_unit units[HRI_PARTS_STATE];
             state_due = now + STATE_PERIOD_MS;
             hri_send_robot_state(&receiver, &state, now, units);
-            /* what does not fit now is lost: the next state is newer */
+            /* bytes that do not fit are lost: the next state is newer */
             count = write(port, units[0].data, units[0].length);
         }
         speed = hri_permitted_speed(&receiver, now);

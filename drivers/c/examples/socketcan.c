@@ -1,4 +1,4 @@
-/* A controller on classic CAN under Linux (SocketCAN): the same as serial.c, on another wire.
+/* A controller on classic CAN under Linux (SocketCAN): like serial.c, on another wire.
  *
  *   ip link set can0 up type can bitrate 500000 restart-ms 100
  *   socketcan can0
@@ -30,7 +30,7 @@ static uint32_t now_ms(void)
     return (uint32_t)((uint64_t)t.tv_sec * 1000u + (uint64_t)t.tv_nsec / 1000000u);
 }
 
-/* A socket that hears our frames alone: ids from base to base + 7F, if the base ends in 00 or 80. */
+/* A socket for our frames only: ids from base to base + 7F, if the base ends in 00 or 80. */
 static int open_bus(const char *name, uint32_t base_id)
 {
     struct ifreq interface = {0};

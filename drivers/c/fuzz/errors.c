@@ -1,11 +1,11 @@
-/* Looks for errors that the protection lets pass.
+/* Searches for errors that pass the protection.
  *
  *   errors CORPUS SAMPLES RANDOM [SEED]
  *
  * Of each classic frame in CORPUS: every error of one, two and three bits (64 bits: 43,744 of them).
  * Of each FD frame and each serial packet: SAMPLES such errors, in the protected bytes; of serial
- * packets as many on the wire as well, after COBS. Then RANDOM frames of nothing but chance under
- * Status' id, each after a Status with counter 99. Prints what was tried and what was accepted:
+ * packets as many on the wire as well, after COBS. Then RANDOM purely random frames with the id of
+ * Status, each after a Status with counter 99. Prints how many were tried and how many accepted:
  *
  *   classic FRAMES TRIED ACCEPTED
  *   ...
@@ -39,7 +39,7 @@ static uint8_t feed(hri_receiver *r, const input *in)
     return kind;
 }
 
-/* A frame with an error is accepted if it passes the CRC, whatever else is wrong with it. */
+/* A frame with an error counts as accepted if it passes the CRC, even if later checks refuse it. */
 static void try_frame(const hri_receiver *fresh, const input *in)
 {
     hri_receiver r = *fresh;
@@ -104,7 +104,7 @@ static void some_errors(const hri_receiver *fresh, const input *good, uint64_t s
     }
 }
 
-/* What arrives on the wire may frame nothing, or something else: it must complete no message. */
+/* Damaged bytes may form no frame or another frame: they must complete no message. */
 static void errors_on_the_wire(const hri_receiver *fresh, const input *good, uint64_t samples)
 {
     for (uint64_t n = 0; n < samples; n++) {

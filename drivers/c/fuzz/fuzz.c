@@ -1,11 +1,11 @@
-/* Feeds the receiver with what no node ever sent: mutated, truncated and random input.
+/* Feeds the receiver input that no node sends: mutated, truncated and random.
  *
  *   fuzz CORPUS INPUTS [SEED]
  *
  * CORPUS holds good units, a line each: "classic ID BYTES", "fd ID BYTES", "serial BYTES". Every
- * input is one CAN frame or one burst of serial bytes. Some get a right CRC again, so that they reach
- * what lies behind it. After each the receiver must be whole: in its bounds, and permitting
- * motion only where its own rule does. Build it with the sanitizers: they see what this does not.
+ * input is one CAN frame or one burst of serial bytes. Some get a new right CRC, so that they reach
+ * the later checks. After each input the receiver must be intact: within its bounds, and permitting
+ * motion only by its own rule. Build it with the sanitizers: they find what this test does not.
  *
  * Prints the inputs, what was accepted, and the greatest resident memory in KiB after a tenth of them
  * and at the end; exits 1 on a broken rule.
@@ -72,7 +72,7 @@ static void make(input *in)
     switch (dice(12)) {
     default: /* as it was */
         break;
-    case 1: /* of nothing but chance */
+    case 1: /* purely random */
         in->length = in->link == HRI_CLASSIC ? dice(9) : dice(in->link == HRI_FD ? 65 : 200);
         for (unsigned i = 0; i < in->length; i++) {
             in->data[i] = (uint8_t)dice(256);
@@ -101,7 +101,7 @@ static void make(input *in)
     }
 }
 
-/* The receiver's own rule, from what it shows of itself; 0 if it is broken. */
+/* Check the receiver's own rule from its visible state; 0 if it is broken. */
 static int whole(hri_receiver *r, uint32_t now)
 {
     uint16_t speed = hri_permitted_speed(r, now);
@@ -154,7 +154,7 @@ static void run(uint64_t inputs)
         make(&in);
         r = &receivers[in.link];
         now += dice(64) == 0 ? dice(400) : dice(4);
-        if (dice(8) == 0) { /* counters in order are no part of this */
+        if (dice(8) == 0) { /* this test does not cover counters in order */
             memset(r->sequences, 0, sizeof r->sequences);
         }
         if (dice(4) == 0) {
@@ -168,7 +168,7 @@ static void run(uint64_t inputs)
                 accepted += hri_receive_serial_byte(r, in.data[i], now) != HRI_NOTHING;
             }
         } else {
-            /* a copy of its very size, so that the sanitizer sees one byte read too many */
+            /* a copy of the exact size, so that the sanitizer finds a read past the end */
             uint8_t *copy = malloc(in.length > 0 ? in.length : 1);
             memcpy(copy, in.data, in.length);
             accepted += hri_receive_can(r, in.id, false, in.link == HRI_FD, copy,

@@ -1,4 +1,4 @@
-"""The closed loop by the thousand: ``hri-predict simulate``."""
+"""Thousands of closed-loop episodes: ``hri-predict simulate``."""
 
 import hashlib
 import multiprocessing
@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,52 +16,41 @@ import numpy as np
 import hri_predict
 import hri_sim
 from hri_predict.errors import ConfigError
-from hri_predict.settings import data_path
+from hri_predict.files import data_path
+from hri_predict.peers import SimulationReport, SimulationRequest
 from hri_sim.simulation.approach import together
 from hri_sim.simulation.cell import Cell, variants
 from hri_sim.simulation.motion import load_motion
-from hri_sim.simulation.publish import Result, report
-from hri_sim.simulation.report import Judged, Row, judged
+from hri_sim.simulation.results.publish import Result, report
+from hri_sim.simulation.results.report import Judged, Row, judged
 from hri_sim.simulation.scenario import draw
 from hri_sim.simulation.store import Store
 from hri_sim.simulation.work import ALONE, Block, Plan, blocks, episodes, run_block
 
-__all__ = ["Request", "Result", "report", "simulate"]
+__all__ = ["Result", "report", "run", "simulate"]
 
 _DECIDING = (".py", ".yaml", ".json", ".safetensors")
 CHECKED_SHARE = 0.02
 CHECKED_LEAST = 3
 
 
-@dataclass(frozen=True)
-class Request:
-    """What is asked for; see ``hri-predict simulate``."""
-
-    config: Path
-    predictors: tuple[str, ...] = ()
-    modes: tuple[str, ...] = ()
-    coverages: tuple[float, ...] = ()
-    motions: tuple[str, ...] = ()
-    episodes: int = 2000
-    seed: int = 0
-    people: int = 1
-    jobs: int = 1
-    out: Path | None = None
-    resume: bool = False
+def run(request: SimulationRequest, progress: Callable[[int, int], None]) -> SimulationReport:
+    """A simulation to run; see ``hri-predict simulate``."""
+    return report(simulate(request, progress), request.out)
 
 
-def simulate(request: Request, progress: Callable[[int, int], None]) -> Result:
+def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -> Result:
     """Run (or finish) a simulation.
 
     Args:
-        request: what is asked for.
-        progress: told how many episodes of how many are done.
+        request: the simulation to run.
+        progress: called with the number of finished episodes and of all episodes.
 
     Raises:
         HriPredictError: it cannot start; one line with the remedy.
     """
     plan = _plan(request)
-    for name in plan.predictors:  # complain before anything starts
+    for name in plan.predictors:  # report errors before anything starts
         config = plan.loaded(name)
         cell = Cell(config)
         variants(config, plan.modes, plan.coverages)
@@ -79,9 +67,9 @@ def simulate(request: Request, progress: Callable[[int, int], None]) -> Result:
     return _result(plan, store)
 
 
-def _plan(request: Request) -> Plan:
+def _plan(request: SimulationRequest) -> Plan:
     if not request.motions:
-        raise ConfigError("--data: no recording is named; name at least one")
+        raise ConfigError("--data: name at least one recording")
     names = tuple(request.predictors) or (None,)
     per = max(CHECKED_LEAST, round(CHECKED_SHARE * request.episodes))
     rng = np.random.default_rng([request.seed, 1])
@@ -100,7 +88,7 @@ def _plan(request: Request) -> Plan:
 
 
 def _decided_by(plan: Plan) -> dict[str, Any]:
-    """What the numbers follow from; the names of recordings, not where they lie."""
+    """Return everything that decides the results; recordings by name, not by folder."""
     return {
         "config": plan.loaded(None).text,
         "predictors": plan.predictors,
@@ -115,7 +103,7 @@ def _decided_by(plan: Plan) -> dict[str, Any]:
 
 
 def _code() -> str:
-    """What the numbers follow from besides: programs, weights, calibrations, robots."""
+    """Return a digest of the code, weights, calibrations and robots that decide the results."""
     digest = hashlib.sha256()
     folders = [Path(str(package.__file__)).parent for package in (hri_predict, hri_sim)]
     for folder in (*folders, data_path()):
@@ -126,17 +114,23 @@ def _code() -> str:
 
 
 def _check_motions(plan: Plan, cell: Cell) -> None:
-    """Complain of a recording that is no use now, not after minutes."""
+    """Refuse unusable recordings now, not after minutes."""
     base_dir, rate_hz = cell.config.base_dir, cell.source.rate_hz
     motions = [load_motion(name, rate_hz, base_dir) for name in plan.motions]
     for index, motion in enumerate(motions):
-        draw(plan.seed, index, [motion], cell.workspace, cell.source.lead_in_s)
+        draw(
+            seed=plan.seed,
+            index=index,
+            motions=[motion],
+            workspace=cell.workspace,
+            lead_in_s=cell.source.lead_in_s,
+        )
     if plan.people > 1:
         together(motions)
 
 
 def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Block, dict[str, Any]]]:
-    """Finished blocks as they come."""
+    """Yield each block when it is finished."""
     if jobs == 1 or len(todo) < 2:
         for block in todo:
             yield block, run_block(plan, block)
@@ -153,8 +147,8 @@ def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Bloc
                     yield waiting.pop(future), future.result()
         except BrokenProcessPool as error:
             raise ConfigError(
-                "--jobs: a process ended before its time, perhaps for lack of memory; run again "
-                "with fewer, and with --resume if --out is given"
+                "--jobs: a process ended too early, perhaps for lack of memory; run again with "
+                "fewer jobs, and with --resume if you gave --out"
             ) from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -162,7 +156,7 @@ def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Bloc
 
 
 def _begin() -> None:
-    """A process begins: one thread, a quiet end, and none without the one that started it."""
+    """Set up a process: one thread, a quiet end, and an end with the process that started it."""
     import torch
 
     torch.set_num_threads(1)
@@ -207,7 +201,14 @@ def _result(plan: Plan, store: Store) -> Result:
         "recordings": [Path(name).stem for name in plan.motions],
         "folders": sorted({"/".join(Path(name).parts[-3:-1]) for name in plan.motions} - {""}),
     }
-    return Result(results, alone, predictions, checks, disagreements, asked)
+    return Result(
+        results=results,
+        alone=alone,
+        predictions=predictions,
+        checks=checks,
+        disagreements=disagreements,
+        asked=asked,
+    )
 
 
 def _sorted(rows: Sequence[Row]) -> list[Row]:

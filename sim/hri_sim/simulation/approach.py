@@ -1,7 +1,7 @@
-"""One approach as a source (``kind: approach``): motions, each put somewhere over the floor.
+"""One approach as a source (``kind: approach``): motions, each placed somewhere on the floor.
 
-``hri-predict simulate`` fills in who and where; a configuration that names them plays that very
-approach through the node (``hri-predict run``), so that a contact in a table can be looked at.
+``hri-predict simulate`` fills in motions and places. A configuration that contains them plays that
+approach through the node (``hri-predict run``), so that a user can examine a contact in a table.
 """
 
 from collections.abc import Sequence
@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError
+from hri_predict.geometry import transform
 from hri_predict.joint_map import JointMap, load_joint_map
-from hri_predict.scene import Floats, Person, Scene
-from hri_predict.settings import MIN_RATE_HZ, Pose, Vector3, transform
+from hri_predict.scene import Person, Scene
+from hri_predict.settings import MIN_RATE_HZ, Pose, Vector3
 from hri_predict.source import SourceSettings
 from hri_sim.simulation.motion import Motion, load_motion
 
@@ -32,9 +34,9 @@ class ApproachSettings(SourceSettings):
         [], max_length=16, description="recordings or procedural:SEED; simulate fills them in"
     )
     places: list[Vector3] = Field(
-        [], description="[x, y, yaw] for each: turns its frame about z, then moves it"
+        [], description="[x, y, yaw] of each motion: turn its frame about z, then move it"
     )
-    lead_in_s: float = Field(3.0, ge=0, le=60, description="the room is seen empty before")
+    lead_in_s: float = Field(3.0, ge=0, le=60, description="seconds of empty room before")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second at most")
 
 
@@ -44,10 +46,10 @@ class ApproachSource:
     settings_model = ApproachSettings
 
     def __init__(self, settings: ApproachSettings, base_dir: Path | None = None) -> None:
-        """Read the motions; relative paths start at ``base_dir``, or else where we are.
+        """Read the motions; relative paths start at ``base_dir``, or in the current folder.
 
         Raises:
-            ConfigError: nobody is named, or the motions do not go together.
+            ConfigError: no motion is named, or the motions cannot be combined.
             RecordingError: a recording cannot be read.
         """
         if not settings.motions or len(settings.motions) != len(settings.places):
@@ -80,7 +82,7 @@ class ApproachSource:
         return self._capture_ns(self._next)
 
     def poll(self, now_ns: int) -> Scene | None:
-        """The oldest scene that has arrived by ``now_ns`` and was not returned."""
+        """Return the oldest scene that has arrived by ``now_ns`` and was not returned yet."""
         due_ns = self.next_ns()
         if due_ns is None or due_ns > now_ns:
             return None
@@ -97,7 +99,7 @@ class ApproachSource:
         return Scene(due_ns, k, True, people)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: the source holds no resources."""
         self._start_ns = None
 
     def _capture_ns(self, k: int) -> int:
@@ -114,10 +116,10 @@ def _canonical() -> JointMap:
 
 
 def together(motions: list[Motion]) -> NDArray[np.int64]:
-    """(N,) captures that all motions have in common, up to the end of the shortest.
+    """Return (N,) captures that all motions have in common, up to the end of the shortest.
 
     Raises:
-        ConfigError: they are not of one rate.
+        ConfigError: their rates differ.
     """
     count = min(len(motion.capture_ns) for motion in motions)
     captures = motions[0].capture_ns[:count]
@@ -131,7 +133,7 @@ def together(motions: list[Motion]) -> NDArray[np.int64]:
 
 
 def over_floor(place: Sequence[float]) -> Floats:
-    """(4, 4) of a turn about z by yaw, then a move by x and y."""
+    """Return the matrix (4, 4) of a turn about z by yaw, then a move by x and y."""
     x, y, yaw = place
     matrix = np.eye(4)
     matrix[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]

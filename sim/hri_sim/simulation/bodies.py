@@ -1,8 +1,8 @@
-"""What the node knows of the people of a motion, tick by tick: computed once, moved for each place.
+"""What the node knows of people, tick by tick: computed once per motion, then moved to each place.
 
-Forecasts and zones depend neither on where over the floor a motion is put (the stages are
-equivariant under turns about z and moves over the floor) nor on any robot. So each motion runs once
-through the real stages, in its own frame; an episode moves what came of it.
+Forecasts and zones depend on no robot, nor on a motion's place on the floor: the stages are
+equivariant under turns about z and moves over the floor. So each motion runs once through the real
+stages in its own frame, and an episode moves the results.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict import assemble
+from hri_predict.arrays import Floats
 from hri_predict.clock import VirtualClock
-from hri_predict.people import People
-from hri_predict.prediction import PredictionRunner
-from hri_predict.risk.types import Capsules
-from hri_predict.risk.zones import BodyZones
-from hri_predict.scene import Floats
-from hri_predict.session import VIRTUAL_START_NS
-from hri_predict.settings import transform
-from hri_predict.snapshot import PeopleSnapshot
+from hri_predict.geometry import Capsules, transform
+from hri_predict.people.people import People
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.risk.zones.human_speed import HumanSpeeds
+from hri_predict.run import assemble
+from hri_predict.run.session import VIRTUAL_START_NS
 from hri_sim.simulation.approach import ApproachSource
 from hri_sim.simulation.cell import Cell, Variant, with_risk
 from hri_sim.simulation.foreknown import TrueFuture, foreknown
@@ -32,7 +32,7 @@ class Bodies:
 
     Attributes:
         snapshots: (K).
-        forecasts: (K) of (P, H, J, 3), ``None`` where there was none.
+        forecasts: (K) of (P, H, J, 3); ``None`` without a forecast.
         zones: variant's name -> (K).
     """
 
@@ -42,6 +42,7 @@ class Bodies:
 
 
 def compute(
+    *,
     cell: Cell,
     motions: Sequence[str],
     lead_in_s: float,
@@ -51,11 +52,11 @@ def compute(
     """Run people, predictor and zones over motions, as the node would.
 
     Args:
-        cell: its predictor and configuration are used.
-        motions: of the people.
-        lead_in_s: the room is empty before.
-        variants: how risk is judged; zones may depend on it.
-        places: (x, y, yaw) of each; default each in its own frame.
+        cell: gives predictor and configuration.
+        motions: the people's motions.
+        lead_in_s: seconds of empty room before.
+        variants: ways to judge risk; zones may depend on them.
+        places: (x, y, yaw) of each; default: each in its own frame.
     """
     config = cell.config
     placed = [list(place) for place in places or [(0.0, 0.0, 0.0)] * len(motions)]
@@ -90,7 +91,7 @@ def compute(
 
 
 def _ticks(source: ApproachSource, people: People, period_ns: int) -> Iterator[int]:
-    """The ticks up to the last scene; as in the node's loop, what has arrived comes first."""
+    """Yield the ticks up to the last scene; as in the node's loop, arrived scenes come first."""
     tick_ns = VIRTUAL_START_NS
     source.open(tick_ns)
     while (due_ns := source.next_ns()) is not None:
@@ -106,7 +107,7 @@ def _ticks(source: ApproachSource, people: People, period_ns: int) -> Iterator[i
 
 
 def moved(bodies: Bodies, matrix: Floats, person: int) -> Bodies:
-    """The same after a rigid motion (4, 4), everybody's id raised by ``person``."""
+    """Return the bodies after a rigid motion (4, 4), with every id raised by ``person``."""
     return Bodies(
         [_moved_snapshot(s, matrix, person) for s in bodies.snapshots],
         [None if f is None else transform(matrix, f) for f in bodies.forecasts],
@@ -115,7 +116,7 @@ def moved(bodies: Bodies, matrix: Floats, person: int) -> Bodies:
 
 
 def joined(parts: Sequence[Bodies]) -> Bodies:
-    """Several people, each computed alone, in one room; up to the end of the shortest."""
+    """Join people who were computed alone into one room, up to the end of the shortest."""
     if len(parts) == 1:
         return parts[0]
     count = min(len(part.snapshots) for part in parts)
@@ -198,6 +199,12 @@ def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
         capture_ns=min(captures, default=None),
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
         claimed=None,  # it served its purpose when the zones were built
+        speeds=HumanSpeeds(
+            np.concatenate([part.speeds.trunk for part in parts]),
+            np.concatenate([part.speeds.hand for part in parts]),
+            np.concatenate([part.speeds.fast for part in parts]),
+        ),
+        untrusted=tuple(dict.fromkeys(r for part in parts for r in part.untrusted)),
     )
 
 

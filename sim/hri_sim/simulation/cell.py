@@ -4,20 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hri_predict import assemble
 from hri_predict.clock import Clock
-from hri_predict.config import Config
 from hri_predict.errors import ConfigError
 from hri_predict.link import LinkSettings
 from hri_predict.predictors.base import Predictor
-from hri_predict.risk.robot import RobotModel
-from hri_predict.risk.robot_tracker import RobotTracker
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.risk.trajectory import Trajectory
+from hri_predict.robots.model import RobotModel
+from hri_predict.robots.tracker import RobotTracker
+from hri_predict.robots.trajectory import Trajectory
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
 from hri_predict.settings import validated
+from hri_sim.controllers.station import Post, posts
 from hri_sim.simulation.approach import ApproachSettings
 from hri_sim.simulation.scenario import Scenario, Workspace
-from hri_sim.station import Post, posts
 
 FOREKNOWN = "foreknown"
 """Mode ``predictive`` with the true future instead of a forecast; see ``foreknown``."""
@@ -25,10 +25,10 @@ FOREKNOWN = "foreknown"
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to judge risk: what is compared on the same approaches.
+    """One way to judge risk; variants are compared on the same approaches.
 
     Attributes:
-        name: the mode, and its coverage where that is not the configuration's.
+        name: the mode, and its coverage if it differs from the configuration's.
         risk: overrides of ``risk:``.
     """
 
@@ -37,12 +37,12 @@ class Variant:
 
     @property
     def is_foreknown(self) -> bool:
-        """Whether it judges the true future: a bound, which no node can be run with."""
+        """Whether it uses the true future: a bound that no real node can run with."""
         return self.name == FOREKNOWN
 
 
 def variants(config: Config, modes: Sequence[str], coverages: Sequence[float]) -> list[Variant]:
-    """The modes asked for (``foreknown`` may be among them), and ``predictive`` at each coverage.
+    """Return the given modes (``foreknown`` may be one), and ``predictive`` at each coverage.
 
     Raises:
         ConfigError: an unknown mode or coverage.
@@ -65,10 +65,10 @@ def variants(config: Config, modes: Sequence[str], coverages: Sequence[float]) -
 
 
 def with_risk(config: Config, variant: Variant) -> Config:
-    """The configuration with the variant's risk settings.
+    """Return the configuration with the variant's risk settings.
 
     Raises:
-        ConfigError: the settings know no such mode or coverage.
+        ConfigError: the mode or coverage is not valid.
     """
     data = config.node.risk.model_dump() | dict(variant.risk)
     risk = validated(RiskSettings, data, f"--mode {variant.name}: risk")
@@ -76,7 +76,7 @@ def with_risk(config: Config, variant: Variant) -> Config:
 
 
 def with_scenario(config: Config, scenario: Scenario) -> Config:
-    """The configuration that plays one scenario, its losses on the wire included."""
+    """Return the configuration that plays one scenario, with its losses on the wire."""
     assert isinstance(config.source, ApproachSettings)
     source = config.source.model_copy(
         update={
@@ -99,13 +99,13 @@ def _start(link: LinkSettings) -> dict[str, Any]:
 
 
 class Cell:
-    """What stays the same from one episode to the next, for one predictor.
+    """The parts that stay the same in all episodes with one predictor.
 
     Attributes:
         config: without a scenario.
         predictor: built once.
-        models, trajectories: of the robots, in the configuration's order.
-        workspace: what they sweep.
+        models, trajectories: the robots' models and trajectories, in the configuration's order.
+        workspace: the space that the robots sweep.
     """
 
     def __init__(self, config: Config, predictor: Predictor | None = None) -> None:
@@ -121,8 +121,8 @@ class Cell:
             )
         if not config.links or any(link.simulate is None for link in config.links):
             raise ConfigError(
-                f"{config.path}: links: every link needs a 'simulate:' block, for a simulation has "
-                f"no hardware (see the shipped simulate.yaml)"
+                f"{config.path}: links: every link needs a 'simulate:' block, because a simulation "
+                f"has no hardware (see the shipped simulate.yaml)"
             )
         self.config = config
         self.predictor = predictor or assemble.build_predictor(config)
@@ -147,14 +147,14 @@ class Cell:
         return self.config.source
 
     def posts(self, links: Sequence[LinkSettings]) -> list[Post]:
-        """The posts at the far ends of these links: the configuration's, a scenario's start."""
+        """Return the posts at the far ends of these links, with a scenario's start."""
         return [
             replace(post, link=link, settings=post.settings.model_copy(update=_start(link)))
             for post, link in zip(self._posts, links, strict=True)
         ]
 
     def trackers(self, clock: Clock) -> list[RobotTracker]:
-        """Fresh trackers of all robots."""
+        """Return new trackers of all robots."""
         return [
             RobotTracker(settings, model, self.config.base_dir, clock.now_ns())
             for settings, model in zip(self.config.node.robots, self.models, strict=True)

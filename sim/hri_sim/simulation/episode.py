@@ -1,33 +1,35 @@
 """One episode, stepped through the closed loop.
 
-Levels, publisher, link, wire, controller, arm and referee are the node's and the cell's own,
-stepped as ``hri-predict run --speed max`` does; people, predictor and zones are played from
+Levels, publisher, link, wire, controller, arm and referee are those of the node and the cell,
+stepped as in ``hri-predict run --speed max``. People, predictor and zones are played from
 ``Bodies``.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from hri_predict import assemble
+from hri_predict.arrays import Bools, Floats
 from hri_predict.clock import VirtualClock
-from hri_predict.config import Config
-from hri_predict.node import Node
-from hri_predict.people import People
-from hri_predict.prediction import PredictionRunner
+from hri_predict.monitoring.pace import Pace
+from hri_predict.node.listeners import Listener, Tick
+from hri_predict.node.node import Node
+from hri_predict.node.publisher import Publisher
+from hri_predict.peers import ControllerReport
+from hri_predict.people.people import People
+from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
+from hri_predict.predictors.runner import PredictionRunner
 from hri_predict.protocol.messages import Advice, Level, Message, Status
-from hri_predict.publisher import Publisher
-from hri_predict.reasons import Reason
+from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.types import Assessment, Zones
-from hri_predict.risk.zones import BodyZones
-from hri_predict.runtime import Pace, step_all
-from hri_predict.scene import Bools, Floats, Scene
-from hri_predict.session import VIRTUAL_START_NS
-from hri_predict.snapshot import PeopleSnapshot
-from hri_predict.tick import Listener, Tick
-from hri_sim.cell import MockCell
-from hri_sim.controller import ControllerReport
+from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+from hri_predict.run.runtime import step_all
+from hri_predict.run.session import VIRTUAL_START_NS
+from hri_predict.scene import Scene
+from hri_sim.controllers.cell import MockCell
 from hri_sim.referee import Referee, TruePeople
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource
 from hri_sim.simulation.bodies import Bodies
@@ -35,9 +37,9 @@ from hri_sim.simulation.cell import Cell, Variant, with_risk, with_scenario
 from hri_sim.simulation.scenario import Scenario
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Log:
-    """What truly happened, tick by tick. K ticks.
+    """The true course of an episode, tick by tick. K ticks.
 
     Attributes:
         times_s: (K,) since the start.
@@ -65,27 +67,33 @@ class Log:
 
 
 def run_episode(
-    cell: Cell, scenario: Scenario, variant: Variant, bodies: Bodies, nobody: bool = False
+    *, cell: Cell, scenario: Scenario, variant: Variant, bodies: Bodies, nobody: bool = False
 ) -> Log:
     """Step one episode.
 
     Args:
-        cell: what stays the same.
-        scenario: who comes.
-        variant: how risk is judged.
-        bodies: everybody as the node knows them, in the room.
-        nobody: the node sees an empty room, so that the robot works as if alone: what would happen
-            without protection, and how much work an empty cell does.
+        cell: the parts that stay the same.
+        scenario: the approach.
+        variant: the way to judge risk.
+        bodies: the people as the node knows them, in the room frame.
+        nobody: show the node an empty room, so that the robot works as if alone. This gives the
+            course without protection, and the work that an empty cell does.
     """
     config = with_scenario(with_risk(cell.config, variant), scenario)
     clock = VirtualClock(VIRTUAL_START_NS)
     mock = MockCell(
-        config.links, config.node.robots, config.base_dir, clock, manned=cell.posts(config.links)
+        links=config.links,
+        robots=config.node.robots,
+        base_dir=config.base_dir,
+        clock=clock,
+        manned=cell.posts(config.links),
     )
     source = ApproachSource(cell_settings(config), config.base_dir)
     transports = mock.transports()
     links = tuple(
-        assemble.build_link(link, config, clock, None, transports[link.name])
+        assemble.build_link(
+            settings=link, config=config, clock=clock, transport=transports[link.name]
+        )
         for link in config.links
     )
     trackers = cell.trackers(clock)
@@ -94,30 +102,37 @@ def run_episode(
     engine = assemble.build_risk(config, source, cell.predictor, trackers)
     watch = _Watch()
     node = Node(
-        _PlayedPeople(played),
-        _NoPrediction(),
-        _PlayedRisk(engine, played),
-        trackers,
-        links,
-        advised,
-        _QuietPublisher(links, advised, cell.predictor, False),
-        0,
-        [watch],
+        people=_PlayedPeople(played),
+        prediction=_NoPrediction(),
+        risk=_PlayedRisk(engine, played),
+        robots=trackers,
+        links=links,
+        advised=advised,
+        publisher=_QuietPublisher(links, advised, cell.predictor, False),
+        predictor_index=0,
+        listeners=[watch],
     )
     assembly = assemble.Assembly(
-        config, clock, source, links, _NoPrediction(), tuple(cell.models), tuple(trackers), node
+        config=config,
+        clock=clock,
+        source=source,
+        links=links,
+        prediction=_NoPrediction(),
+        robots=tuple(cell.models),
+        trackers=tuple(trackers),
+        node=node,
     )
     truth = TruePeople(ApproachSource(cell_settings(config), config.base_dir))
     referee = Referee(cell.models, config.node.risk.clearance_m)
     recorder = _Recorder(mock, truth, referee, cell)
-    step_all(assembly, Pace(), mock, each_tick=recorder.observe)
+    step_all(assembly=assembly, pace=Pace(), beside=mock, each_tick=recorder.observe)
     if node.assess_failures or node.listener_failures:
         raise RuntimeError(f"the risk stage failed in episode {scenario.index}")
     return recorder.log(watch, mock.stop())
 
 
 def cell_settings(config: Config) -> ApproachSettings:
-    """The configuration's source, which names who comes."""
+    """Return the configuration's source, which names the motions."""
     assert isinstance(config.source, ApproachSettings)
     return config.source
 
@@ -145,7 +160,7 @@ class _Played:
 
 
 class _PlayedPeople(People):
-    """Follows nobody: who is here was computed before."""
+    """Tracks nobody: the people were computed before."""
 
     def __init__(self, played: _Played) -> None:
         self._played = played
@@ -154,12 +169,12 @@ class _PlayedPeople(People):
         """Computed before."""
 
     def snapshot(self, now_ns: int) -> PeopleSnapshot:
-        """Everybody at ``now_ns``."""
+        """Return the people at ``now_ns``."""
         return self._played.snapshot(now_ns)
 
 
 class _NoPrediction(PredictionRunner):
-    """The zones were computed before; nobody asks for a forecast."""
+    """Makes no forecast, because the zones were computed before."""
 
     def __init__(self) -> None:
         self.failures = self.late = 0
@@ -170,7 +185,7 @@ class _NoPrediction(PredictionRunner):
 
 
 class _PlayedRisk(RiskEngine):
-    """The engine's second half: its zones were computed before."""
+    """The engine, whose zones were computed before."""
 
     def __init__(self, engine: RiskEngine, played: _Played) -> None:
         self._engine, self._played = engine, played
@@ -178,21 +193,26 @@ class _PlayedRisk(RiskEngine):
     def assess(
         self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
     ) -> Assessment:
-        """Judge the zones of this tick."""
+        """Judge the zones of this tick: separation and levels alone are computed."""
+        engine = self._engine
         if self._played.nobody:
-            return self._engine.judge(snapshot, self._engine.zones(snapshot, None, ()))
-        return self._engine.judge(snapshot, self._played.zones(snapshot.now_ns))
+            bodies = engine.zones(snapshot, None)
+        else:
+            bodies = self._played.zones(snapshot.now_ns)
+        findings = engine.separation(bodies, engine.robots(snapshot.now_ns))
+        return engine.levels(snapshot, bodies, findings)
 
     def acknowledge(self, latch_id: int) -> bool:
-        """As the engine does."""
+        """Do what the engine does."""
         return self._engine.acknowledge(latch_id)
 
 
 class _QuietPublisher(Publisher):
-    """Leaves out what no controller of a simulation hears."""
+    """Leaves out messages that no simulated controller uses."""
 
     def publish(
         self,
+        *,
         now_ns: int,
         status: Status,
         advices: Sequence[Advice],
@@ -201,11 +221,13 @@ class _QuietPublisher(Publisher):
         snapshot: PeopleSnapshot | None,
     ) -> list[Message]:
         """Post advice, status and schema."""
-        return super().publish(now_ns, status, advices, None, None, None)
+        return super().publish(
+            now_ns=now_ns, status=status, advices=advices, zones=None, forecast=None, snapshot=None
+        )
 
 
 class _Watch(Listener):
-    """Notes each tick's advice."""
+    """Records each tick's advice."""
 
     def __init__(self) -> None:
         self.levels: dict[int, tuple[Level, ...]] = {}
@@ -217,7 +239,7 @@ class _Watch(Listener):
 
 
 class _Recorder:
-    """Judges and notes what truly is at each tick."""
+    """Judges and records the true state at each tick."""
 
     def __init__(self, mock: MockCell, truth: TruePeople, referee: Referee, cell: Cell) -> None:
         self._mock, self._truth, self._referee = mock, truth, referee
@@ -243,7 +265,7 @@ class _Recorder:
         for name, cycle_s in self._cycles.items():
             log.q[name].append(robots[name][0])
             before, now = log.path_s[name], paths[name]
-            if before:  # unwrapped: in one tick it passes far less than half a cycle
+            if before:  # unwrap: one tick covers far less than half a cycle
                 now = before[-1] + (now - before[-1] + 0.25 * cycle_s) % cycle_s - 0.25 * cycle_s
             before.append(now)
 
@@ -260,7 +282,7 @@ class _Recorder:
 
 
 def _empty(snapshot: PeopleSnapshot) -> PeopleSnapshot:
-    """The same scene without anybody; nothing speaks against an empty room."""
+    """Return the snapshot without people and without reasons against an empty room."""
     return replace(
         snapshot,
         ids=(),

@@ -1,8 +1,8 @@
-"""The bound that no predictor can pass: zones that hold the true future and nothing else.
+"""The bound that no predictor can exceed: zones that hold exactly the true future.
 
-What a mode does with them is lost neither to the forecast's errors nor to its radii: a body truly
-is there, or the robot cannot stop and start as fast as people come and go. The distance from
-``predictive`` to this bound is what a better forecast could still bring.
+With these zones neither forecast errors nor radii cause lost work. The robot loses work only
+because a body is truly there, or because it cannot stop and start as fast as people come and go.
+The distance from ``predictive`` to this bound is what a better forecast could still gain.
 """
 
 from collections.abc import Sequence
@@ -10,23 +10,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.risk.types import Capsules
-from hri_predict.risk.zones import BodyZones
-from hri_predict.scene import Bools, Floats
-from hri_predict.snapshot import PeopleSnapshot
+from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import Capsules
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.source import Source
 from hri_sim.referee import TruePeople
 
 GRID_NS = 10_000_000
-"""The true bodies are looked up on this grid; in 10 ms a walking body moves by 15 mm."""
+"""Grid of times for the true bodies; a walking body moves by 15 mm in 10 ms."""
 
 
 class TrueFuture:
-    """Where everybody will be, on a grid of times.
+    """The true future positions of all people, on a grid of times.
 
     Args:
-        source: a copy of the one that the node sees, not yet open.
-        start_ns, end_ns: the time that is wanted; before and after it people stay where they are.
+        source: a copy of the node's source, not yet open.
+        start_ns, end_ns: the time to cover; before and after it people stand still.
     """
 
     def __init__(self, source: Source, start_ns: int, end_ns: int) -> None:
@@ -40,7 +40,7 @@ class TrueFuture:
         truth.close()
 
     def at(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
-        """id -> canonical joints (J, 3) and which are known (J,)."""
+        """Return id -> canonical joints (J, 3) and which are known (J,)."""
         index = round((now_ns - self._start_ns) / GRID_NS)
         return self._people[min(max(index, 0), len(self._people) - 1)]
 
@@ -48,12 +48,12 @@ class TrueFuture:
 def foreknown(
     snapshots: Sequence[PeopleSnapshot], zones: Sequence[BodyZones], future: TrueFuture
 ) -> list[BodyZones]:
-    """The zones of each tick, as narrow as the bodies themselves.
+    """Return the zones of each tick, as narrow as the bodies themselves.
 
     Args:
         snapshots: (K) ticks.
-        zones: (K) as the node has them; lost people's stay so.
-        future: what will be.
+        zones: (K) the node's zones; those of lost people stay unchanged.
+        future: the true future.
     """
     return [
         bodies if snapshot.lost else _narrow(snapshot, bodies, future)
@@ -62,7 +62,7 @@ def foreknown(
 
 
 def _narrow(snapshot: PeopleSnapshot, bodies: BodyZones, future: TrueFuture) -> BodyZones:
-    """Capsules as captured, each end carried along by the joint that it was nearest to."""
+    """Move captured capsules: each end follows the joint that was nearest to it."""
     zones = bodies.zones
     own = zones.capsules
     a, b, radius = own.a.copy(), own.b.copy(), own.radius.copy()

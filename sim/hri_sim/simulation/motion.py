@@ -1,4 +1,4 @@
-"""Motions: what the people of an approach do, each in a frame of its own with the floor at z = 0.
+"""Motions of the people of an approach, each in its own frame with the floor at z = 0.
 
 A motion is one person's recording, or one procedural script, mapped to canonical joints.
 """
@@ -10,21 +10,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError
-from hri_predict.scene import Bools, Floats
 from hri_predict.skeleton import JOINTS
-from hri_sim.procedural import ProceduralSettings, ProceduralSource
+from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
+from hri_sim.people.script import PersonSettings, Timeline
 from hri_sim.replay import RecordingSettings, RecordingSource
-from hri_sim.script import PersonSettings, Timeline
 
 PROCEDURAL = "procedural"
-"""Motions of this name, as in ``procedural:3``, are scripts; the number is their seed."""
+"""A motion with this name, such as ``procedural:3``, is a script; the number is its seed."""
 _SHOULDERS_M = 1.05
 """Height of a seated person's shoulders, for recordings of arms in a camera's frame."""
 _SHORTEST_S = 1.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
     """One person's motion. N captures, J canonical joints.
 
@@ -54,7 +54,7 @@ def load_motion(name: str, rate_hz: float, base_dir: Path | None = None) -> Moti
 
     Raises:
         RecordingError: it cannot be read.
-        ConfigError: it holds anything but one person's motion of a second at least.
+        ConfigError: it does not hold exactly one person's motion of one second or more.
     """
     if name.startswith(PROCEDURAL + ":"):
         return _procedural(name, rate_hz)
@@ -82,32 +82,44 @@ def _collected(name: str, source: RecordingSource | ProceduralSource) -> Motion:
         joints, seen = np.full((len(JOINTS), 3), np.nan), np.zeros(len(JOINTS), dtype=np.bool_)
         for person in scene.people:
             joints, seen = source.joint_map.map(person.positions, person.observed)
-        stamps.append(scene.capture_ns)
+        stamps.append(scene.stamp_ns)
         positions.append(np.where(seen[:, None], joints, np.nan))
         observed.append(seen)
     if not stamps or (stamps[-1] - stamps[0]) * 1e-9 < _SHORTEST_S or not observed[0].any():
         raise ConfigError(
-            f"recording {name}: too short, or nobody is seen at its start; an approach needs "
+            f"recording {name}: too short, or nobody is in view at its start; an approach needs "
             f"{_SHORTEST_S:g} s of a person; leave it out"
         )
     capture_ns = np.array(stamps, dtype=np.int64) - stamps[0]
-    return Motion(name, source.rate_hz, capture_ns, np.array(positions), np.array(observed))
+    return Motion(
+        name=name,
+        rate_hz=source.rate_hz,
+        capture_ns=capture_ns,
+        positions=np.array(positions),
+        observed=np.array(observed),
+    )
 
 
 def _seated(motion: Motion) -> Motion:
-    """Arms recorded in a camera's frame, lifted to where a seated person has them."""
+    """Lift arms that were recorded in a camera's frame to the height of a seated person."""
     shoulders = [JOINTS.index("l_shoulder"), JOINTS.index("r_shoulder")]
     lift = _SHOULDERS_M - float(np.nanmean(motion.positions[:, shoulders, 2]))
     lifted = motion.positions + np.array([0.0, 0.0, lift])
-    return Motion(motion.name, motion.rate_hz, motion.capture_ns, lifted, motion.observed)
+    return Motion(
+        name=motion.name,
+        rate_hz=motion.rate_hz,
+        capture_ns=motion.capture_ns,
+        positions=lifted,
+        observed=motion.observed,
+    )
 
 
 def _procedural(name: str, rate_hz: float) -> Motion:
-    """Somebody walks up, reaches out, stays a moment, and walks away: drawn from the seed."""
+    """Draw a script from the seed: a person walks up, reaches out, stays and walks away."""
     try:
         rng = np.random.default_rng([int(name.partition(":")[2]), 0])
     except ValueError as error:
-        raise ConfigError(f"motion {name}: write procedural:SEED, as in procedural:3") from error
+        raise ConfigError(f"motion {name}: write procedural:SEED, such as procedural:3") from error
     walked = float(rng.uniform(2.5, 4.0))
     hand = str(rng.choice(["left", "right"]))
     aside = float(rng.uniform(-0.15, 0.15))

@@ -1,8 +1,8 @@
-"""Scenarios: who comes, from where, at which phase of the robot's cycle; all from a seed.
+"""Scenarios: motions, their places, and the phases of the robots' cycles; all drawn from a seed.
 
 A motion is turned about z and moved over the floor, never lifted, so that one of its joints passes
-through a point of the workspace, at the height that this joint has there: the round of the robot's
-base, as wide and as high as the robot sweeps in its cycle.
+through a point of the workspace at the joint's own height. The workspace is a cylinder around the
+robot's base, as wide and as high as the robot sweeps in its cycle.
 """
 
 import math
@@ -11,38 +11,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError
-from hri_predict.risk.geometry import capsule_distance
-from hri_predict.risk.robot import RobotModel
-from hri_predict.risk.trajectory import Trajectory
-from hri_predict.risk.types import Capsules
-from hri_predict.scene import Floats
-from hri_predict.settings import transform
+from hri_predict.geometry import Capsules, capsule_distance, transform
+from hri_predict.robots.model import RobotModel
+from hri_predict.robots.trajectory import Trajectory
 from hri_sim.referee import body_capsules
 from hri_sim.simulation.approach import over_floor
 from hri_sim.simulation.motion import Motion
 
 ENTER_M = 2.0
-"""From here on somebody may appear before a robot at full speed: the protective separation distance
-of ISO/TS 15066 is about that, and nobody comes out of thin air within it."""
+"""A person may appear at this distance from a robot at full speed. It is about the protective
+separation distance of ISO/TS 15066; no person appears from nowhere within it."""
 _TRIES = 40
-_FREE_M = 0.05  # at the start nobody is nearer to where the robot may be
-_LATE = 0.25  # of a motion: nobody passes before
+_FREE_M = 0.05  # at the start nobody is nearer to the swept space
+_LATE = 0.25  # share of a motion before which nobody passes
 _PHASES = 48
 _MOVES_M = 0.05  # a capsule that moves less in a cycle sweeps no space
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
     """One approach.
 
     Attributes:
-        index: its number; with the seed it decides all the rest.
+        index: its number; number and seed decide everything else.
         motions: names of the motions, one for each person.
         places: (x, y, yaw) of each.
-        lead_in_s: the room is empty for so long before; 0 where somebody begins near the robot.
-        phase_s: where each robot is in its cycle at the start.
-        link_seed: of what is lost on the wire.
+        lead_in_s: seconds of empty room before; 0 if a person starts near the robot.
+        phase_s: each robot's phase in its cycle at the start.
+        link_seed: random seed of the losses on the wire.
     """
 
     index: int
@@ -55,12 +53,12 @@ class Scenario:
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """Where all robots work.
+    """The space in which all robots work.
 
     Attributes:
         rounds: (x, y, radius, lowest z, highest z) of each robot, metres, room frame.
         capsules: (C,) all capsules of all robots over a cycle: the space that they sweep.
-        cycle_s: of the longest trajectory.
+        cycle_s: duration of the longest trajectory.
     """
 
     rounds: Floats
@@ -69,7 +67,7 @@ class Workspace:
 
     @classmethod
     def of(cls, robots: Sequence[tuple[RobotModel, Trajectory]]) -> "Workspace":
-        """What these robots sweep on their trajectories."""
+        """Return the space that these robots sweep on their trajectories."""
         swept, rounds = [], []
         for model, trajectory in robots:
             times = np.arange(_PHASES) * trajectory.duration_s / _PHASES
@@ -91,12 +89,12 @@ class Workspace:
 
 
 def draw(
-    seed: int, index: int, motions: Sequence[Motion], workspace: Workspace, lead_in_s: float
+    *, seed: int, index: int, motions: Sequence[Motion], workspace: Workspace, lead_in_s: float
 ) -> Scenario:
-    """The scenario number ``index`` of ``seed`` with these motions.
+    """Draw scenario number ``index`` of ``seed`` with these motions.
 
     Raises:
-        ConfigError: a motion passes through no workspace, wherever it is put.
+        ConfigError: no place lets a motion pass through a workspace.
     """
     rng = np.random.default_rng([seed, index])
     phase_s = float(rng.random()) * workspace.cycle_s
@@ -104,21 +102,21 @@ def draw(
     placed = [_place(rng, motion, workspace) for motion in motions]
     far = all(start_m >= ENTER_M for _, start_m in placed)
     return Scenario(
-        index,
-        tuple(motion.name for motion in motions),
-        tuple(place for place, _ in placed),
-        lead_in_s if far else 0.0,
-        phase_s,
-        link_seed,
+        index=index,
+        motions=tuple(motion.name for motion in motions),
+        places=tuple(place for place, _ in placed),
+        lead_in_s=lead_in_s if far else 0.0,
+        phase_s=phase_s,
+        link_seed=link_seed,
     )
 
 
 def _place(
     rng: np.random.Generator, motion: Motion, workspace: Workspace
 ) -> tuple[tuple[float, float, float], float]:
-    """A place, and how far from the swept space the motion then starts.
+    """Draw a place; return it and the distance between the motion's start and the swept space.
 
-    The first of some tries that starts beyond ``ENTER_M``, or else the farthest.
+    The result is the first of several tries that starts beyond ``ENTER_M``, otherwise the farthest.
     """
     best: tuple[tuple[float, float, float], float] | None = None
     for _ in range(_TRIES):
@@ -141,7 +139,7 @@ def _place(
 def _through(
     rng: np.random.Generator, motion: Motion, workspace: Workspace
 ) -> tuple[float, float, float] | None:
-    """A place such that a joint passes through a workspace, or ``None``."""
+    """Draw a place where a joint passes through a workspace; ``None`` if there is none."""
     frame = int(rng.integers(int(_LATE * len(motion.positions)), len(motion.positions)))
     joints = motion.positions[frame][motion.observed[frame]]
     yaw = float(rng.uniform(-math.pi, math.pi))
@@ -158,7 +156,7 @@ def _through(
 
 
 def _start_m(motion: Motion, place: Sequence[float], workspace: Workspace) -> float:
-    """Metres between the body at its first capture and the swept space."""
+    """Return the metres between the body at its first capture and the swept space."""
     body, counts = body_capsules(
         transform(over_floor(place), motion.positions[0]), motion.observed[0]
     )

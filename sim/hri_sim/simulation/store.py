@@ -1,4 +1,4 @@
-"""What is done already: finished blocks as JSON lines, under the name of what decides them."""
+"""Finished blocks as JSON lines, in a file named after everything that decides the results."""
 
 import hashlib
 import json
@@ -6,21 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from hri_predict.errors import ConfigError
-from hri_predict.named_pipe import refuse_named_pipe
-from hri_predict.whole_file import write_whole
+from hri_predict.files import atomic_write, refuse_named_pipe
 
 VERSION = 2
 
 
 class Store:
-    """The blocks of one plan; without a folder they are kept in memory alone."""
+    """The blocks of one plan; without a folder they are kept in memory only."""
 
     def __init__(self, folder: Path | None, decided_by: dict[str, Any], resume: bool) -> None:
-        """Read what is there.
+        """Read the finished blocks.
 
         Raises:
-            ConfigError: the folder holds another simulation, or one that is not to be resumed, or
-                cannot be written.
+            ConfigError: the folder holds another simulation, or one although ``resume`` is false,
+                or cannot be written.
         """
         self.done: dict[str, dict[str, Any]] = {}
         self._path = None if folder is None else folder / "episodes.jsonl"
@@ -55,33 +54,37 @@ class Store:
                 file.write(line + "\n")
         except OSError as error:
             raise ConfigError(
-                f"--out {self._path.parent}: cannot be written: {error.strerror}; make room, and "
-                f"go on with --resume"
+                f"--out {self._path.parent}: cannot be written: {error.strerror}; free some space, "
+                f"then continue with --resume"
             ) from error
 
     def _read(self, path: Path, resume: bool) -> None:
         lines = path.read_bytes().split(b"\n")
         header = _parsed(lines[0])
         if header is None or header.get("version") != VERSION or "hash" not in header:
-            raise ConfigError(f"--out {path.parent}: {path.name} is not of this version; remove it")
+            raise ConfigError(
+                f"--out {path.parent}: {path.name} is from another version; remove it"
+            )
         if not resume:
             raise ConfigError(
-                f"--out {path.parent}: holds a simulation; add --resume to go on with it, or name "
+                f"--out {path.parent}: holds a simulation; add --resume to continue it, or name "
                 f"another folder"
             )
         if header != self._header:
             raise ConfigError(
                 f"--resume: {path.parent} holds a simulation of another configuration, seed or "
-                f"code; give what it was begun with, or name another --out"
+                f"code; use the original ones, or name another folder with --out"
             )
         for line in lines[1:]:
             block = _parsed(line) or {}
             key, rows = block.get("block"), block.get("rows")
-            whole = block.get("sum") == _sum(key, rows)  # else cut off or damaged, and done again
+            whole = block.get("sum") == _sum(
+                key, rows
+            )  # otherwise cut off or damaged: it is repeated
             if whole and isinstance(key, str) and isinstance(rows, dict):
                 self.done[key] = rows
         kept = [json.dumps(self._header)] + [_line(key, rows) for key, rows in self.done.items()]
-        write_whole(path, ("\n".join(kept) + "\n").encode())
+        atomic_write(path, ("\n".join(kept) + "\n").encode())
 
 
 def _line(key: str, rows: dict[str, Any]) -> str:
@@ -89,8 +92,8 @@ def _line(key: str, rows: dict[str, Any]) -> str:
 
 
 def _sum(key: Any, rows: Any) -> str:
-    """What a block's line must bear: its numbers go into tables, and nothing else would show that
-    some of them are not those that were written."""
+    """Return the checksum of a block's line: its numbers go into tables, and only the checksum
+    shows that they are the numbers that were written."""
     return hashlib.sha256(json.dumps([key, rows]).encode()).hexdigest()[:16]
 
 

@@ -1,24 +1,24 @@
-"""The same episode through the whole node on the virtual clock: it must come out the same.
+"""Runs an episode through the whole node on the virtual clock: the result must be the same.
 
-Nothing is played here: the placed recording goes through people, predictor, zones, publisher, link
-and controller, as ``hri-predict run --speed max`` does.
+Nothing is played from earlier results: the placed recording passes through people, predictor,
+zones, publisher, link and controller, as in ``hri-predict run --speed max``.
 """
 
 from collections.abc import Iterable
 
-from hri_predict.session import Options, run
+from hri_predict.run.session import Options, run
 from hri_sim.simulation.cell import Cell, Variant, with_risk, with_scenario
 from hri_sim.simulation.episode import Log
 from hri_sim.simulation.scenario import Scenario
 
 TOLERANCE_M = 0.01
-"""Smallest separations may differ by this: networks are equivariant but for rounding."""
+"""Smallest separations may differ by this: networks are equivariant except for rounding."""
 TOLERANCE_S = 0.1
 """So may the times of the same stop: rounding may tip a threshold one tick or two later."""
 
 
 def disagreement(cell: Cell, scenario: Scenario, variant: Variant, log: Log) -> str:
-    """What the whole node finds otherwise than ``log``, or "".
+    """Return the differences between the whole node's result and ``log``, or "".
 
     Contacts and stops must be the same, stops to ``TOLERANCE_S``, the smallest separation to
     ``TOLERANCE_M``.
@@ -45,7 +45,7 @@ def disagreement(cell: Cell, scenario: Scenario, variant: Variant, log: Log) -> 
 
 
 Stops = list[tuple[float, str]]
-"""When (s), and why."""
+"""Time (s) and cause of each stop."""
 
 
 def _stops(events: Iterable[tuple[float, str, float]]) -> Stops:

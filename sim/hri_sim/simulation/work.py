@@ -1,4 +1,4 @@
-"""Blocks of episodes: what one process does at a time, and what is resumed."""
+"""Blocks of episodes: one process runs one block at a time; finished blocks are not repeated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,35 +7,35 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict import config as configuration
-from hri_predict.config import Config
+from hri_predict.run import config as configuration
+from hri_predict.run.config import Config
 from hri_sim.simulation import bodies as stages
 from hri_sim.simulation.approach import over_floor
 from hri_sim.simulation.bodies import Bodies
 from hri_sim.simulation.cell import Cell, Variant, variants
 from hri_sim.simulation.episode import run_episode
 from hri_sim.simulation.motion import load_motion
-from hri_sim.simulation.outcome import Truth, outcome, prediction
+from hri_sim.simulation.results.outcome import Truth, outcome, prediction
 from hri_sim.simulation.scenario import Scenario, draw
 from hri_sim.simulation.whole_node import disagreement
 
 ALONE = Variant("unprotected", ())
 BLOCK = 20
-"""Episodes of one recording that are done, and kept, at once."""
+"""Number of episodes of one recording in a block."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Plan:
-    """All that decides the numbers: what a process needs to know.
+    """Everything that decides the results, for the worker processes.
 
     Attributes:
         config: path of the configuration.
         predictors: names, in order; ``None``: the configuration's own.
         modes, coverages: see ``cell.variants``.
         motions: names of the recordings, or procedural scripts.
-        episodes: how many approaches.
-        seed: of everything.
-        people: how many at once.
+        episodes: number of approaches.
+        seed: random seed of everything.
+        people: number of people at the same time.
         checked: (predictor, episode) that run again through the whole node.
     """
 
@@ -50,7 +50,7 @@ class Plan:
     checked: frozenset[tuple[str | None, int]]
 
     def loaded(self, predictor: str | None) -> Config:
-        """The configuration with one of the predictors."""
+        """Return the configuration with one of the predictors."""
         from pathlib import Path
 
         config = configuration.load(Path(self.config)).quiet()
@@ -74,7 +74,7 @@ class Block:
 
 
 def blocks(plan: Plan) -> list[Block]:
-    """All blocks, in the order in which they are begun."""
+    """Return all blocks, in the order in which they start."""
     count = len(plan.motions)
     return [
         Block(predictor, motion, part)
@@ -85,28 +85,36 @@ def blocks(plan: Plan) -> list[Block]:
 
 
 def episodes(plan: Plan, block: Block) -> list[int]:
-    """Numbers of the block's episodes: approaches take the recordings in turn."""
+    """Return the numbers of the block's episodes: approaches take the recordings in turn."""
     count = len(plan.motions)
     mine = range(block.motion, plan.episodes, count)
     return list(mine[block.part * BLOCK : (block.part + 1) * BLOCK])
 
 
 def run_block(plan: Plan, block: Block) -> dict[str, Any]:
-    """Run a block: every variant of each of its episodes; plain data."""
+    """Run every variant of each episode of a block; return plain data."""
     cell, modes = _cell(plan, block.predictor)
     motions = _company(plan, block)
     rows: dict[str, Any] = {"outcomes": [], "predictions": [], "checks": []}
     for index in episodes(plan, block):
         scenario = scenario_of(plan, cell, index, motions)
         together = _bodies(plan, block.predictor, scenario)
-        alone = run_episode(cell, scenario, modes[0], together, nobody=True)
+        alone = run_episode(
+            cell=cell, scenario=scenario, variant=modes[0], bodies=together, nobody=True
+        )
         truth = Truth.of(alone, cell.models)
-        found = outcome(cell, scenario, alone, alone, truth).as_dict()
+        found = outcome(cell=cell, scenario=scenario, log=alone, alone=alone, truth=truth).as_dict()
         rows["outcomes"].append({"variant": ALONE.name} | found)
-        rows["predictions"].append(prediction(cell, scenario, alone, truth, together).as_dict())
+        rows["predictions"].append(
+            prediction(
+                cell=cell, scenario=scenario, alone=alone, truth=truth, bodies=together
+            ).as_dict()
+        )
         for variant in modes:
-            log = run_episode(cell, scenario, variant, together)
-            found = outcome(cell, scenario, log, alone, truth).as_dict()
+            log = run_episode(cell=cell, scenario=scenario, variant=variant, bodies=together)
+            found = outcome(
+                cell=cell, scenario=scenario, log=log, alone=alone, truth=truth
+            ).as_dict()
             rows["outcomes"].append({"variant": variant.name} | found)
             checked = (plan.predictors[block.predictor], index) in plan.checked
             if checked and not variant.is_foreknown:  # a node does not know the future
@@ -118,13 +126,19 @@ def run_block(plan: Plan, block: Block) -> dict[str, Any]:
 
 
 def scenario_of(plan: Plan, cell: Cell, index: int, motions: Sequence[str]) -> Scenario:
-    """The scenario of one episode."""
+    """Return the scenario of one episode."""
     read = [load_motion(name, cell.source.rate_hz, cell.config.base_dir) for name in motions]
-    return draw(plan.seed, index, read, cell.workspace, cell.source.lead_in_s)
+    return draw(
+        seed=plan.seed,
+        index=index,
+        motions=read,
+        workspace=cell.workspace,
+        lead_in_s=cell.source.lead_in_s,
+    )
 
 
 def _company(plan: Plan, block: Block) -> list[str]:
-    """Who comes together in this block: its own recording, and others by chance."""
+    """Return the motions of this block's people: its own recording, and others drawn at random."""
     rng = np.random.default_rng([plan.seed, block.motion, block.part])
     others = rng.choice(plan.motions, plan.people - 1)
     return [plan.motions[block.motion], *(str(name) for name in others)]
@@ -147,4 +161,4 @@ def _cell(plan: Plan, predictor: int) -> tuple[Cell, list[Variant]]:
 @lru_cache(maxsize=8)
 def _computed(plan: Plan, predictor: int, motion: str, lead_in_s: float) -> Bodies:
     cell, modes = _cell(plan, predictor)
-    return stages.compute(cell, [motion], lead_in_s, modes)
+    return stages.compute(cell=cell, motions=[motion], lead_in_s=lead_in_s, variants=modes)

@@ -23,19 +23,21 @@ from cobs import cobs
 
 from hri_predict.cli.listen import Printer
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can_codec import CanFrame, CanReceiver, CanSender, padded
-from hri_predict.protocol.dbc import FILES
+from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender, padded
 from hri_predict.protocol.definition import (
     BY_TYPE,
     DEFINITIONS,
+)
+from hri_predict.protocol.fields import (
     PART_BYTES,
     Definition,
     Field,
     frame_number,
 )
+from hri_predict.protocol.generate.dbc import FILES
 from hri_predict.protocol.messages import Acknowledge, RobotState
 from hri_predict.protocol.reception import OURS
-from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
+from hri_predict.protocol.serial import SerialReceiver, SerialSender
 
 DRIVERS = Path(__file__).resolve().parents[3] / "drivers"
 C, DBC = DRIVERS / "c", DRIVERS / "dbc"

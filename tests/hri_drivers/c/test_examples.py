@@ -8,13 +8,14 @@ from typing import Any
 import cantools
 import pytest
 
-from hri_predict.protocol import c_header, e2e
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver, padded
-from hri_predict.protocol.dbc import FILES
+from hri_predict.protocol import e2e
+from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver, padded
 from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS
-from hri_predict.protocol.examples import EXAMPLES
+from hri_predict.protocol.generate import c_header
+from hri_predict.protocol.generate.dbc import FILES
+from hri_predict.protocol.generate.examples import EXAMPLES
 from hri_predict.protocol.messages import Acknowledge, Message, RobotState
-from hri_predict.protocol.serial_codec import SerialReceiver
+from hri_predict.protocol.serial import SerialReceiver
 
 ROOT = Path(__file__).resolve().parents[3]
 C = ROOT / "drivers" / "c"
@@ -157,7 +158,7 @@ def test_the_c_code_encodes_it(build: Any, message: Message) -> None:
 
 
 def test_the_generated_parts_of_the_c_code_are_those_of_the_definition() -> None:
-    hint = "run: python -m hri_predict.protocol.c_header"
+    hint = "run: hri-predict protocol c-header"
     header = (C / "hri_predict.h").read_text(encoding="ascii")
     assert c_header.renewed(header) == header, hint
     assert "#define HRI_SCHEMA_HASH" in header

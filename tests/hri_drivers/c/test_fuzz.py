@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict.protocol.can_codec import CanFrame, CanReceiver, CanSender
+from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.definition import BY_TYPE
-from hri_predict.protocol.examples import EXAMPLES
-from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
+from hri_predict.protocol.generate.examples import EXAMPLES
+from hri_predict.protocol.serial import SerialReceiver, SerialSender
 
 FUZZ = Path(__file__).resolve().parents[3] / "drivers" / "c" / "fuzz"
 CORPUS = FUZZ / "corpus.txt"

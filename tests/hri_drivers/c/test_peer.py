@@ -16,9 +16,9 @@ from typing import Any
 import pytest
 import yaml
 
-from hri_predict.settings import data_path
+from hri_predict.files import data_path
 from hri_sim.baseline_demo import BASELINE
-from hri_sim.pty import open_pty
+from hri_sim.wires.pty import open_pty
 
 pytestmark = pytest.mark.realtime
 EXAMPLE = Path(__file__).resolve().parents[3] / "drivers" / "c" / "examples" / "serial.c"

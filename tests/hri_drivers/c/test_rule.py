@@ -12,17 +12,18 @@ from cobs import cobs
 from fastcrc import crc32
 
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver, CanSender
-from hri_predict.protocol.definition import BY_TYPE, ROBOT_STRIDE
+from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver, CanSender
+from hri_predict.protocol.definition import BY_TYPE
+from hri_predict.protocol.fields import ROBOT_STRIDE
 from hri_predict.protocol.messages import Advice, Level, Message, RobotState, Schema
+from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
-from hri_predict.protocol.serial_codec import SerialReceiver, SerialSender
-from hri_predict.reasons import Reason
+from hri_predict.protocol.serial import SerialReceiver, SerialSender
 
 LINKS = ("classic", "fd", "serial")
 ROBOT = 2
 SILENCE_MS, MAX_AGE_MS, WINDOW_MS, FORGET_MS = 150, 330, 500, 1000
-CLEAR = Advice(ROBOT, Level.CLEAR, Reason.NONE, speed_limit_m_s=0.9, age_s=0.05)
+CLEAR = Advice(robot=ROBOT, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=0.9, age_s=0.05)
 START_MS = 0xFFFF_FE00  # half a second before the tick wraps
 FIRST = 65_530  # STATE_COUNTER wraps soon as well
 

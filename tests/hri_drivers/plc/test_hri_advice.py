@@ -6,19 +6,26 @@ from typing import Any
 import pytest
 
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanSender
+from hri_predict.protocol.can import DEFAULT_BASE_ID, CanSender
 from hri_predict.protocol.definition import (
     BY_TYPE,
-    ROBOT_STRIDE,
     SCHEMA_HASH,
     SCHEMA_VERSION,
     frame_table,
 )
+from hri_predict.protocol.fields import ROBOT_STRIDE
 from hri_predict.protocol.messages import Advice, Level, Message, Schema
+from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import FORGET_S, OURS
-from hri_predict.reasons import Reason
 
-SLOW = Advice(0, Level.SLOW, Reason.PERSON_APPROACHING, 9, speed_limit_m_s=0.75, age_s=0.041)
+SLOW = Advice(
+    robot=0,
+    level=Level.SLOW,
+    reason=Reason.PERSON_APPROACHING,
+    latch_id=9,
+    speed_limit_m_s=0.75,
+    age_s=0.041,
+)
 
 
 class Controller:

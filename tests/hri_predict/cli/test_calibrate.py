@@ -6,11 +6,11 @@ import sys
 import numpy as np
 import pytest
 
+from hri_predict.calibration.scores import score_recordings
 from hri_predict.cli import main
 from hri_predict.cli.calibrate import _calibrated_on
 from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
-from hri_predict.risk.calibration import load_calibration
-from hri_predict.training.zone_scores import score_recordings
+from hri_predict.risk.zones.radii import load_calibration
 
 CV = ["--predictor", "constant_velocity"]
 
@@ -96,15 +96,20 @@ def test_json_alone(cli, folder, tmp_path):
     assert len(told["recordings"]) == 5
 
 
-def test_what_was_made_is_measured_and_written(cli, folder, made, tmp_path):
+@pytest.mark.parametrize("number", [2, pytest.param(5, marks=pytest.mark.long)])
+def test_what_was_made_is_measured_and_written(cli, folder, made, tmp_path, number):
     out, card = tmp_path / "measured", tmp_path / "card.md"
     check = ["--check", "--calibration", made, "--out", out, "--card", card, "--json"]
-    status, text, err = cli(*CV, "--data", folder, *check)
+    some = tmp_path / "some"
+    some.mkdir()
+    for seed in range(number):
+        (some / f"walking_{seed}.npz").symlink_to(folder / f"walking_{seed}.npz")
+    status, text, err = cli(*CV, "--data", some, *check)
     assert status == 0
-    assert "5 of these recordings were calibrated on (walking_0, walking_1, walking_2, ..." in err
+    assert f"made from {number} of these recordings (walking_0, walking_1, " in err
     told = json.loads(text)
     assert told == json.loads((out / "zones.json").read_text())
-    assert told["recordings"] == 5
+    assert told["recordings"] == number
     assert {(c["level"], c["of"]) for c in told["coverage"]} == {
         (level, of) for level in (0.9, 0.95, 0.99) for of in ("joint", "body")
     }
@@ -119,7 +124,7 @@ def test_what_was_made_is_measured_and_written(cli, folder, made, tmp_path):
 
 def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, made, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    for module in [name for name in sys.modules if name.startswith("hri_predict.training.fig")]:
+    for module in [name for name in sys.modules if name.startswith("hri_predict.evaluation.fig")]:
         monkeypatch.delitem(sys.modules, module)
     out = tmp_path / "measured"
     wanted = ["--check", "--calibration", made, "--out", out]  # and no recording is looked at
@@ -135,7 +140,7 @@ def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, made, tmp_pa
     ("arguments", "said"),
     [
         (["--predictor", "constant_velocty"], "constant_velocity"),
-        ([*CV, "--weights", "x.safetensors"], "--weights: constant_velocity has none"),
+        ([*CV, "--weights", "x.safetensors"], "--weights: constant_velocity takes no weights"),
         ([*CV, "--calibration", "x.json"], "--calibration: has no effect without --check"),
         ([*CV, "--disturb"], "--disturb: has no effect without --check"),
         ([*CV, "--horizon", "0"], "--horizon 0: too short"),
@@ -143,7 +148,7 @@ def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, made, tmp_pa
         ([*CV, "--horizon", "100"], "horizon_s"),
         ([*CV, "--split", "test"], "--split test: has no effect"),
         ([*CV, "--split", "tset"], "--split tset: unknown; did you mean 'test'"),
-        ([*CV, "--out", "."], "--out .: is no calibration to replace"),
+        ([*CV, "--out", "."], "--out .: is not a calibration, so it stays"),
         ([*CV, "--check", "--calibration", "nowhere.json"], "nowhere.json"),
         ([*CV, "--check", "--horizon", "1.2", "--calibration", "FOREIGN"], "is of predictor"),
         (["--predictor", "aggregated", "--check"], "no calibration is shipped"),
@@ -164,7 +169,7 @@ def test_a_recording_is_not_replaced_by_its_calibration(cli, folder):
     before = (folder / "walking_0.npz").read_bytes()
     status, _, err = cli(*CV, "--data", folder, "--out", folder / "walking_0.npz")
     assert status == 2
-    assert "is no calibration to replace" in err
+    assert "is not a calibration, so it stays" in err
     assert (folder / "walking_0.npz").read_bytes() == before
 
 

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 import yaml
 
-from hri_predict.cli import main
-from hri_predict.settings import data_path
+from hri_predict.cli import main, run
+from hri_predict.files import data_path
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 DEMO = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
 COMMANDS = [
-    "demo", "run", "check", "replay", "listen", "predictors",
-    "bench", "bench faults", "bench links", "bench memory",
+    "demo", "run", "check", "conformance", "replay", "listen", "predictors",
+    "bench", "bench faults", "bench links", "bench fleet", "bench memory",
+    "urdf", "ablate", "card", "protocol dbc", "protocol document", "protocol c-header",
 ]  # fmt: skip
 
 
@@ -122,7 +123,7 @@ def test_every_command_is_listed(cli):
         (["demo", "--speed", "max", "--record", "/no/such/folder/a.mcap"], ["/no/such/folder"]),
         (["demo", "--speed", "max", "--record", "/dev/full"], ["/dev/full", "No space left"]),
         (["listen", "drive"], ["listen drive", "serial:PORT", "can:INTERFACE:CHANNEL"]),
-        (["listen", "serial:/dev/no-such-port"], ["/dev/no-such-port", "not there"]),
+        (["listen", "serial:/dev/no-such-port"], ["/dev/no-such-port", "not found"]),
         (["listen", "can:nope:can0"], ["can:nope:can0", "nope", "socketcan"]),
         (["listen", "serial:/dev/ttyS0", "--seconds", "nan"], ["--seconds nan"]),
         (["listen", "serial:/dev/ttyS0", "--baudrate", "0"], ["baudrate"]),
@@ -216,7 +217,7 @@ def test_an_absent_serial_port(mistake, write):
     )
     line = mistake("run", config, "--duration", "1")
     assert "/dev/no-such-port" in line
-    assert "not there" in line
+    assert "not found" in line
 
 
 def test_an_absent_can_device(mistake, write):
@@ -302,8 +303,9 @@ def test_unknown_joint_names(mistake, tmp_path):
 # -- JSON
 
 
-def test_json_is_alone_on_standard_output(cli, tmp_path):
-    """The demo, as fast as possible; its alerts go to standard error."""
+def test_json_is_alone_on_standard_output(cli, monkeypatch):
+    """The demo's beginning, as fast as possible; its alerts go to standard error."""
+    monkeypatch.setattr(run, "DEMO_S", 9.0)
     status, out, err = cli("demo", "--speed", "max", "--json")
     assert status == 0
     data = json.loads(out)  # one value and nothing else
@@ -351,8 +353,8 @@ def test_check_of_what_is_shipped(cli, name, links):
     for part in (
         "controller: reaction_s",
         "T_r: reaction time, capture to braking",
-        "stopping at full speed",
+        "stopping from full speed",
         links[-1],
-        "fine",
+        ": ok",
     ):
         assert part in out

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from hri_predict.cli.common import _fitting
-from hri_predict.training.report import Table
+from hri_predict.evaluation.table import Table
 
 INTERVALS = Table(
     "Coverage, %",

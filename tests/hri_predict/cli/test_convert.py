@@ -80,8 +80,10 @@ def test_what_is_lost_is_said(cli):
     status, _, err = cli("two.csv", "one.npz")
     assert status == 0
     assert "dropped: 1 other people" in err
-    assert "note: one person in such a file: 2 is written; choose by --person" in err
-    assert "note: the file written does not say that this is person 2: give --person then" in err
+    assert "note: the format holds one person: 2 is written; choose with --person" in err
+    assert (
+        "note: the file does not store that this is person 2: give --person when reading it" in err
+    )
 
 
 def test_units_and_axes_of_the_input(cli):
@@ -93,11 +95,11 @@ def test_units_and_axes_of_the_input(cli):
 def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli, mistake):
     assert cli("two.csv", "two.trc")[0] == 0
     before = Path("two.trc").read_bytes()
-    assert "two.trc: is there already; --force replaces it" in mistake("two.csv", "two.trc")
+    assert "two.trc: exists already; --force replaces it" in mistake("two.csv", "two.trc")
     assert "cannot be written: File name too long" in mistake("two.csv", f"{'a' * 300}.csv")
     assert "cannot be written" in mistake("two.csv", "two.csv/three.csv")
     os.mkfifo("pipe.csv")
-    assert "cannot be written: is no file" in mistake("two.csv", "pipe.csv", "--force")
+    assert "cannot be written: is not a file" in mistake("two.csv", "pipe.csv", "--force")
     assert cli("two.csv", "two.trc", "--rate", 10, "--force")[0] == 0
     assert Path("two.trc").read_bytes() != before
     assert "is the recording that is read" in mistake("two.csv", "two.csv", "--force")
@@ -137,9 +139,9 @@ def test_mistakes_are_one_line_with_the_remedy(mistake):
     assert "never invented" in mistake("two.csv", "a.csv", "--rate", 100)
     assert "--rate 0: must be 0.1" in mistake("two.csv", "a.csv", "--rate", 0)
     assert "--units px: use one of m, cm" in mistake("two.csv", "a.csv", "--units", "px")
-    assert "left-handed; turn a sign" in mistake("two.csv", "a.csv", "--axes", "x,z,y")
+    assert "left-handed; change a sign" in mistake("two.csv", "a.csv", "--axes", "x,z,y")
     Path("odd.csv").write_text("time_s,q_x,q_y,q_z\n0,1,2,3\n1,1,2,3\n")
-    assert "no joint is known as" in mistake("odd.csv", "a.bvh")
+    assert "no joint matches" in mistake("odd.csv", "a.bvh")
 
 
 def test_units_of_what_states_its_own_are_refused(cli, mistake):

@@ -11,15 +11,22 @@ import yaml
 
 from hri_predict import cli
 from hri_predict.cli import commands, run
-from hri_predict.settings import data_path
-from hri_predict.summary import Summary
+from hri_predict.files import data_path
+from hri_predict.monitoring.summary import Summary
 
 HRI_PREDICT = [sys.executable, "-m", "hri_predict"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-@pytest.mark.parametrize("arguments", [["predictors", "--json"], ["predictors"]])
+@pytest.mark.parametrize(
+    ("arguments", "unbuffered"),
+    [
+        (["predictors", "--json"], ""),
+        (["predictors"], "1"),
+        pytest.param(["predictors", "--json"], "1", marks=pytest.mark.long),
+        pytest.param(["predictors"], "", marks=pytest.mark.long),
+    ],
+)
 def test_a_full_disk_is_one_line(arguments, unbuffered):
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
@@ -32,7 +39,9 @@ def test_a_full_disk_is_one_line(arguments, unbuffered):
     assert os.strerror(errno.ENOSPC) in done.stderr
 
 
-@pytest.mark.parametrize("arguments", [["predictors", "--json"], ["predictors"]])
+@pytest.mark.parametrize(
+    "arguments", [pytest.param(["predictors", "--json"], marks=pytest.mark.long), ["predictors"]]
+)
 def test_a_reader_that_is_gone_is_no_failure(arguments):
     reading, writing = os.pipe()
     os.close(reading)

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 import torch
 
-from hri_predict import registry
 from hri_predict.cli import main
 from hri_predict.cli.common import recordings
+from hri_predict.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.errors import ConfigError
-from hri_predict.predictors.cmu_skeleton import CMU25, CMU38
-from hri_predict.predictors.network import Shape
-from hri_predict.predictors.neural import shipped_weights
-from hri_predict.predictors.weights import save_weights
-from hri_predict.training.cmu_benchmark import MEAN_OVER
+from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
+from hri_predict.predictors.neural.network import Shape, network_class_of
+from hri_predict.predictors.neural.predictor import shipped_weights
+from hri_predict.predictors.neural.weights import save_weights
 
 
 @pytest.fixture
@@ -111,11 +110,11 @@ def test_euler_error_is_read_twice(cli, pack):
         (["--benchmark", "cmu", "--predictor", "kalman"], "trained predictors"),
         (["--benchmark", "cmu", "--predictor", "stb"], "give --weights FILE"),
         (["--benchmark", "cmu", "--predictor", "stbb"], "unknown predictor 'stbb'"),
-        (["--benchmark", "cmu", "--weights", "w"], "has none"),
+        (["--benchmark", "cmu", "--weights", "w"], "takes no weights"),
         (["--benchmark", "cmu", "--error", "euler", "--predictor", "constant_velocity"], "--error"),
         (["--benchmark", "human36m"], "S5/<action>_<n>.txt"),
         (["--split", "tests"], "did you mean 'test'"),
-        (["--weights", "w"], "has none"),
+        (["--weights", "w"], "takes no weights"),
         (["--predictor", "kalman", "--predictor", "kalman"], "--predictor kalman: given twice"),
         (
             ["--predictor", "kalman", "--predictor", "sinn", "--weights", "w"],
@@ -156,7 +155,7 @@ def test_recordings_of_a_folder_a_file_and_a_pack(tmp_path):
     with pytest.raises(ConfigError, match="no such file"):
         recordings(tmp_path / "none", "test")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(ConfigError, match="no recording there"):
+    with pytest.raises(ConfigError, match="holds no recording"):
         recordings(tmp_path / "empty", "test")
 
 
@@ -179,15 +178,17 @@ def test_several_on_the_benchmark_share_tables_and_files(cli, pack, tmp_path):
 def untrained(path, method, seed, shape):
     """Weights of a freshly initialised network."""
     torch.manual_seed(seed)
-    made = registry.load("predictors", method).network_class
+    made = network_class_of(method)
+    assert made is not None
     network = made(shape, made.options_model())
     save_weights(path, method, network, {"commit": f"of {method}"})
     return path
 
 
+@pytest.mark.long
 def test_each_network_on_the_benchmark_reads_its_own_weights(cli, pack, tmp_path):
     pytest.importorskip("matplotlib")
-    shape = Shape(CMU25, 10, 25, 25.0, framed=True)
+    shape = Shape(skeleton=CMU25, history_steps=10, horizon_steps=25, rate_hz=25.0, framed=True)
     names = ("sinn", "trajectorycnn")
     files = [untrained(tmp_path / f"{n}.safetensors", n, 3, shape) for n in names]
     pairs = [["--predictor", n, "--weights", f] for n, f in zip(names, files, strict=True)]
@@ -201,7 +202,7 @@ def test_each_network_on_the_benchmark_reads_its_own_weights(cli, pack, tmp_path
         alone = json.loads(cli(*common, *pair)[1])["results"][0]
         assert alone in both["results"]
         assert alone["method"] == name
-    rotations = Shape(CMU38, 50, 25, 25.0, framed=True)
+    rotations = Shape(skeleton=CMU38, history_steps=50, horizon_steps=25, rate_hz=25.0, framed=True)
     mapped = untrained(tmp_path / "rotations.safetensors", "sinn", 3, rotations)
     status, _, error = cli(*common, "--predictor", "sinn", "--weights", mapped, *pairs[1])
     assert status == 2
@@ -219,6 +220,7 @@ def walk(tmp_path):
     return path
 
 
+@pytest.mark.long
 def test_several_predictors_are_judged_on_the_same_windows(cli, walk, tmp_path):
     pytest.importorskip("matplotlib")
     both = ["--predictor", "constant_velocity", "--predictor", "sinn"]
@@ -243,7 +245,7 @@ def test_a_split_of_what_has_none_and_a_recording_twice_are_refused(cli, walk, t
         status, _, error = cli("--data", entry, "--split", "fit", "--predictor", "zero_velocity")
         assert status == 2
         assert error == (
-            f"error: --split fit: has no effect on {entry}, for the data pack alone has splits; "
+            f"error: --split fit: has no effect on {entry}: only the data pack has splits; "
             f"leave it out\n"
         )
     (tmp_path / "link.npz").symlink_to(walk)

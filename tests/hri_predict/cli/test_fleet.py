@@ -18,13 +18,14 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from hri_drivers.wires.transport import PipeEnd, pipe
 from hri_predict.cli.fleet import FRAME_LINES, _table, _Watch, fleet
 from hri_predict.errors import ConfigError
-from hri_predict.fleet import CellRow, Fleet, RobotRow
+from hri_predict.monitoring.fleet import CellRow, Fleet, RobotRow
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
-from hri_predict.protocol.keyed_codec import Keyed, KeyedSender
+from hri_predict.protocol.keyed import Keyed, KeyedSender
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
-from hri_predict.reasons import Reason
+from hri_predict.protocol.reasons import Reason
 
 PATIENCE_S = 90.0  # of a test that fails; a loaded machine takes its time to start seven processes
 
@@ -158,6 +159,7 @@ def processes() -> Iterator[dict[str, "subprocess.Popen[str]"]]:
 
 
 @pytest.mark.realtime
+@pytest.mark.long
 def test_three_nodes_late_cut_off_healed_killed_and_stopped(
     tmp_path: Path, processes: dict[str, "subprocess.Popen[str]"]
 ) -> None:
@@ -197,25 +199,51 @@ def test_what_does_not_fit_on_the_screen_is_no_worse_than_what_does() -> None:
     for i in range(9):
         schema = Schema(SCHEMA_VERSION, SCHEMA_HASH)
         level = Level.STOP if i == 7 else Level.CLEAR
-        status = Status(NodeState.RUNNING, Reason.NONE, 0, 0, 1, age_s=0.0)
-        for message in (schema, status, Advice(0, level, Reason.PERSON_NEAR, age_s=0.0)):
+        status = Status(
+            node_state=NodeState.RUNNING,
+            reason=Reason.NONE,
+            people=0,
+            predictor=0,
+            cycle=1,
+            age_s=0.0,
+        )
+        for message in (
+            schema,
+            status,
+            Advice(robot=0, level=level, reason=Reason.PERSON_NEAR, age_s=0.0),
+        ):
             unit = sender.encode(message)
             view.take(Keyed(f"hri/plant/cell{i}/{unit.key}", unit.data), time.monotonic_ns())
             sender = KeyedSender()
     console = Console(width=120, record=True, file=io.StringIO())
-    console.print(_Watch(None, view)._page(console, FRAME_LINES + 3))
+    console.print(_Watch(NOBODY, view)._page(console, FRAME_LINES + 3))
     shown = console.export_text().splitlines()
     cells = [line.split()[0] for line in shown if "plant/" in line]
     assert cells == ["plant/cell7", "plant/cell0", "plant/cell1"]
-    assert "and 6 cells that are no worse" in shown
+    assert "and 6 more cells, none of them worse" in shown
 
 
+NOBODY: PipeEnd[Keyed] = pipe()[0]
 LONG = [
-    CellRow("plant", f"welding_station_{k}", "degraded", "input too old, or it comes too slowly",
-            1, 0.213, 0.1, tuple(RobotRow(i, "unknown", "unknown", None, None) for i in range(3)),
-            12345, 0)
+    CellRow(
+        site="plant",
+        cell=f"welding_station_{k}",
+        state="degraded",
+        why="input too old, or it comes too slowly",
+        people=1,
+        age_s=0.213,
+        heard_s=0.1,
+        robots=tuple(
+            RobotRow(
+                robot=i, level="unknown", reason="unknown", speed_limit_m_s=None, separation_m=None
+            )
+            for i in range(3)
+        ),
+        lost=12345,
+        refused=0,
+    )
     for k in range(9)
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("width", [80, 120])
@@ -233,14 +261,14 @@ def test_long_texts_wrap_and_are_never_cut_off(width: int) -> None:
 def test_a_page_of_wrapped_rows_is_no_taller_than_the_screen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    watch = _Watch(None, Fleet())
+    watch = _Watch(NOBODY, Fleet())
     monkeypatch.setattr(watch, "rows", LONG.copy)
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(watch._page(console, 24))
     shown = console.export_text()
     cells = shown.count("degraded")
     assert 1 < cells < len(LONG)
-    assert f"and {len(LONG) - cells} cells that are no worse" in shown
+    assert f"and {len(LONG) - cells} more cells, none of them worse" in shown
     assert len(shown.splitlines()) <= 24
 
 
@@ -254,7 +282,7 @@ def test_nobody_to_connect_to_is_an_error_that_names_the_endpoint() -> None:
     )
     assert done.returncode == 2
     assert f"zenoh {end}: nobody answers; start the router or peer there" in done.stderr
-    assert "no cell heard yet" in done.stdout
+    assert "no message from any cell yet" in done.stdout
 
 
 @pytest.mark.parametrize("flag", ["seconds", "silent"])

@@ -4,15 +4,18 @@ import json
 
 import pytest
 
-from hri_predict.cli.listen import Printer
+from hri_predict import registry
+from hri_predict.cli.listen import Printer, _settings, listen
+from hri_predict.errors import ConfigError
+from hri_predict.link import LinkSettings
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
-from hri_predict.reasons import Reason
+from hri_predict.protocol.reasons import Reason
 
 OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 OTHER = Schema(SCHEMA_VERSION + 1, 0x1234)
-CLEAR = Advice(1, Level.CLEAR, Reason.NONE, speed_limit_m_s=1.0)
-STATUS = Status(NodeState.RUNNING, Reason.NONE, 1, 0, 0)
+CLEAR = Advice(robot=1, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=1.0)
+STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=0)
 
 
 @pytest.fixture
@@ -71,3 +74,33 @@ def test_alerts_say_each_trouble_with_the_schema_once(listened):
     bad = [("schema", "unknown"), ("advice", "unknown")]
     good = [("schema", None), ("advice", "clear")]
     assert shown == [*good, *bad, *good]
+
+
+@pytest.mark.parametrize(
+    ("link", "words"),
+    [
+        ("serial", "give serial:PORT or can:INTERFACE:CHANNEL"),
+        ("can:can0", "give serial:PORT or can:INTERFACE:CHANNEL"),
+        ("zenoh:cell", "its KIND, and --set key=value"),
+        ("nothing", "listen nothing: give serial:PORT"),
+    ],
+)
+def test_a_link_that_is_none_is_one_line(link, words):
+    with pytest.raises(ConfigError) as caught:
+        _settings(link, {}, {}, [])
+    assert words in str(caught.value)
+
+
+def test_any_setting_of_a_link_may_be_given():
+    _, settings = _settings("serial:/dev/null", {"baudrate": 9600}, {}, ["parity=even"])
+    assert settings.model_dump().items() >= {"baudrate": 9600, "parity": "even"}.items()
+
+
+def test_a_kind_of_link_without_a_transport_is_one_line(monkeypatch):
+    class Bare:
+        settings_model = LinkSettings
+
+    monkeypatch.setattr(registry, "names", lambda kind: ["bare"])
+    monkeypatch.setattr(registry, "load", lambda kind, name: Bare)
+    with pytest.raises(ConfigError, match=r"link 'bare' cannot be built: .*make_transport[^\n]*$"):
+        listen(link="bare", seconds=0.1)

@@ -18,13 +18,13 @@ from typing import Any
 import pytest
 import yaml
 
-from hri_predict import config as configuration
 from hri_predict.clock import MonotonicClock
-from hri_predict.settings import data_path
+from hri_predict.files import data_path
+from hri_predict.run import config as configuration
 from hri_sim.baseline_demo import BASELINE
-from hri_sim.cell import MockCell
-from hri_sim.node_death import write_config
-from hri_sim.pty import open_pty
+from hri_sim.controllers.cell import MockCell
+from hri_sim.fault_table.node_death import write_config
+from hri_sim.wires.pty import open_pty
 
 pytestmark = pytest.mark.realtime
 WAIT_S = 60.0
@@ -60,7 +60,9 @@ def wait_for(condition, *processes):
 def cell():
     """The demo's mock controllers, with nobody to advise them yet."""
     demo = configuration.load(data_path("demo.yaml"))
-    cell: Any = MockCell(demo.links, demo.node.robots, demo.base_dir, MonotonicClock())
+    cell: Any = MockCell(
+        links=demo.links, robots=demo.node.robots, base_dir=demo.base_dir, clock=MonotonicClock()
+    )
     cell.links = demo.links
     cell.ports = cell.start()
     yield cell
@@ -72,10 +74,16 @@ def moves(cell):
     return all(cell.permit(link.name, now_ns) > 0 for link in cell.links)
 
 
+def demo():
+    """The demo's configuration with a predictor that starts at once."""
+    return yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8")) | {
+        "predictor": BASELINE
+    }
+
+
 def test_run_for_a_while(tmp_path):
-    """The demo's configuration: two controllers in processes of their own, real lines between."""
-    data = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
-    data["alerts"] = {"file": "alerts.jsonl"}
+    """The demo: two controllers in processes of their own, real lines between."""
+    data = demo() | {"alerts": {"file": "alerts.jsonl"}}
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump(data))
     done = subprocess.run(
         [*HRI_PREDICT, "run", str(tmp_path / "cell.yaml"), "--duration", "4", "--json",
@@ -105,7 +113,9 @@ def test_run_for_a_while(tmp_path):
     assert (tmp_path / "a.mcap").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)]
+)
 def test_a_signal_ends_the_node_and_the_controllers_are_told(cell, tmp_path, number):
     config = write_config(tmp_path / "node.yaml", cell.links, cell.ports, FAR)
     with started("run", config, "--json") as node:
@@ -123,8 +133,7 @@ def test_a_signal_ends_the_node_and_the_controllers_are_told(cell, tmp_path, num
 
 
 def test_a_signal_while_the_cell_starts_ends_it_cleanly(tmp_path):
-    data = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
-    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(data))
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(demo()))
     with started("run", tmp_path / "cell.yaml", "--json") as node:
         children = Path(f"/proc/{node.pid}/task/{node.pid}/children")
         wait_for(lambda: children.read_text().strip(), node)  # the mock controllers come up
@@ -168,10 +177,9 @@ def line():
 
 
 def serial_config(path, port):
-    data = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
+    data = demo()
     data["links"] = [{"name": "drive", "kind": "serial", "port": port}]
     data["robots"][0]["motion"] = {"kind": "trajectory", "file": "pick_and_place"}
-    data["predictor"] = BASELINE
     data["source"]["people"] = FAR
     data["alerts"] = {"terminal": False}
     path.write_text(yaml.safe_dump(data))
@@ -218,6 +226,7 @@ def test_listen_hears_the_node_from_its_start_to_its_end(line, tmp_path):
     assert lines[-1]["received"] == sum(kind in told for kind in kinds)
 
 
+@pytest.mark.long
 def test_listen_for_alerts_alone(line, tmp_path):
     config = serial_config(tmp_path / "node.yaml", line.port_a)
     with started("run", config) as node:

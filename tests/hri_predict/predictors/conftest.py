@@ -6,15 +6,20 @@ import pytest
 import torch
 
 from hri_predict import registry
+from hri_predict.arrays import Floats
 from hri_predict.predictors.base import Predictor
-from hri_predict.predictors.body import BODY, from_canonical
-from hri_predict.predictors.body_frame import fill, neighbour_table
-from hri_predict.predictors.network import Network, Shape
-from hri_predict.predictors.neural import NeuralSettings, shipped_weights
-from hri_predict.predictors.weights import save_weights
-from hri_predict.scene import Floats
+from hri_predict.predictors.neural.body import BODY, from_canonical
+from hri_predict.predictors.neural.body_frame import fill, neighbour_table
+from hri_predict.predictors.neural.network import (
+    Network,
+    NetworkClass,
+    Shape,
+    network_class_of,
+)
+from hri_predict.predictors.neural.predictor import NeuralSettings, shipped_weights
+from hri_predict.predictors.neural.weights import save_weights
 from hri_predict.skeleton import CANONICAL
-from hri_sim.body import Body
+from hri_sim.people.body import Body
 
 
 @pytest.fixture(scope="session")
@@ -28,11 +33,10 @@ def standing() -> Floats:
 def random_network(standing):
     """Makes a network whose weights are random, none of them zero, and its rest pose standing."""
 
-    def make(network_class: type[Network], horizon_steps: int = 25, **options: Any) -> Network:
-        shape = Shape(BODY, 15, horizon_steps, 25.0)
+    def make(network_class: NetworkClass, horizon_steps: int = 25, **options: Any) -> Network:
+        shape = Shape(skeleton=BODY, history_steps=15, horizon_steps=horizon_steps, rate_hz=25.0)
         torch.manual_seed(5)
-        built: Any = network_class
-        network: Network = built(shape, network_class.options_model(**options))
+        network = network_class(shape, network_class.options_model(**options))
         with torch.no_grad():
             for parameter in network.parameters():
                 parameter.add_(torch.randn(parameter.shape), alpha=0.02)
@@ -55,7 +59,7 @@ def weights_of(tmp_path_factory, random_network):
             return shipped_weights(name)
         path = folder / f"{name}.safetensors"
         if not path.exists():
-            network_class = registry.load("predictors", name).network_class
+            network_class = network_class_of(name)
             save_weights(path, name, random_network(network_class), {"data": "none: random"})
         return path
 

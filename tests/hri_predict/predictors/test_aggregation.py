@@ -17,8 +17,8 @@ from hri_predict.predictors.aggregation import (
     aggregate,
     forget,
 )
-from hri_predict.predictors.body import BODY
-from hri_predict.predictors.network import (
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import (
     Network,
     NetworkOptions,
     Shape,
@@ -26,9 +26,9 @@ from hri_predict.predictors.network import (
     Window,
     last_pose,
     mpjpe,
+    network_class_of,
 )
-from hri_predict.predictors.neural import NeuralPredictor
-from hri_predict.predictors.weights import load_weights, save_weights
+from hri_predict.predictors.neural.weights import load_weights, save_weights
 
 
 class GoesOn(Network):
@@ -68,7 +68,7 @@ def test_forget_unit_keeps_the_window_length_if_more_is_predicted_than_it_holds(
 
 
 def test_equals_applying_the_network_by_hand_and_cuts_at_the_horizon():
-    inner = GoesOn(Shape(BODY, 6, 2, 25.0))
+    inner = GoesOn(Shape(skeleton=BODY, history_steps=6, horizon_steps=2, rate_hz=25.0))
     first = window()
     with torch.no_grad():
         one = inner(first)
@@ -94,7 +94,8 @@ def wrapped(horizon_steps: int = 4, **options: object) -> Aggregated:
     torch.manual_seed(0)
     given = {"method": "trajectorycnn", "steps": 2, "options": {"channels": 4, "dropout": 0}}
     return Aggregated(
-        Shape(BODY, 6, horizon_steps, 25.0), AggregatedOptions.model_validate(given | options)
+        Shape(skeleton=BODY, history_steps=6, horizon_steps=horizon_steps, rate_hz=25.0),
+        AggregatedOptions.model_validate(given | options),
     )
 
 
@@ -113,8 +114,7 @@ def test_learns_its_own_steps_first_and_then_the_whole(progress):
 
 
 def _trained() -> list[str]:
-    found = {name: registry.load("predictors", name) for name in registry.names("predictors")}
-    return [name for name, cls in found.items() if issubclass(cls, NeuralPredictor)]
+    return [name for name in registry.names("predictors") if network_class_of(name) is not None]
 
 
 @pytest.mark.parametrize("method", [name for name in _trained() if name != "aggregated"])
@@ -171,7 +171,7 @@ def test_a_horizon_below_its_steps_is_cut():
 def inner_weights(tmp_path, random_network) -> Path:
     """Weights of a trajectorycnn that predicts 12 steps."""
     path = tmp_path / "inner.safetensors"
-    network_class = registry.load("predictors", "trajectorycnn").network_class
+    network_class = network_class_of("trajectorycnn")
     save_weights(path, "trajectorycnn", random_network(network_class, 12, channels=4), {})
     return path
 
@@ -218,7 +218,7 @@ def test_takes_weights_trained_through_the_aggregation(tmp_path, random_network)
     [
         ({"inner": "kalman"}, r"predictor\.inner 'kalman': has no network; name a trained"),
         ({"inner": "trajectorycn"}, "unknown predictor 'trajectorycn'; did you mean"),
-        ({"inner": "stb"}, "are of 'trajectorycnn'; give the file of 'stb'"),
+        ({"inner": "stb"}, "are for 'trajectorycnn'; give the file of 'stb'"),
         ({"steps": 13}, r"predictor\.steps 13: .* predicts 12 at a time .* use 12 at most"),
     ],
 )

@@ -5,8 +5,8 @@ import torch
 
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.auxformer import Attention, AuxFormer, AuxFormerOptions
-from hri_predict.predictors.body import BODY
-from hri_predict.predictors.network import Shape, Target, Window, mpjpe
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import Shape, Target, Window, mpjpe
 from hri_predict.settings import validated
 
 HISTORY, HORIZON, JOINTS = 6, 7, len(BODY.joints)
@@ -18,7 +18,7 @@ SMALL = {
     "future_stride": 3,
     "auxiliary_share": 1.0,
 }
-SHAPE = Shape(BODY, HISTORY, HORIZON, 25.0)
+SHAPE = Shape(skeleton=BODY, history_steps=HISTORY, horizon_steps=HORIZON, rate_hz=25.0)
 
 
 def _network(**options: object) -> AuxFormer:
@@ -231,7 +231,8 @@ def test_loss_draws_from_the_global_generator() -> None:
 )
 def test_one_step_with_each_switch_lowers_the_loss(options: dict[str, object]) -> None:
     network, window, target = _network(**options), _window(4), _target(4)
-    optimiser = torch.optim.SGD(network.parameters(), lr=1e-4)
+    # the loss falls by 3e-5 of itself or more: 300 of float32's roundings of 1.2e-7
+    optimiser = torch.optim.SGD(network.parameters(), lr=0.05)
     torch.manual_seed(8)
     before = network.loss(window, target, 0.0)
     before.backward()
@@ -283,7 +284,7 @@ def test_a_few_steps_fit_a_swing() -> None:
     network = AuxFormer(SHAPE, AuxFormerOptions.model_validate(SMALL | {"layers": 1}))
     standing = mpjpe(network(window), target)
     optimiser = torch.optim.Adam(network.parameters(), lr=2e-2)
-    for _ in range(60):
+    for _ in range(90):  # to a quarter, whatever order float32 sums are taken in; 60 reach a half
         optimiser.zero_grad()
         network.loss(window, target, 0.0).backward()
         optimiser.step()

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hri_predict import registry
+from hri_predict.arrays import Bools, Floats
 from hri_predict.predictors.base import Predictor, PredictorSettings, checked
-from hri_predict.scene import Bools, Floats
 
 
 @pytest.fixture(params=registry.names("predictors"))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hri_predict.arrays import Floats
 from hri_predict.predictors.base import Predictor
 from hri_predict.predictors.baselines import (
     ConstantVelocity,
@@ -14,7 +15,6 @@ from hri_predict.predictors.baselines import (
     ZeroVelocity,
     ZeroVelocitySettings,
 )
-from hri_predict.scene import Floats
 from hri_predict.skeleton import Skeleton, make_skeleton
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"

@@ -7,13 +7,13 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from hri_predict.predictors.body import BODY
-from hri_predict.predictors.network import Shape, Target, Window, last_pose
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
 from hri_predict.predictors.stb import STB, GraphLayer, STBOptions, distillation
 from hri_predict.skeleton import make_skeleton
 
 CHAIN = make_skeleton("chain", list("abcd"), [-1, 0, 1, 2])
-SHAPE = Shape(CHAIN, 5, 3, 25.0)
+SHAPE = Shape(skeleton=CHAIN, history_steps=5, horizon_steps=3, rate_hz=25.0)
 SMALL: dict[str, Any] = {"width": 16, "blocks": 2, "dropout": 0.0}
 
 
@@ -241,6 +241,9 @@ def test_same_bytes_and_independent_of_the_batch() -> None:
 
 
 def test_size_of_the_paper_can_be_reached() -> None:
-    net = STB(Shape(BODY, 10, 25, 25.0), STBOptions(width=512))
+    net = STB(
+        Shape(skeleton=BODY, history_steps=10, horizon_steps=25, rate_hz=25.0),
+        STBOptions(width=512),
+    )
     millions = sum(p.numel() for p in net.parameters()) / 1e6
     assert 6.8 < millions < 7.8  # Table 8: 7.33

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from hri_predict.errors import ConfigError
-from hri_predict.predictors.body import BODY
-from hri_predict.predictors.network import Shape, Target, Window, last_pose
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
 from hri_predict.predictors.trajectorycnn import (
     PART_ORDER,
     TrajectoryCNN,
@@ -18,7 +18,7 @@ from hri_predict.predictors.trajectorycnn import (
 from hri_predict.settings import validated
 from hri_predict.skeleton import make_skeleton
 
-SHAPE = Shape(BODY, 6, 9, 25.0)
+SHAPE = Shape(skeleton=BODY, history_steps=6, horizon_steps=9, rate_hz=25.0)
 SMALL: dict[str, Any] = {"channels": 8, "blocks": 1}
 ELBOW = BODY.index("l_elbow")
 
@@ -68,7 +68,7 @@ def test_joints_of_no_part_come_last() -> None:
 
 
 def test_default_has_the_layers_of_the_paper() -> None:
-    net = network(Shape(BODY, 10, 25, 25.0))
+    net = network(Shape(skeleton=BODY, history_steps=10, horizon_steps=25, rate_hz=25.0))
     sizes = [
         tuple(layer.weight.shape) for layer in net.modules() if isinstance(layer, torch.nn.Conv2d)
     ]

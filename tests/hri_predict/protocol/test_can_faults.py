@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID, CanFrame, CanReceiver, CanSender
+from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.codec import Malformed, decode_payload
 from hri_predict.protocol.definition import BY_TYPE
 from hri_predict.protocol.messages import (
@@ -20,9 +20,8 @@ from hri_predict.protocol.messages import (
     Status,
     Zone,
 )
-from hri_predict.reasons import Reason
-
-ADVICE = Advice(1, Level.SLOW, Reason.PERSON_NEAR, 5, 1.25, 0.4, 0.32, 0.75, 12, 6, 200, 0.041)
+from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.protocol.samples import ADVICE
 
 
 def flipped(data: bytes, bits: tuple[int, ...]) -> bytes:

@@ -4,18 +4,20 @@ from dataclasses import replace
 
 import pytest
 
-from hri_predict.protocol.can_codec import DEFAULT_BASE_ID
+from hri_predict.protocol.can import DEFAULT_BASE_ID
 from hri_predict.protocol.definition import (
     BY_TYPE,
     DEFINITIONS,
     MAX_ROBOTS,
-    PART_BYTES,
     SCHEMA_HASH,
+    frame_table,
+    schema_hash,
+)
+from hri_predict.protocol.fields import (
+    PART_BYTES,
     Definition,
     Field,
     frame_number,
-    frame_table,
-    schema_hash,
 )
 from hri_predict.protocol.messages import (
     Acknowledge,

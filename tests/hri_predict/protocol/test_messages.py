@@ -13,16 +13,23 @@ from hri_predict.protocol.messages import (
     Zone,
     at_encoding,
 )
-from hri_predict.reasons import Reason
+from hri_predict.protocol.reasons import Reason
 
 
 @pytest.mark.parametrize(
     "message",
     [
-        Status(NodeState.RUNNING, Reason.NONE, 0, 0, 0, capture_ns=5_000_000_000),
-        Advice(0, Level.CLEAR, Reason.NONE, capture_ns=5_000_000_000),
-        Zone(1, 0, 0.0, (), capture_ns=5_000_000_000),
-        Pose(1, 0, 0.0, (), capture_ns=5_000_000_000),
+        Status(
+            node_state=NodeState.RUNNING,
+            reason=Reason.NONE,
+            people=0,
+            predictor=0,
+            cycle=0,
+            capture_ns=5_000_000_000,
+        ),
+        Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE, capture_ns=5_000_000_000),
+        Zone(person=1, step=0, horizon_s=0.0, capsules=(), capture_ns=5_000_000_000),
+        Pose(person=1, step=0, horizon_s=0.0, joints=(), capture_ns=5_000_000_000),
     ],
 )
 def test_age_counts_from_the_capture_to_the_encoding(
@@ -39,13 +46,15 @@ def test_age_counts_from_the_capture_to_the_encoding(
 
 
 def test_without_a_capture_the_age_is_not_available() -> None:
-    filled = at_encoding(Advice(0, Level.UNKNOWN, Reason.NO_INPUT), 5_000_000_000)
+    filled = at_encoding(
+        Advice(robot=0, level=Level.UNKNOWN, reason=Reason.NO_INPUT), 5_000_000_000
+    )
     assert isinstance(filled, Advice)
     assert filled.age_s is None
 
 
 def test_only_advice_echoes() -> None:
-    advice: Message = Advice(0, Level.CLEAR, Reason.NONE, echo=3)
+    advice: Message = Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE, echo=3)
     filled = at_encoding(advice, 0, echo=200)
     assert isinstance(filled, Advice)
     assert filled.echo == 200

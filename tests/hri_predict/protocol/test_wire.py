@@ -2,7 +2,7 @@
 
 import pytest
 
-from hri_predict.protocol.can_codec import FD_LENGTHS
+from hri_predict.protocol.can import FD_LENGTHS
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,

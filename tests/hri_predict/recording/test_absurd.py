@@ -9,7 +9,8 @@ import pytest
 
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import load_joint_map
-from hri_predict.recording import Recorder, RecordingInfo, npz, open_recording
+from hri_predict.recording import Recorder, RecordingInfo, open_recording
+from hri_predict.recording.formats import npz
 from hri_predict.scene import Person, Scene
 
 FRAMES = 5
@@ -23,7 +24,9 @@ def _npz(path: Path, **more: object) -> Path:
 
 def _mcap(path: Path, receipts_s: list[float], rate_hz: float = 25.0) -> Path:
     recorder = Recorder(
-        path, RecordingInfo(load_joint_map("canonical"), rate_hz, True), threaded=False
+        path,
+        RecordingInfo(joint_map=load_joint_map("canonical"), rate_hz=rate_hz, declares_noise=True),
+        threaded=False,
     )
     person = Person(1, np.zeros((21, 3)), np.ones(21, bool))
     for k, seconds in enumerate(receipts_s):

@@ -31,7 +31,7 @@ def test_two_people_never_share_an_id():
 def test_labels_that_are_no_positions_are_left_out_and_counted():
     found = split_labels(["Anna:wrist", "*7", "Anna:angle"], 1, ["Anna:angle", "Ben:angle"])
     assert (found.ids, found.joints) == ((1,), ("wrist",))
-    assert "2 of 3 labels are no markers" in found.note
+    assert "2 of 3 labels are not markers" in found.note
 
 
 def test_points_without_any_name_are_nobody_and_no_empty_room():
@@ -48,5 +48,5 @@ def test_points_without_any_name_are_nobody_and_no_empty_room():
     ids=["people", "markers"],
 )
 def test_more_than_can_be_is_refused(labels):
-    with pytest.raises(ConfigError, match="more than can be"):
+    with pytest.raises(ConfigError, match="which is too many"):
         split_labels(labels, 1)

@@ -25,8 +25,15 @@ def _seed_file(folder: Path, kind: str) -> Path:
         Scene(k * 20_000_000, k, True, (Person(1, row, np.ones(len(JOINTS), bool)),))
         for k, row in enumerate(joints)
     ]
-    times = [scene.capture_ns for scene in scenes]
-    recording = Recording(Path("x"), "csv", map_of_names(JOINTS), 50.0, scenes, times)
+    times = [scene.stamp_ns for scene in scenes]
+    recording = Recording(
+        path=Path("x"),
+        kind="csv",
+        joint_map=map_of_names(JOINTS),
+        rate_hz=50.0,
+        scenes=scenes,
+        arrival_ns=times,
+    )
     path = folder / f"seed.{'npz' if kind == 'amass' else kind}"
     write_recording(recording, path, kind)
     return path

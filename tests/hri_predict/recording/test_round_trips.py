@@ -43,8 +43,15 @@ def made(joints, ids=(1,), frames=4, rate_hz=30.0, missing=0.3, seed=0) -> Recor
         )
         for k in range(frames)
     ]
-    times = [scene.capture_ns for scene in scenes]
-    return Recording(Path("made"), "csv", map_of_names(joints), rate_hz, scenes, times)
+    times = [scene.stamp_ns for scene in scenes]
+    return Recording(
+        path=Path("made"),
+        kind="csv",
+        joint_map=map_of_names(joints),
+        rate_hz=rate_hz,
+        scenes=scenes,
+        arrival_ns=times,
+    )
 
 
 def through(recording: Recording, to: str, folder: Path, **options) -> Recording:
@@ -58,8 +65,8 @@ def check_same(one: Recording, other: Recording, tolerance_m: float) -> None:
     assert other.rate_hz == pytest.approx(one.rate_hz, rel=1e-6)
     assert len(other.scenes) == len(one.scenes)
     for a, b in zip(one.scenes, other.scenes, strict=True):
-        assert b.capture_ns - other.scenes[0].capture_ns == pytest.approx(
-            a.capture_ns - one.scenes[0].capture_ns,
+        assert b.stamp_ns - other.scenes[0].stamp_ns == pytest.approx(
+            a.stamp_ns - one.scenes[0].stamp_ns,
             rel=1e-7,
             abs=2,  # C3D's rate has 24 bits
         )
@@ -124,10 +131,17 @@ def empty_and_blind() -> Recording:
     scenes = list(recording.scenes)
     see = [(True, 1), (True, 0), (False, 0), (True, 2), (True, 2)]
     scenes = [
-        Scene(s.capture_ns, s.sequence, sees, s.people[:count])
+        Scene(s.stamp_ns, s.sequence, sees, s.people[:count])
         for s, (sees, count) in zip(scenes, see, strict=True)
     ]
-    return Recording(Path("x"), "csv", recording.joint_map, 30.0, scenes, recording.arrival_ns)
+    return Recording(
+        path=Path("x"),
+        kind="csv",
+        joint_map=recording.joint_map,
+        rate_hz=30.0,
+        scenes=scenes,
+        arrival_ns=recording.arrival_ns,
+    )
 
 
 @pytest.mark.parametrize("to", ["csv", "mcap"])
@@ -157,7 +171,14 @@ def test_lost_scenes_are_frames_without_joints(tmp_path):
     kept = [0, 1, 4, 5]
     scenes = [whole.scenes[k] for k in kept]
     times = [whole.arrival_ns[k] for k in kept]
-    cut = Recording(Path("x"), "mcap", whole.joint_map, 30.0, scenes, times)
+    cut = Recording(
+        path=Path("x"),
+        kind="mcap",
+        joint_map=whole.joint_map,
+        rate_hz=30.0,
+        scenes=scenes,
+        arrival_ns=times,
+    )
     written = write_recording(cut, tmp_path / "a.trc", "trc")
     assert written.frames == 6
     assert any(note.startswith("2 frames are missing") for note in written.notes)
@@ -172,7 +193,14 @@ def test_a_source_that_is_a_little_faster_than_it_says_loses_no_frame(tmp_path):
     scenes = [
         Scene(ns, s.sequence, True, s.people) for ns, s in zip(times, recording.scenes, strict=True)
     ]
-    faster = Recording(Path("x"), "mcap", recording.joint_map, 30.0, scenes, times)
+    faster = Recording(
+        path=Path("x"),
+        kind="mcap",
+        joint_map=recording.joint_map,
+        rate_hz=30.0,
+        scenes=scenes,
+        arrival_ns=times,
+    )
     written = write_recording(faster, tmp_path / "a.c3d", "c3d")
     assert (written.frames, written.notes) == (400, [])
     assert open_recording(tmp_path / "a.c3d", any_joints=True).rate_hz == pytest.approx(30.3)
@@ -183,7 +211,7 @@ def test_frames_are_left_out_never_invented():
     half = decimated(recording, 25.0)
     assert [scene.sequence for scene in half.scenes] == list(range(13))
     for k, scene in enumerate(half.scenes):
-        assert abs(scene.capture_ns * 1e-9 - k / 25.0) <= 0.5 / 120 + 1e-9
+        assert abs(scene.stamp_ns * 1e-9 - k / 25.0) <= 0.5 / 120 + 1e-9
     with pytest.raises(RecordingError, match="never invented"):
         decimated(recording, 200.0)
 

@@ -1,5 +1,6 @@
 """What files seem to be that are not what they are called, or that nobody here reads."""
 
+import contextlib
 import sqlite3
 import zipfile
 
@@ -47,7 +48,7 @@ def test_real_files_of_other_libraries(tmp_path):
     np.savez(tmp_path / "b.npz", a=np.zeros(3))
     with zipfile.ZipFile(tmp_path / "c.zip", "w") as archive:
         archive.writestr("walk.bvh", "HIERARCHY")
-    with sqlite3.connect(tmp_path / "d.db3") as base:
+    with contextlib.closing(sqlite3.connect(tmp_path / "d.db3")) as base:
         base.execute("create table topics (id int)")
     found = [seems(path).split(",")[0] for path in sorted(tmp_path.iterdir())]
     assert found == ["a single NumPy array (.npy)", ".npz", "a zip archive: unpack it", "SQLite"]

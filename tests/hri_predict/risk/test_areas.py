@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import Capsules
 from hri_predict.protocol.messages import Level
-from hri_predict.reasons import Reason
+from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, approach_m
-from hri_predict.risk.types import Capsules, NamedZoneState, Zones
-from hri_predict.risk.zones import BodyZones
-from hri_predict.scene import Bools, Floats
+from hri_predict.risk.types import NamedZoneState, Zones
+from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.settings import Region
 
 SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
@@ -73,7 +74,13 @@ def bodies(x: list[float], grown: float = 0.0) -> BodyZones:
     grow[:, 0] = 0.0
     times = np.linspace(0.0, 0.1 * (len(x) - 1), len(x))
     zones = Zones((1,), ("head",), times, Capsules(centre, centre, radius + grow))
-    return BodyZones(zones, Capsules(centre, centre, radius), np.array([False]), 0.0, 0)
+    return BodyZones(
+        zones=zones,
+        paths=Capsules(centre, centre, radius),
+        lost=np.array([False]),
+        age_s=0.0,
+        capture_ns=0,
+    )
 
 
 def test_entry_is_predicted_from_the_body_as_forecast():
@@ -89,7 +96,9 @@ def test_entry_is_predicted_from_the_body_as_forecast():
 def test_nobody_occupies_nothing():
     empty = Capsules(np.zeros((0, 2, 1, 3)), np.zeros((0, 2, 1, 3)), np.zeros((0, 2, 1)))
     zones = Zones((), ("head",), np.array([0.0, 0.1]), empty)
-    state = zone().state(BodyZones(zones, empty, np.zeros(0, bool), 0.0, 0))
+    state = zone().state(
+        BodyZones(zones=zones, paths=empty, lost=np.zeros(0, bool), age_s=0.0, capture_ns=0)
+    )
     assert state == NamedZoneState("door", False, None)
 
 

@@ -1,7 +1,6 @@
 """The engine on a UR5e: what it advises, why, and what it never calls clear."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,108 +8,29 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hri_predict.errors import ConfigError
-from hri_predict.link import LinkSettings
+from hri_predict.people.snapshot import LostPerson
 from hri_predict.predictors.base import Forecast
-from hri_predict.protocol.messages import Advice, Level, RobotMode, RobotState
-from hri_predict.reasons import Reason
+from hri_predict.protocol.messages import Advice, Level, RobotMode
+from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZoneSettings
-from hri_predict.risk.delay_budget import DelayBudget
-from hri_predict.risk.engine import RiskEngine
-from hri_predict.risk.levels import severity
-from hri_predict.risk.robot import RobotSettings, load_robot
-from hri_predict.risk.robot_tracker import RobotTracker
+from hri_predict.risk.levels.demand import severity
+from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.risk.types import Assessment
-from hri_predict.scene import Floats
-from hri_predict.settings import Pose, Region
+from hri_predict.robots.model import RobotSettings
+from hri_predict.settings import Region
 from hri_predict.skeleton import CANONICAL, JOINTS
-from hri_predict.snapshot import LostPerson, PeopleSnapshot
-
-RATE_HZ, STEPS = 25.0, 25
-AGE_NS = 50_000_000
-TICK_NS = 40_000_000
-READY = (0.0, -1.2, 1.5, -1.8, -1.57, 0.0)
-SETTINGS = RiskSettings(release_captures=2)
-LINK = LinkSettings(name="bus", kind="can")
-ROBOT = RobotSettings(name="arm", model="ur5e", room_from_robot=Pose(), max_speed_m_s=1.0)
-MODEL = load_robot(ROBOT, None)
-MODES = pytest.mark.parametrize("mode", ["iso", "predictive", "reactive", "fixed"])
-
-
-def body(x: float, y: float = 0.0) -> Floats:
-    """A standing body, arms down."""
-    place = {"waist": (0.0, 1.0), "torso": (0.0, 1.2), "neck": (0.0, 1.45), "head": (0.0, 1.6)}
-    place["head_top"] = (0, 1.75)
-    for side, out in (("l_", 0.15), ("r_", -0.15)):
-        for joint, z in (("shoulder", 1.4), ("elbow", 1.1), ("wrist", 0.85), ("hand", 0.68)):
-            place[side + joint] = (out, z)
-        for joint, z in (("hip", 0.95), ("knee", 0.5), ("ankle", 0.1), ("foot", 0.03)):
-            place[side + joint] = (out / 2, z)
-    return np.array([(x, y + place[joint][0], place[joint][1]) for joint in JOINTS], dtype=float)
-
-
-class Cell:
-    """An engine with one robot, stepped tick by tick; people stand at the given x."""
-
-    def __init__(
-        self,
-        risk: RiskSettings = SETTINGS,
-        zones: tuple[NamedZoneSettings, ...] = (),
-        view: Region | None = None,
-        robot: RobotSettings = ROBOT,
-        horizon_steps: int = STEPS,
-    ) -> None:
-        self.tracker = RobotTracker(robot, MODEL)
-        budget = DelayBudget.from_settings(25.0, [LINK], 0.12)
-        self.steps = horizon_steps
-        self.engine = RiskEngine(
-            risk, [self.tracker], CANONICAL, [], zones, view, budget, RATE_HZ, horizon_steps
-        )
-        self.now_ns = 1_000_000_000
-        self.captures = 0
-        self.turn = 0.3  # rad/s of the base
-        self.assessment: Assessment
-
-    def snapshot(self, *x: float) -> PeopleSnapshot:
-        people = len(x)
-        last = np.array([body(v) for v in x]).reshape(people, len(JOINTS), 3)
-        return PeopleSnapshot(
-            now_ns=self.now_ns,
-            ids=tuple(range(10, 10 + people)),
-            history=last[:, None],
-            observed=np.ones((people, 1, len(JOINTS)), bool),
-            capture_ns=np.full(people, self.now_ns - AGE_NS, np.int64),
-            last_positions=last,
-            joint_age_s=np.zeros((people, len(JOINTS))),
-            lost=(),
-            reasons=(),
-            newest_capture_ns=self.now_ns - AGE_NS,
-            captures=self.captures,
-            counters={},
-        )
-
-    def still(self, snapshot: PeopleSnapshot) -> Forecast:
-        return Forecast(np.repeat(snapshot.last_positions[:, None], self.steps, axis=1), None)
-
-    def step(
-        self, *x: float, mode: RobotMode = RobotMode.AUTOMATIC, report: bool = True, **changes
-    ):
-        self.now_ns += TICK_NS
-        self.captures += 1
-        if report:
-            velocities = (self.turn, 0.0, 0.0, 0.0, 0.0, 0.0)
-            state = RobotState(0, mode, self.captures % 256, READY, velocities)
-            self.tracker.update(state, self.now_ns)
-        snapshot = self.snapshot(*x)
-        forecast = changes.pop("forecast", self.still(snapshot))
-        reasons = changes.pop("why", ())
-        self.assessment = self.engine.assess(replace(snapshot, **changes), forecast, reasons)
-        return self.assessment.advices[0]
-
-    def settle(self, *x: float, ticks: int = 70, **changes: Any) -> Advice:
-        for _ in range(ticks):
-            advice = self.step(*x, **changes)
-        return advice
+from tests.hri_predict.risk.engine_cell import (
+    MODEL,
+    MODES,
+    RATE_HZ,
+    READY,
+    ROBOT,
+    SETTINGS,
+    STEPS,
+    TICK_NS,
+    Cell,
+    body,
+)
 
 
 @MODES
@@ -326,6 +246,22 @@ def test_the_advice_rests_on_the_oldest_capture():
     cell = Cell()
     captures = np.array([cell.now_ns - 30_000_000, cell.now_ns - 10_000_000])
     assert cell.step(4.0, 5.0, capture_ns=captures).capture_ns == captures.min()
+
+
+@MODES
+def test_the_separation_stage_has_no_memory(mode):
+    cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
+    cell.settle(2.0)
+    engine, snapshot = cell.engine, cell.snapshot(1.5)
+    bodies = engine.zones(snapshot, cell.still(snapshot))
+    robots = engine.robots(snapshot.now_ns)
+    found = engine.separation(bodies, robots)
+    assert found.robots[0].people is not None
+    elsewhere = cell.snapshot(0.8, 3.0)
+    engine.separation(engine.zones(elsewhere, cell.still(elsewhere)), robots)
+    assert engine.separation(bodies, robots) == found
+    untrusted = replace(bodies, untrusted=(Reason.SOURCE_BLIND,))
+    assert engine.separation(untrusted, robots).robots == (RobotFindings((Reason.SOURCE_BLIND,)),)
 
 
 def test_an_exception_leaves_nothing_that_speaks_for_a_release(monkeypatch):

@@ -1,18 +1,19 @@
 """The ablation leaves out one augmentation at a time, trains for real, and does nothing twice."""
 
-import argparse
 import signal
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from hri_predict import cli
 from hri_predict.errors import ConfigError
 from hri_predict.training import ablation
-from hri_predict.training.augment import AugmentSettings
 from hri_predict.training.config import load_training_config
-from hri_predict.training.motion import MotionSamples
+from hri_predict.training.windows.augment import AugmentSettings
+from hri_predict.training.windows.motion import MotionSamples
 
 
 @pytest.fixture
@@ -39,6 +40,21 @@ def config(tmp_path) -> Path:
     return path
 
 
+@pytest.fixture
+def ablate(config, tmp_path, monkeypatch):
+    """Run ``hri-predict ablate`` with some changes; gives its exit status."""
+
+    def call(*changes, out=tmp_path / "runs"):
+        given = ["ablate", config, "--data", tmp_path, "--out", out]
+        given += [word for change in changes for word in ("--set", change)]
+        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, given)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        return ended.value.code
+
+    return call
+
+
 def test_each_run_leaves_out_its_own_augmentation_alone(config):
     runs = ablation.runs(load_training_config(config))
     whole = AugmentSettings().model_dump()
@@ -55,29 +71,30 @@ def test_each_run_leaves_out_its_own_augmentation_alone(config):
     assert len({run.out for run in runs.values()}) == len(runs)
 
 
-def test_all_are_trained_and_judged_once(config, tmp_path, capsys):
+@pytest.mark.parametrize("left_out", [2, pytest.param(None, marks=pytest.mark.long)])
+def test_all_are_trained_and_judged_once(ablate, tmp_path, monkeypatch, capsys, left_out):
+    fewer = dict(list(ablation.LEFT_OUT.items())[:left_out])
+    monkeypatch.setattr(ablation, "LEFT_OUT", fewer)
     out = tmp_path / "runs"
-    given = [str(config), "--data", str(tmp_path), "--out", str(out)]
-    smaller = ["--set", "train.epochs=1", "--set", "options.channels=2"]
-    assert ablation.main([*given, *smaller]) == 0
+    smaller = ["train.epochs=1", "options.channels=2"]
+    assert ablate(*smaller) == 0
     printed = capsys.readouterr().out
     assert printed == (out / "ablation.md").read_text()
     rows = [line for line in printed.splitlines()[2:] if line]
     assert len(rows) == len(ablation.LEFT_OUT) + 1
     stamp = (out / "all" / "trajectorycnn.safetensors").stat().st_mtime_ns
-    assert ablation.main([*given, *smaller]) == 0
+    assert ablate(*smaller) == 0
     assert capsys.readouterr().out == printed
     assert (out / "all" / "trajectorycnn.safetensors").stat().st_mtime_ns == stamp
 
 
 def test_a_folder_s_name_may_hold_anything(config, tmp_path):
     out = str(tmp_path / "runs #1: a")
-    given = argparse.Namespace(config=config, data="data #2", out=out, changes=[])
-    made = ablation._configuration(given)
+    made = ablation.configuration(config, "data #2", out)
     assert (str(made.out), made.data["root"]) == (out, "data #2")
 
 
-def test_ctrl_c_saves_and_the_same_command_goes_on(config, tmp_path, monkeypatch, capsys):
+def test_ctrl_c_saves_and_the_same_command_goes_on(ablate, tmp_path, monkeypatch, capsys):
     draw, calls = MotionSamples.batch, iter(range(100))
 
     def interrupted(self, rng, size):
@@ -86,17 +103,15 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(config, tmp_path, monkeypatch
         return draw(self, rng, size)
 
     monkeypatch.setattr(MotionSamples, "batch", interrupted)
-    given = [str(config), "--data", str(tmp_path), "--out", str(tmp_path / "runs")]
-    smaller = ["--set", "train.epochs=3", "--set", "options.channels=2"]
-    assert ablation.main([*given, *smaller]) == 130
-    assert capsys.readouterr().err.splitlines()[-1] == "saved; go on with the same command"
+    assert ablate("train.epochs=3", "options.channels=2") == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "saved; continue with the same command"
     assert (tmp_path / "runs" / "all" / "last.pt").exists()
     assert not (tmp_path / "runs" / "none").exists()
 
 
 def test_a_table_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "ablation.md").mkdir()
-    with pytest.raises(ConfigError, match=r"ablation.md: cannot be written: is no file"):
+    with pytest.raises(ConfigError, match=r"ablation.md: cannot be written: is not a file"):
         ablation._write(tmp_path / "ablation.md", "table")
 
 
@@ -104,24 +119,23 @@ def test_a_table_that_cannot_be_written_is_told(tmp_path):
     ("change", "says"),
     [
         ("data.augment=3", "training configuration: data.augment: "),
-        ("predictor=sinn", "is of 'sinn', and a small trajectorycnn is trained"),
-        ("shape.rate_hz=50", "shape.rate_hz 50: the Real judgement is at 25; leave it out"),
+        ("predictor=sinn", "is for 'sinn', but the ablation trains trajectorycnn"),
+        (
+            "shape.rate_hz=50",
+            "shape.rate_hz 50: the evaluation on recordings has 25 Hz",
+        ),
     ],
 )
 def test_what_cannot_end_well_is_refused_before_the_first_run(
-    config, tmp_path, capsys, change, says
+    ablate, tmp_path, capsys, change, says
 ):
-    out = tmp_path / "runs"
-    given = [str(config), "--data", str(tmp_path), "--out", str(out), "--set", change]
-    assert ablation.main(given) == 2
+    assert ablate(change) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")
     assert says in line
-    assert not out.exists()
+    assert not (tmp_path / "runs").exists()
 
 
-def test_a_benchmark_has_no_augmentations(config, tmp_path, capsys):
-    changed = ["--set", "judgement=benchmark"]
-    status = ablation.main([str(config), "--data", "x", "--out", str(tmp_path), *changed])
-    assert status == 2
-    assert "Real judgement alone" in capsys.readouterr().err
+def test_a_benchmark_has_no_augmentations(ablate, capsys):
+    assert ablate("judgement=benchmark") == 2
+    assert "need judgement: real" in capsys.readouterr().err

@@ -80,5 +80,5 @@ def test_nothing_but_plain_data_is_read(tmp_path, how):
 
 
 def test_a_missing_one_says_how_to_start(tmp_path):
-    with pytest.raises(ConfigError, match="not there; start the run without --resume"):
+    with pytest.raises(ConfigError, match="no such file; start the run without --resume"):
         load_checkpoint(tmp_path / "last.pt")

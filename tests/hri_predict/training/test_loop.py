@@ -12,20 +12,20 @@ from safetensors.torch import load_file
 from torch import nn
 
 from hri_predict.errors import ConfigError, PredictorError
-from hri_predict.predictors.body import BODY
-from hri_predict.predictors.network import (
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import (
     Network,
     NetworkOptions,
     Shape,
     last_pose,
     mpjpe,
 )
-from hri_predict.predictors.weights import read_header
+from hri_predict.predictors.neural.weights import read_header
 from hri_predict.training import loop
 from hri_predict.training.config import TrainingConfig
-from hri_predict.training.samples import Samples
+from hri_predict.training.windows.samples import Samples
 
-SHAPE = Shape(BODY, 4, 3, 25.0)
+SHAPE = Shape(skeleton=BODY, history_steps=4, horizon_steps=3, rate_hz=25.0)
 
 
 class Options(NetworkOptions):
@@ -95,9 +95,12 @@ class Walkers:
         seen = torch.from_numpy(rng.random((size, 7, 28)) < 0.9)
         past = SHAPE.history_steps
         return Samples(
-            positions[:, :past], seen[:, :past], positions[:, past:], seen[:, past:],
-            torch.from_numpy(actions),
-        )  # fmt: skip
+            history=positions[:, :past],
+            observed=seen[:, :past],
+            future=positions[:, past:],
+            known=seen[:, past:],
+            actions=torch.from_numpy(actions),
+        )
 
     def validation(self):
         rng = np.random.default_rng(99)
@@ -343,6 +346,7 @@ with Processes.join() as processes:
 """
 
 
+@pytest.mark.long
 def test_two_processes_go_one_process_s_way(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT, encoding="utf-8")

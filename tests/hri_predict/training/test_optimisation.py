@@ -4,8 +4,8 @@ import pytest
 import torch
 from torch import nn
 
-from hri_predict.predictors.body import BODY
-from hri_predict.predictors.network import Network, Shape, Target, Window
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import Network, Shape, Target, Window
 from hri_predict.training.config import TrainSettings
 from hri_predict.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.training.processes import Processes
@@ -15,7 +15,7 @@ class Line(Network):
     seen: torch.Tensor
 
     def __init__(self):
-        super().__init__(Shape(BODY, 4, 3, 25.0))
+        super().__init__(Shape(skeleton=BODY, history_steps=4, horizon_steps=3, rate_hz=25.0))
         self.line = nn.Linear(4, 3)
         self.register_buffer("seen", torch.zeros(()))
 

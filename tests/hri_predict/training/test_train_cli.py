@@ -11,11 +11,12 @@ import pytest
 import yaml
 
 from hri_predict.cli import main
-from hri_predict.predictors.weights import load_weights
-from hri_predict.settings import data_path
+from hri_predict.files import data_path
+from hri_predict.predictors.neural.network import network_class_of
+from hri_predict.predictors.neural.weights import load_weights
 from hri_predict.training import building
 from hri_predict.training.config import TrainingConfig, load_training_config
-from hri_predict.training.motion import MotionSamples
+from hri_predict.training.windows.motion import MotionSamples
 
 METHODS = ("kdformer", "trajectorycnn", "auxformer", "stb", "sinn")
 
@@ -110,7 +111,7 @@ def test_it_starts_from_given_weights(cli, config, tmp_path):
         np.testing.assert_allclose(new[name], value, atol=1e-6)
     status, _, err = cli(config, *changes, "--set", "options.channels=8", "--out", tmp_path / "c")
     assert status == 2
-    assert "of another network, shape or options" in err
+    assert "have another network, shape or options" in err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -126,7 +127,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(cli, config, monkeypatch, number):
     before = signal.getsignal(number)
     status, _, err = cli(config)
     assert status == 130
-    assert f"saved; go on with: hri-predict train {config} --resume" in err
+    assert f"saved; continue with: hri-predict train {config} --resume" in err
     assert signal.getsignal(number) == before
     moved = shutil.copytree(config.parent, config.parent.parent / f"moved{number}")
     status, out, err = cli(config, "--resume", "--json", "--data", moved)  # the same recordings
@@ -150,8 +151,8 @@ def test_a_file_where_the_log_goes_is_told_before_anything_is_written(cli, confi
     status, _, err = cli(config)
     assert status == 2
     assert err.splitlines() == [
-        f"error: {tmp_path}/run/log: is a file where the log goes; remove it, or choose another "
-        f"'out'"
+        f"error: {tmp_path}/run/log: is a file, but the log needs a folder; remove it, or choose "
+        f"another 'out'"
     ]
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["log"]
 
@@ -171,7 +172,7 @@ def test_help_has_an_example(cli):
         (["--set", "train.epoch=1"], "train.epoch: unknown key; did you mean 'epochs'?"),
         (["--set", "train.epochs"], "write it as key=value"),
         (["--set", "train.epochs=[1"], "its value is not valid YAML"),
-        (["--set", "out.x=1"], "'out' holds no keys"),
+        (["--set", "out.x=1"], "'out' has no keys"),
         (["--set", "train.epochs=0"], "train.epochs: input should be greater than or equal to 1"),
         (["--set", "judgement=dance"], "judgement: input should be 'real' or 'benchmark'"),
         (["--set", "predictor=kalman"], "predictor 'kalman' has no network: nothing to train"),
@@ -182,16 +183,16 @@ def test_help_has_an_example(cli):
         (["--set", "out=/dev/null/run"], "cannot be written"),
         (["--set", "out=/dev/full"], "/dev/full is not a folder; choose another 'out'"),
         (["--set", f"out={'a' * 300}"], "cannot be written: File name too long"),
-        (["--out", ""], "out: must name a folder of the run's own"),
-        (["--out", "."], "out: must name a folder of the run's own"),
+        (["--out", ""], "out: must name a folder for this run alone"),
+        (["--out", "."], "out: must name a folder for this run alone"),
         (["--set", r'out="a\0b"'], "its value is not valid YAML; quote it"),
         (["--set", f"train.seed={2**70}"], "train.seed: input should be less than or equal to"),
         (["--set", f"train.batch={10**21}"], "train.batch: input should be less than or equal to"),
         (["--set", f"train.epochs={10**400}"], "train.epochs: input should be less than or"),
         (["--set", "train.batch=33"], "train: batch 33 is more than windows_per_epoch 32"),
         (["--set", 'data.fit=["**x"]'], "'**x' is neither a file nor a pattern"),
-        (["--resume"], "not there; start the run without --resume"),
-        (["--set", "train.device=cuda"], "train.device cuda: no such device here; use cpu"),
+        (["--resume"], "no such file; start the run without --resume"),
+        (["--set", "train.device=cuda"], "train.device cuda: this machine has none; use cpu"),
         (["--set", "train.epochs=99", "--data", "/nowhere"], "nothing matches 'walk_*.npz'"),
     ],
 )
@@ -213,7 +214,8 @@ def test_the_shipped_configurations_say_what_they_are(method, judgement):
     assert isinstance(config, TrainingConfig)
     assert (config.predictor, config.judgement) == (method, judgement)
     assert config.out == Path("runs") / path.stem
-    network = building.registry.load("predictors", method).network_class
+    network = network_class_of(method)
+    assert network is not None
     network.options_model.model_validate(config.options)
     settings = building.DataSettings if judgement == "real" else building.BenchmarkData
     settings.model_validate(config.data)

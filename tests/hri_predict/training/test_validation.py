@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from hri_predict.predictors.body import BODY
-from hri_predict.predictors.network import Network, Shape, last_pose
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import Network, Shape, last_pose
 from hri_predict.training.processes import Processes
-from hri_predict.training.samples import Samples
 from hri_predict.training.validation import validate
+from hri_predict.training.windows.samples import Samples
 
 
 def test_validation_is_a_mean_over_actions_of_what_is_known():
@@ -19,14 +19,28 @@ def test_validation_is_a_mean_over_actions_of_what_is_known():
     known = torch.ones(3, 3, 28, dtype=torch.bool)
     known[1, 1:] = False
     known[2] = False
-    batch = Samples(history, torch.ones(3, 4, 28).bool(), future, known, torch.tensor([0, 1, 1]))
+    batch = Samples(
+        history=history,
+        observed=torch.ones(3, 4, 28).bool(),
+        future=future,
+        known=known,
+        actions=torch.tensor([0, 1, 1]),
+    )
 
     class Still(Network):
         def forward(self, window):
             return last_pose(window).expand(-1, 3, -1, -1)
 
-    network = Still(Shape(BODY, 4, 3, 25.0, framed=True))
-    found = validate(network, network, [batch, batch], ("walking", "standing"), Processes())
+    network = Still(
+        Shape(skeleton=BODY, history_steps=4, horizon_steps=3, rate_hz=25.0, framed=True)
+    )
+    found = validate(
+        network=network,
+        entry=network,
+        batches=[batch, batch],
+        actions=("walking", "standing"),
+        processes=Processes(),
+    )
     assert found is not None
     assert found.actions_mm == {"walking": pytest.approx(100), "standing": pytest.approx(400)}
     assert found.mm == pytest.approx(250)

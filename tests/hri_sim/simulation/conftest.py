@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hri_predict import config as configuration
+from hri_predict.run import config as configuration
 from hri_sim.simulation.cell import Cell
 
 WALK_UP = "procedural:1"

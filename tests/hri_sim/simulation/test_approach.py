@@ -31,7 +31,7 @@ def test_the_room_is_empty_for_the_lead_in_and_then_the_motion_plays_at_its_plac
     assert [len(scene.people) for scene in found[:16]] == [0] * 15 + [1]
     assert len(found) == 15 + len(motion.capture_ns)
     assert [scene.sequence for scene in found] == list(range(len(found)))
-    assert found[15].capture_ns == 1_000 + 500_000_000
+    assert found[15].stamp_ns == 1_000 + 500_000_000
     # a quarter turn takes (x, y) to (-y, x), and then it is moved by (1, 2)
     x, y, z = motion.positions[7].T
     expected = np.stack([1.0 - y, 2.0 + x, z], axis=-1)

@@ -51,15 +51,26 @@ def assert_same(found, expected):
                 )
 
 
+@pytest.mark.long
 def test_moved_zones_are_the_zones_of_moved_people(cell, modes):
-    own = compute(cell, MOTIONS[:1], 0.4, modes)
-    there = compute(cell, MOTIONS[:1], 0.4, modes, PLACES[:1])
+    own = compute(cell=cell, motions=MOTIONS[:1], lead_in_s=0.4, variants=modes)
+    there = compute(
+        cell=cell, motions=MOTIONS[:1], lead_in_s=0.4, variants=modes, places=PLACES[:1]
+    )
     assert_same(moved(own, over_floor(PLACES[0]), 0), there)
 
 
+@pytest.mark.long
 def test_people_computed_apart_are_the_people_of_one_room(cell, modes):
     parts = [
-        moved(compute(cell, [name], 0.4, modes), over_floor(place), person)
+        moved(
+            compute(cell=cell, motions=[name], lead_in_s=0.4, variants=modes),
+            over_floor(place),
+            person,
+        )
         for person, (name, place) in enumerate(zip(MOTIONS, PLACES, strict=True))
     ]
-    assert_same(joined(parts), compute(cell, MOTIONS, 0.4, modes, PLACES))
+    assert_same(
+        joined(parts),
+        compute(cell=cell, motions=MOTIONS, lead_in_s=0.4, variants=modes, places=PLACES),
+    )

@@ -9,7 +9,7 @@ from hri_sim.simulation.bodies import compute, joined, moved
 from hri_sim.simulation.cell import variants
 from hri_sim.simulation.episode import run_episode
 from hri_sim.simulation.motion import load_motion
-from hri_sim.simulation.outcome import Truth, outcome, prediction
+from hri_sim.simulation.results.outcome import Truth, outcome, prediction
 from hri_sim.simulation.scenario import draw
 from hri_sim.simulation.whole_node import disagreement
 
@@ -17,30 +17,48 @@ from hri_sim.simulation.whole_node import disagreement
 def episode(cell, names, index):
     modes = variants(cell.config, ["predictive", "iso"], [])
     motions = [load_motion(name, 30.0) for name in names]
-    scenario = draw(0, index, motions, cell.workspace, 3.0)
+    scenario = draw(seed=0, index=index, motions=motions, workspace=cell.workspace, lead_in_s=3.0)
     bodies = joined(
         [
-            moved(compute(cell, [name], scenario.lead_in_s, modes), over_floor(place), p)
+            moved(
+                compute(cell=cell, motions=[name], lead_in_s=scenario.lead_in_s, variants=modes),
+                over_floor(place),
+                p,
+            )
             for p, (name, place) in enumerate(zip(names, scenario.places, strict=True))
         ]
     )
     return modes, scenario, bodies
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("names", "index"), [(["procedural:1"], 0), (["procedural:2", "procedural:3"], 1)]
 )
 def test_it_agrees_with_the_whole_node(cell, names, index):
     modes, scenario, bodies = episode(cell, names, index)
     for variant in modes[: 3 - len(names)]:
-        log = run_episode(cell, scenario, variant, bodies)
+        log = run_episode(cell=cell, scenario=scenario, variant=variant, bodies=bodies)
         assert disagreement(cell, scenario, variant, log) == ""
         assert log.controllers[0].counter_errors > 0  # messages were lost, the same ones
 
 
-def test_a_disagreement_is_told(cell):
+@pytest.fixture(scope="module")
+def one_person(cell):
+    """(variants, scenario, bodies, log of the first variant) with one person."""
     modes, scenario, bodies = episode(cell, ["procedural:1"], 0)
-    log = run_episode(cell, scenario, modes[0], bodies)
+    return (
+        modes,
+        scenario,
+        bodies,
+        run_episode(cell=cell, scenario=scenario, variant=modes[0], bodies=bodies),
+    )
+
+
+@pytest.mark.long
+def test_a_disagreement_is_told(cell, one_person):
+    """And nothing else is: in all the rest both runs agree."""
+    modes, scenario, _, log = one_person
     assert log.min_separation_m is not None
     report = log.controllers[0]
     stops = [(t, cause, limit) for t, cause, limit in report.events if limit == 0]
@@ -56,28 +74,34 @@ def test_a_disagreement_is_told(cell):
     assert [line.split()[0] for line in said] == ["contacts", "stops", "smallest"]
 
 
-def test_alone_the_robot_works_as_in_an_empty_cell_and_protection_costs_work(cell):
-    modes, scenario, bodies = episode(cell, ["procedural:1"], 0)
-    alone = run_episode(cell, scenario, modes[0], bodies, nobody=True)
-    protected = run_episode(cell, scenario, modes[0], bodies)
+def test_alone_the_robot_works_as_in_an_empty_cell_and_protection_costs_work(cell, one_person):
+    modes, scenario, bodies, protected = one_person
+    alone = run_episode(cell=cell, scenario=scenario, variant=modes[0], bodies=bodies, nobody=True)
     truth = Truth.of(alone, cell.models)
-    without = outcome(cell, scenario, alone, alone, truth)
-    found = outcome(cell, scenario, protected, alone, truth)
+    without = outcome(cell=cell, scenario=scenario, log=alone, alone=alone, truth=truth)
+    found = outcome(cell=cell, scenario=scenario, log=protected, alone=alone, truth=truth)
     assert without.cycles == without.cycles_empty > 0
     assert without.stops == 0
     # once it is at speed, time is time along the path
     assert alone.path_s["arm"][-1] - alone.path_s["arm"][-101] == pytest.approx(4.0, abs=0.1)
     assert found.contacts == 0
     assert found.cycles < without.cycles
-    instants = prediction(cell, scenario, alone, truth, bodies)
+    instants = prediction(cell=cell, scenario=scenario, alone=alone, truth=truth, bodies=bodies)
     total = instants.true_positive + instants.false_positive
     total += instants.false_negative + instants.true_negative
     assert total == pytest.approx((found.seconds - 1.0) * 5, abs=1)
 
 
-def test_the_same_seed_loses_the_same_messages_and_another_others(cell):
-    modes, scenario, bodies = episode(cell, ["procedural:1"], 0)
-    one, again = (run_episode(cell, scenario, modes[0], bodies).controllers[0] for _ in "ab")
+@pytest.mark.long
+def test_the_same_seed_loses_the_same_messages_and_another_others(cell, one_person):
+    modes, scenario, bodies, log = one_person
+    one, again = (
+        log.controllers[0],
+        run_episode(cell=cell, scenario=scenario, variant=modes[0], bodies=bodies).controllers[0],
+    )
     other = dataclasses.replace(scenario, link_seed=scenario.link_seed + 1)
     assert one == again
-    assert run_episode(cell, other, modes[0], bodies).controllers[0] != one
+    assert (
+        run_episode(cell=cell, scenario=other, variant=modes[0], bodies=bodies).controllers[0]
+        != one
+    )

@@ -12,7 +12,7 @@ from hri_sim.simulation.cell import variants
 @pytest.fixture(scope="module")
 def found(cell):
     modes = variants(cell.config, ["predictive", "foreknown"], [])
-    return compute(cell, ["procedural:1"], 0.4, modes)
+    return compute(cell=cell, motions=["procedural:1"], lead_in_s=0.4, variants=modes)
 
 
 def test_zones_are_where_the_body_will_be(cell, found):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hri_predict.settings import transform
+from hri_predict.geometry import transform
 from hri_sim.simulation.approach import over_floor
 from hri_sim.simulation.motion import load_motion
 from hri_sim.simulation.scenario import ENTER_M, _start_m, draw
@@ -14,7 +14,7 @@ def motion():
 
 
 def drawn(cell, seed, index):
-    return draw(seed, index, [motion()], cell.workspace, 3.0)
+    return draw(seed=seed, index=index, motions=[motion()], workspace=cell.workspace, lead_in_s=3.0)
 
 
 def test_the_same_seed_and_number_give_the_same_scenario_and_others_do_not(cell):

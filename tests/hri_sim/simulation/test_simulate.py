@@ -4,14 +4,25 @@ from dataclasses import replace
 
 import pytest
 
-from hri_predict import config as configuration
 from hri_predict.errors import ConfigError
-from hri_sim.simulation import Request, report, simulate
+from hri_predict.peers import SimulationRequest
+from hri_predict.run import config as configuration
+from hri_sim.simulation import report, simulate
 from hri_sim.simulation.work import BLOCK, Plan, blocks, episodes
 
 
 def plan(motions, count):
-    return Plan("", (None, "b"), (), (), tuple(map(str, range(motions))), count, 0, 1, frozenset())
+    return Plan(
+        config="",
+        predictors=(None, "b"),
+        modes=(),
+        coverages=(),
+        motions=tuple(map(str, range(motions))),
+        episodes=count,
+        seed=0,
+        people=1,
+        checked=frozenset(),
+    )
 
 
 @pytest.mark.parametrize(("motions", "count"), [(3, 100), (24, 10), (1, 2 * BLOCK + 1), (5, 5)])
@@ -29,7 +40,7 @@ def request_of(recording, tmp_path):
     """A request of two approaches, of two short recordings."""
     other = tmp_path / "others.npz"
     other.write_bytes(recording.read_bytes())
-    base = Request(
+    base = SimulationRequest(
         config=configuration.shipped("simulate.yaml"),
         predictors=("constant_velocity",),
         modes=("iso",),
@@ -43,6 +54,7 @@ def text(result):
     return report(result, None).json
 
 
+@pytest.mark.long
 def test_a_simulation_reproduces_and_resumes_to_the_same_table(request_of, tmp_path):
     said, out = [], tmp_path / "out"
     whole = simulate(request_of(out=out), lambda done, total: said.append((done, total)))

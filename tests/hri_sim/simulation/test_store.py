@@ -37,7 +37,7 @@ def test_nothing_is_overwritten_without_resume(tmp_path):
 
 def test_a_file_of_something_else_is_refused(tmp_path):
     (tmp_path / "episodes.jsonl").write_text("hello\n")
-    with pytest.raises(ConfigError, match="not of this version"):
+    with pytest.raises(ConfigError, match="from another version"):
         Store(tmp_path, {"seed": 0}, resume=True)
 
 
@@ -91,7 +91,7 @@ def test_a_block_that_cannot_be_written_says_how_to_go_on(tmp_path):
     path = tmp_path / "episodes.jsonl"
     path.unlink()
     path.mkdir()
-    with pytest.raises(ConfigError, match=r"cannot be written: .*; make room, and go on with"):
+    with pytest.raises(ConfigError, match=r"cannot be written: .*; free some space, then"):
         store.add("0/0/0", ROWS)
 
 

@@ -1,0 +1,1 @@
+"""The CAN link, classic and FD."""

@@ -1,0 +1,226 @@
+"""A link to a robot controller over CAN, classic or FD."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+from hri_drivers.links.can.isotp import (
+    IsoTpBulk,
+    IsoTpReceiver,
+    IsoTpTransfer,
+    is_available,
+    isotp_bits,
+)
+from hri_drivers.links.can.settings import CanLinkSettings, check_together, id_filters
+from hri_drivers.links.can.transport import CanTransport
+from hri_drivers.links.codec import copy_counts, item_count
+from hri_drivers.links.configured import ConfiguredLink
+from hri_drivers.links.load import link_load
+from hri_drivers.links.slots import BULK
+from hri_drivers.wires.transport import Transport
+from hri_predict.clock import Clock
+from hri_predict.errors import LinkError
+from hri_predict.link import LinkCounters, LinkLoad
+from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
+from hri_predict.protocol.messages import Message, RobotState
+from hri_predict.protocol.wire import WireBits, classic_bits, fd_bits, wire_bits
+
+log = logging.getLogger(__name__)
+
+__all__ = ["CanCodec", "CanLink", "CanLinkSettings"]
+
+
+class CanCodec:
+    """Messages as protected frames.
+
+    Args:
+        settings: the link's.
+        transport: its error counts are copied, if it has any.
+
+    Attributes:
+        transfer: takes the ISO-TP peer's frames; ``None`` without ISO-TP.
+    """
+
+    def __init__(self, settings: CanLinkSettings, transport: object = None) -> None:
+        self.transfer: IsoTpTransfer | None = None
+        if settings.isotp is not None:
+            peer_id = settings.isotp.peer_id
+            self.transfer = IsoTpTransfer(settings.isotp_id, peer_id, settings.extended)
+        self._settings = settings
+        self._transport = transport
+        self._sender = CanSender(settings.fd, settings.base_id, settings.extended)
+        self._receiver = CanReceiver(settings.fd, settings.base_id, settings.extended)
+
+    def carries(self, message: Message) -> bool:
+        """Classic CAN carries Zone and Pose only by ISO-TP; a listen-only link carries nothing."""
+        if self._settings.listen_only:
+            return False
+        if isinstance(message, BULK) and self.transfer is not None:
+            return True
+        return self._sender.carries(type(message))
+
+    def encode(self, message: Message) -> list[CanFrame]:
+        """Frames of the message in sending order."""
+        return self._sender.encode(message)
+
+    def decode(self, unit: CanFrame) -> list[Message]:
+        """The message that this frame completes, if any."""
+        if self.transfer is not None and self.transfer.feed(unit):
+            return []
+        return self._receiver.feed(unit)
+
+    def reset(self) -> None:
+        """Forget incomplete messages."""
+        self._receiver.reset()
+
+    def count(self, counters: LinkCounters) -> None:
+        """Copy the receiver's counts, and the transport's if it has any."""
+        no_frames = int(getattr(self._transport, "malformed", 0))
+        copy_counts(self._receiver.counters, counters, no_frames)
+        health = getattr(self._transport, "health", None)
+        if health is not None:
+            counters.bus_errors = health.frames
+            counters.error_passive = health.passive
+            counters.bus_off = health.off
+
+    def worst_s(self, message: Message) -> float:
+        """Worst-case seconds on the wire of the message."""
+        s = self._settings
+        if self.transfer is not None and isinstance(message, BULK):
+            bits = isotp_bits(message, s.extended)
+        else:
+            bits = wire_bits(type(message), s.wire_kind, s.extended, item_count(message))
+        return bits.seconds(s.bitrate, s.data_bitrate)
+
+    def unit_s(self, unit: CanFrame) -> float:
+        """Worst-case seconds on the wire of a frame."""
+        if unit.fd:
+            bits = fd_bits(len(unit.data), unit.extended)
+        else:
+            bits = WireBits(classic_bits(len(unit.data), unit.extended), 0)
+        return bits.seconds(self._settings.bitrate, self._settings.data_bitrate)
+
+    def raw(self, unit: CanFrame) -> bytes:
+        """SocketCAN's id word (big-endian, bit 31 marks 29-bit ids), then the data."""
+        identifier = unit.arbitration_id | (0x8000_0000 if unit.extended else 0)
+        return identifier.to_bytes(4, "big") + unit.data
+
+    def size(self, unit: CanFrame) -> int:
+        """Number of data bytes."""
+        return len(unit.data)
+
+
+class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
+    """``hri_predict.link.Link`` over CAN; arguments as for ``ConfiguredLink``."""
+
+    settings_model: ClassVar[type[CanLinkSettings]] = CanLinkSettings
+    port_field: ClassVar[str] = "channel"  # see ``Simulatable``
+
+    def __init__(
+        self,
+        settings: CanLinkSettings,
+        clock: Clock,
+        transport: Transport[CanFrame] | None = None,
+        *,
+        rate_hz: float = 25.0,
+        robots: Sequence[int] = (0,),
+    ) -> None:
+        super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots)
+        device = _device(self._transport)
+        if isinstance(device, CanTransport):
+            device.on_error_frame = self._on_error_frame
+        assert isinstance(self._codec, CanCodec)
+        self._transfer = self._codec.transfer
+        if self._transfer is not None:
+            self._bulk = IsoTpBulk(
+                slots=self._slots,
+                codec=self._codec,
+                budget=self._bulk.budget,
+                counters=self.counters,
+                transfer=self._transfer,
+            )
+
+    def _receive(self, units: list[CanFrame], now_ns: int) -> None:
+        super()._receive(units, now_ns)
+        if self._transfer is not None and self._transfer.active:
+            self._wake.set()  # the peer may have released the next segments
+
+    def _on_error_frame(self, trouble: str | None) -> None:
+        self._codec.count(self.counters)
+        if trouble is not None:
+            log.warning("link '%s': %s", self.name, trouble)
+            self._note(LinkError(trouble))
+
+    @staticmethod
+    def make_transport(settings: CanLinkSettings) -> CanTransport:
+        """The configured interface, not yet open.
+
+        Raises:
+            LinkError: no channel is configured.
+        """
+        if settings.channel is None:
+            raise LinkError(
+                f"link '{settings.name}': 'channel' is missing; the mock controller provides one"
+            )
+        options = dict(settings.options)
+        if settings.simulate is not None and settings.interface == "slcan":
+            options.setdefault("sleep_after_open", 0)  # a simulated adapter does not boot
+        exact = settings.interface == "socketcan"  # the kernel accepts any number of filters
+        return CanTransport(
+            interface=settings.interface,
+            channel=settings.channel,
+            bitrate=settings.bitrate,
+            fd=settings.fd,
+            data_bitrate=settings.data_bitrate,
+            options=options,
+            filters=id_filters(settings.heard_ids, settings.extended, exact),
+            listen_only=settings.listen_only,
+        )
+
+    @staticmethod
+    def _make_codec(settings: CanLinkSettings, wire: Transport[CanFrame]) -> CanCodec:
+        return CanCodec(settings, _device(wire))
+
+    @staticmethod
+    def load(settings: CanLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
+        """Return the worst-case load of the bus; see ``LinkClass``."""
+        load = link_load(
+            name=settings.name,
+            kind=settings.wire_kind,
+            bitrate=settings.bitrate,
+            data_bitrate=settings.data_bitrate,
+            extended=settings.extended,
+            rate_hz=rate_hz,
+            robots=len(robots),
+            robot_state_rate_hz=settings.robot_state_rate_hz,
+            reserved_load=settings.reserved_load,
+        )
+        return only_heard(load) if settings.listen_only else load
+
+    @staticmethod
+    def check_together(links: Sequence[CanLinkSettings]) -> None:
+        """Refuse links that would disturb each other on one bus.
+
+        Raises:
+            ConfigError: names both, and what to change.
+        """
+        check_together(links)
+
+    @staticmethod
+    def receiver(settings: CanLinkSettings) -> CanReceiver:
+        """Return a decoder for this link's units, for listeners."""
+        if not (settings.hears_isotp and is_available()):
+            return CanReceiver(settings.fd, settings.base_id, settings.extended)
+        return IsoTpReceiver(settings.base_id, settings.extended, settings.isotp_id)
+
+
+def _device(wire: Transport[CanFrame]) -> object:
+    """The transport beneath injected faults."""
+    return getattr(wire, "device", wire)
+
+
+def only_heard(load: LinkLoad) -> LinkLoad:
+    """The load of a link on which the node sends nothing."""
+    heard = {name: load.details[name] for name in (RobotState.__name__,)}
+    return replace(load, load=sum(heard.values()), spare=0.0, details=heard)

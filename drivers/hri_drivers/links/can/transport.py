@@ -1,0 +1,363 @@
+"""CAN frames over any interface that python-can knows: socketcan, slcan, udp_multicast, ..."""
+
+import contextlib
+import errno
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import can
+from can.typechecking import CanFilter
+
+from hri_drivers.links.can.errors import BUS_OFF, DOWN, BusHealth, why_not_on_bus
+from hri_drivers.wires.serial import open_remedy
+from hri_drivers.wires.transport import TransportBusy
+from hri_predict.errors import LinkError, nearest
+from hri_predict.protocol.can import CanFrame
+
+SEND_TIMEOUT_S = 0.05
+GARBAGE_LIMIT = 1000  # unreadable frames in a row before the interface is reopened
+# python-can logs its own line about a bus that did not open; the LinkError says why.
+logging.getLogger("can.bus").addFilter(lambda r: "not properly shut down" not in r.getMessage())
+_BUSY_ERRNO = (errno.ENOBUFS, errno.EAGAIN)
+
+
+def check_interface(name: str) -> None:
+    """Refuse an interface that python-can does not know.
+
+    Raises:
+        LinkError: names the nearest one and lists all.
+    """
+    known = sorted(can.VALID_INTERFACES)
+    if name not in known:
+        raise LinkError(
+            f"unknown CAN interface '{name}'{nearest(name, known)}; known: {', '.join(known)}"
+        )
+
+
+class CanTransport:
+    """``Transport[CanFrame]`` over ``can.Bus(..., ignore_config=True)``.
+
+    Args:
+        interface, channel: python-can's names.
+        bitrate, data_bitrate: bit/s; not every interface sets them (``ip link`` sets those of a
+            socketcan device).
+        fd: open for CAN FD; frames with ``fd`` then switch to ``data_bitrate``.
+        options: further arguments of python-can's bus class.
+        filters: ids to pass, as python-can's ``can_filters``; used only if the interface itself
+            filters, because frames that stay outside this process cost nothing.
+        listen_only: never send; do not even acknowledge, if the interface can do that.
+
+    Attributes:
+        health: state of the bus according to error frames.
+        malformed: units on the wire that were not frames.
+        on_error_frame: called in the reading thread after each error frame, with one line if it
+            reports a new problem.
+    """
+
+    def __init__(
+        self,
+        *,
+        interface: str,
+        channel: str,
+        bitrate: int = 500_000,
+        fd: bool = False,
+        data_bitrate: int = 2_000_000,
+        options: Mapping[str, Any] | None = None,
+        filters: Sequence[CanFilter] = (),
+        listen_only: bool = False,
+    ) -> None:
+        self.interface = interface
+        self.channel = channel
+        self.health = BusHealth()
+        self.malformed = 0
+        self.on_error_frame: Callable[[str | None], None] | None = None
+        self._filters = filters
+        self._listen_only = listen_only
+        self._switch = data_bitrate > bitrate
+        quiet = listen_only_options(interface) if listen_only else {}
+        self._arguments = _arguments(
+            interface=interface,
+            bitrate=bitrate,
+            fd=fd,
+            data_bitrate=data_bitrate,
+            options=quiet | dict(options or {}),
+        )
+        self._bus: can.BusABC | None = None
+        self._garbage = 0
+
+    @property
+    def _name(self) -> str:
+        return f"CAN interface {self.interface}, channel {self.channel}"
+
+    def open(self) -> None:
+        """Open the bus."""
+        self.close()
+        check_interface(self.interface)
+        reason = why_not_on_bus(self.channel) if self.interface == "socketcan" else None
+        if reason is not None:
+            raise LinkError(f"{self._name}: {reason}")
+        try:
+            bus = can.Bus(
+                interface=self.interface,
+                channel=self.channel,
+                ignore_config=True,
+                **self._arguments,
+            )
+        except Exception as error:  # vendors' drivers raise anything
+            raise LinkError(f"{self._name}: {_remedy(error, self.interface)}") from error
+        if self.interface == "slcan" and not _lock(bus):
+            _shut(bus)
+            raise LinkError(f"{self._name}: in use by another program; close that program first")
+        if self._filters and "can_filters" not in self._arguments and _filters_itself(bus):
+            bus.set_filters(list(self._filters))
+        _forget_backlog(bus)
+        self._garbage = 0
+        self._bus = bus
+
+    def write(self, unit: CanFrame) -> None:
+        """Send one frame; waits at most 50 ms for room in the transmit queue."""
+        if self._listen_only:
+            raise LinkError(f"{self._name}: listens only; remove 'listen_only' to send")
+        message = can.Message(
+            arbitration_id=unit.arbitration_id,
+            is_extended_id=unit.extended,
+            data=unit.data,
+            is_fd=unit.fd,
+            bitrate_switch=unit.fd and self._switch,
+        )
+        try:
+            self._opened().send(message, timeout=SEND_TIMEOUT_S)
+        except LinkError:
+            raise
+        except Exception as error:
+            if _is_busy(error):
+                raise TransportBusy(
+                    f"{self._name}: cannot send (transmit queue full); check that another node "
+                    "acknowledges, the termination, and restart-ms after bus-off"
+                ) from error
+            raise self._lost(error) from error
+
+    def read(self, timeout_s: float) -> list[CanFrame]:
+        """Return the next data frame, if one arrives in time."""
+        bus = self._opened()
+        try:
+            message = bus.recv(timeout_s)
+        except Exception as error:
+            if _is_garbage(error):
+                return self._unreadable(bus, error)
+            raise self._lost(error) from error
+        if message is None:
+            return []
+        if message.is_error_frame:
+            return self._error_frame(message)
+        if message.is_remote_frame:  # no data; never ours
+            return []
+        self._garbage = 0
+        return [
+            CanFrame(
+                message.arbitration_id,
+                bytes(message.data),
+                fd=message.is_fd,
+                extended=message.is_extended_id,
+            )
+        ]
+
+    def close(self) -> None:
+        """Close the bus, and its port even if the bus fails to shut down."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            _shut(bus)
+
+    def _opened(self) -> can.BusABC:
+        if self._bus is None:
+            raise LinkError(f"{self._name} is closed; open it first")
+        return self._bus
+
+    def _error_frame(self, message: can.Message) -> list[CanFrame]:
+        """Count an error frame; only SocketCAN's say what happened.
+
+        Raises:
+            LinkError: the controller is off the bus, and sends and receives nothing until restart.
+        """
+        trouble = None
+        if self.interface == "socketcan":
+            trouble = self.health.feed(message.arbitration_id, bytes(message.data))
+        else:
+            self.health.frames += 1
+        if self.on_error_frame is not None:
+            self.on_error_frame(None if trouble is None else f"{self._name}: {trouble}")
+        if self.health.state == "off":
+            self.health.state = "active"  # its state once it can be opened again
+            raise LinkError(f"{self._name}: {BUS_OFF.format(channel=self.channel)}")
+        return []
+
+    def _unreadable(self, bus: can.BusABC, error: Exception) -> list[CanFrame]:
+        self.malformed += 1
+        self._garbage += 1
+        if self._garbage > GARBAGE_LIMIT:
+            raise self._lost(error) from error
+        if any(isinstance(e, UnicodeDecodeError) for e in _causes(error)):
+            # python-can's slcan keeps a line that is not text, and would fail on it forever
+            with contextlib.suppress(Exception):
+                getattr(bus, "flush", lambda: None)()
+        return []
+
+    def _lost(self, error: Exception) -> LinkError:
+        if self.interface == "socketcan" and _number(error) == errno.ENETDOWN:
+            return LinkError(f"{self._name}: {DOWN.format(channel=self.channel)}")
+        text = _first_line(error)
+        return LinkError(f"{self._name}: lost ({text}); check adapter and cable")
+
+
+def listen_only_options(interface: str) -> dict[str, Any]:
+    """Options that make python-can's bus class of ``interface`` listen without acknowledging.
+
+    Empty if the interface has no acknowledgement, or if it is a setting of the device
+    (socketcan: ``ip link set can0 type can bitrate 500000 listen-only on``).
+
+    Raises:
+        LinkError: python-can cannot set it for this interface.
+    """
+    if interface in ("socketcan", "virtual", "udp_multicast"):
+        return {}
+    if interface in ("slcan", "vector", "nixnet"):
+        return {"listen_only": True}
+    if interface in ("pcan", "systec"):
+        return {"state": can.BusState.PASSIVE}
+    if interface == "seeedstudio":
+        return {"operation_mode": "silent"}
+    raise LinkError(
+        f"listen_only: python-can has no such mode for '{interface}'; remove it, or use another "
+        "interface, such as socketcan or slcan"
+    )
+
+
+def _arguments(
+    *, interface: str, bitrate: int, fd: bool, data_bitrate: int, options: dict[str, Any]
+) -> dict[str, Any]:
+    """Arguments of the bus class; what the user gives in ``options`` goes before all."""
+    arguments: dict[str, Any] = {"bitrate": bitrate}
+    if interface == "slcan":
+        # The port's own read timeout: python-can's 1 ms would wake the reader 1000 times a second.
+        arguments["timeout"] = 0.02
+        if fd:
+            del arguments["bitrate"]
+            arguments["timing"] = can.BitTimingFd.from_sample_point(
+                f_clock=80_000_000,
+                nom_bitrate=bitrate,
+                nom_sample_point=80.0,
+                data_bitrate=data_bitrate,
+                data_sample_point=80.0,
+            )
+    elif interface == "virtual":
+        arguments["protocol"] = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
+    elif interface == "udp_multicast":
+        arguments = {"fd": fd}
+    elif fd:
+        arguments |= {"fd": True, "data_bitrate": data_bitrate}
+    return arguments | options
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__
+
+
+def _is_busy(error: Exception) -> bool:
+    """Whether a failed send means "retry later", not "device lost" (python-can issue 2004)."""
+    if isinstance(error, can.CanTimeoutError) or "buffer full" in str(error).lower():
+        return True
+    return any(
+        getattr(e, "error_code", None) in _BUSY_ERRNO
+        or (isinstance(e, OSError) and e.errno in _BUSY_ERRNO)
+        or type(e).__name__ == "SerialTimeoutException"
+        for e in _causes(error)
+    )
+
+
+def _number(error: Exception) -> int | None:
+    """The system's error number, anywhere in the chain of causes."""
+    for e in _causes(error):
+        number = getattr(e, "error_code", None) or getattr(e, "errno", None)
+        if isinstance(number, int):
+            return number
+    return None
+
+
+def _filters_itself(bus: can.BusABC) -> bool:
+    """Whether the interface (kernel or hardware) filters frames before they reach us.
+
+    If not, python-can would filter in this process, and would lose error frames.
+    """
+    return type(bus)._apply_filters is not can.BusABC._apply_filters
+
+
+def _is_garbage(error: Exception) -> bool:
+    """Whether a failed receive was caused by the content of a frame, not by the device."""
+    last = list(_causes(error))[-1]
+    return isinstance(last, ValueError | LookupError | TypeError) and not isinstance(last, OSError)
+
+
+def _forget_backlog(bus: can.BusABC) -> None:
+    """Discard bytes that waited in the port before it was opened: their age is unknown.
+
+    Only slcan keeps such a backlog; kernel and vendor drivers start when opened.
+    """
+    port = getattr(bus, "serialPortOrig", None)
+    if port is not None:
+        port.reset_input_buffer()
+
+
+def _lock(bus: can.BusABC) -> bool:
+    """Lock an slcan adapter's port for this process, if the system can do that."""
+    port: Any = getattr(bus, "serialPortOrig", None)
+    try:
+        port.exclusive = True
+    except OSError:
+        return False
+    except (
+        AttributeError,
+        ValueError,
+        NotImplementedError,
+    ):  # a URL; Windows locks anyway
+        pass
+    return True
+
+
+def _shut(bus: can.BusABC) -> None:
+    with contextlib.suppress(Exception):
+        bus.shutdown()
+    # slcan sends a last command before it closes its port; on a dead port this fails and the port
+    # stays open.
+    port = getattr(bus, "serialPortOrig", None)
+    if port is not None:
+        with contextlib.suppress(Exception):
+            port.close()
+
+
+def _remedy(error: Exception, interface: str) -> str:
+    """Why an interface does not open, and the remedy."""
+    chain = list(_causes(error))
+    number = next((e.errno for e in chain if isinstance(e, OSError) and e.errno), None)
+    text = _first_line(error)
+    if "msgpack" in text:
+        return "needs msgpack; install it with: pip install 'hri-predict[udp]'"
+    if isinstance(error, can.CanInterfaceNotImplementedError | ImportError):
+        return f"its driver is not available ({text}); install it, or choose another interface"
+    if interface == "socketcan":
+        if number == errno.EAFNOSUPPORT:
+            return "this kernel has no CAN; use another interface, such as slcan or udp_multicast"
+        if number in (errno.ENODEV, errno.ENXIO):
+            return (
+                "no such device, or it is down; bring it up: "
+                "ip link set CHANNEL up type can bitrate 500000 restart-ms 100"
+            )
+    if interface == "slcan" and isinstance(chain[-1], OSError):
+        return open_remedy(chain[-1], "channel")
+    return f"cannot be opened ({text}); correct 'channel', 'bitrate' or 'options'"
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,59 @@
+"""What a link needs to know about its wire: how messages become units, and how long they take."""
+
+from typing import Protocol, TypeVar
+
+from hri_predict.link import LinkCounters
+from hri_predict.protocol.messages import Message, Pose, Zone
+from hri_predict.protocol.reception import ReceiveCounters
+
+U = TypeVar("U")
+
+
+class Codec(Protocol[U]):
+    """Turns messages into units of one kind of wire and back."""
+
+    def carries(self, message: Message) -> bool:
+        """Whether this kind of link carries the message."""
+
+    def encode(self, message: Message) -> list[U]:
+        """Units of one message, protected; advances its counters."""
+
+    def decode(self, unit: U) -> list[Message]:
+        """Messages completed by ``unit``; never raises."""
+
+    def reset(self) -> None:
+        """Forget incomplete messages: the connection was lost."""
+
+    def count(self, counters: LinkCounters) -> None:
+        """Copy the receiver's error counts into ``counters``."""
+
+    def worst_s(self, message: Message) -> float:
+        """Worst-case seconds on the wire of the message."""
+
+    def unit_s(self, unit: U) -> float:
+        """Worst-case seconds on the wire of ``unit``."""
+
+    def raw(self, unit: U) -> bytes:
+        """The unit as bytes, for the recorder."""
+
+    def size(self, unit: U) -> int:
+        """Payload bytes, for the counters."""
+
+
+def copy_counts(receiver: ReceiveCounters, counters: LinkCounters, no_frames: int = 0) -> None:
+    """Copy a receiver's error counts into the link's counters.
+
+    ``no_frames`` is the number of units that the transport refused before the receiver saw them.
+    """
+    counters.crc_errors = receiver.crc_errors
+    counters.counter_errors = receiver.counter_errors
+    counters.malformed = receiver.malformed + no_frames
+    counters.incomplete = receiver.incomplete
+    counters.ignored = receiver.ignored
+
+
+def item_count(message: Message) -> int | None:
+    """Capsules of a Zone, joints of a Pose, else ``None``."""
+    if isinstance(message, Zone):
+        return len(message.capsules)
+    return len(message.joints) if isinstance(message, Pose) else None

@@ -1,0 +1,83 @@
+"""A link built from its entry in the configuration: what serial, CAN and zenoh links share."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Generic, TypeVar
+
+from pydantic import Field
+
+from hri_drivers.links.codec import Codec
+from hri_drivers.links.slots import Budget
+from hri_drivers.links.supervised import SupervisedLink
+from hri_drivers.wires.transport import Transport
+from hri_predict.clock import Clock
+from hri_predict.link import LinkLoad, LinkSettings
+
+U = TypeVar("U")
+
+
+class ConfiguredLinkSettings(LinkSettings):
+    """What these links have in common in the configuration."""
+
+    robot_state_rate_hz: float = Field(
+        50.0, ge=0, le=1000, description="how often the controller sends RobotState"
+    )
+    wait_for_device: bool = Field(
+        False, description="start even if the device is missing, and keep trying to open it"
+    )
+
+
+S = TypeVar("S", bound=ConfiguredLinkSettings)
+
+
+class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
+    """``hri_predict.link.Link`` from its settings; a kind of link brings wire, codec and load.
+
+    Args:
+        settings: the link's.
+        clock: the node's.
+        transport: a wire to use instead of the configured one (a pipe, a fault injector).
+        rate_hz: the node's cycle rate; with the bit rate it sets the room for Zone and Pose.
+        robots: indices of the robots that this link advises.
+
+    Raises:
+        LinkError: the settings name no device and no transport is given.
+    """
+
+    def __init__(
+        self,
+        settings: S,
+        clock: Clock,
+        transport: Transport[U] | None = None,
+        *,
+        rate_hz: float = 25.0,
+        robots: Sequence[int] = (0,),
+    ) -> None:
+        wire = transport if transport is not None else self.make_transport(settings)
+        super().__init__(
+            settings=settings,
+            clock=clock,
+            transport=wire,
+            codec=self._make_codec(settings, wire),
+            budget=Budget(max(0.0, self.load(settings, rate_hz, robots).spare)),
+            wait_for_device=settings.wait_for_device,
+        )
+
+    @staticmethod
+    @abstractmethod
+    def make_transport(settings: S) -> Transport[U]:
+        """Return the configured wire, not yet open.
+
+        Raises:
+            LinkError: the settings name no device.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def _make_codec(settings: S, wire: Transport[U]) -> Codec[U]:
+        """Return what turns messages into units of ``wire`` and back."""
+
+    @staticmethod
+    @abstractmethod
+    def load(settings: S, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
+        """Return how full the link will be; see ``LinkClass``."""

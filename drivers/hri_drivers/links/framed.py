@@ -1,0 +1,124 @@
+"""A link over any wire of bytes: the node's own protected frames, as on a serial line.
+
+A kind of link that derives from ``FramedLink`` brings settings and a transport, and that is all.
+What reads the serial line (``drivers/c``, ``drivers/plc``) reads it, too.
+"""
+
+from collections.abc import Sequence
+from typing import ClassVar, Generic, TypeVar
+
+from hri_drivers.links.codec import copy_counts, item_count
+from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
+from hri_drivers.links.load import link_load
+from hri_drivers.links.slots import BULK
+from hri_drivers.links.supervised import BULK_AHEAD_NS
+from hri_drivers.wires.transport import Transport
+from hri_predict.link import LinkCounters, LinkLoad
+from hri_predict.protocol.messages import Message
+from hri_predict.protocol.serial import SerialReceiver, SerialSender
+from hri_predict.protocol.wire import wire_bits
+
+BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit: what ``wire_bits`` counts
+NETWORK_BITRATE = 10_000_000.0
+
+
+class FramedLinkSettings(ConfiguredLinkSettings):
+    """What every link over a wire of bytes has in common."""
+
+    @property
+    def bitrate_8n1(self) -> float:
+        """Bit rate of a line without parity and with one stop bit that carries as much, bit/s.
+
+        Of a network 10 Mbit/s, unless a derived class knows better.
+        """
+        return NETWORK_BITRATE
+
+    @property
+    def blocking_s(self) -> float:
+        """What is written ahead of the wire, and the longest frame of a Zone or Pose after it."""
+        if not self.zones:
+            return 0.0
+        frames = (wire_bits(message, "serial").seconds(self.bitrate_8n1) for message in BULK)
+        return BULK_AHEAD_NS * 1e-9 + max(frames)
+
+
+S = TypeVar("S", bound=FramedLinkSettings)
+
+
+class SerialCodec:
+    """Messages as protected packets on a serial line; ``bitrate_8n1`` as in its settings."""
+
+    def __init__(self, bitrate_8n1: float) -> None:
+        self._sender = SerialSender()
+        self._receiver = SerialReceiver()
+        self._bitrate_8n1 = bitrate_8n1
+
+    def carries(self, message: Message) -> bool:
+        """Everything."""
+        return True
+
+    def encode(self, message: Message) -> list[bytes]:
+        """Packets of the message, each with its delimiter."""
+        return [packet + b"\0" for packet in self._sender.encode(message).split(b"\0")[:-1]]
+
+    def decode(self, unit: bytes) -> list[Message]:
+        """Messages that these bytes complete."""
+        return self._receiver.feed(unit)
+
+    def reset(self) -> None:
+        """Forget what was under way."""
+        self._receiver.reset()
+
+    def count(self, counters: LinkCounters) -> None:
+        """Copy the receiver's counts."""
+        copy_counts(self._receiver.counters, counters)
+
+    def worst_s(self, message: Message) -> float:
+        """Seconds of wire of such a message."""
+        bits = wire_bits(type(message), "serial", items=item_count(message))
+        return bits.seconds(self._bitrate_8n1)
+
+    def unit_s(self, unit: bytes) -> float:
+        """Seconds of wire of these bytes."""
+        return BITS_PER_BYTE * len(unit) / self._bitrate_8n1
+
+    def raw(self, unit: bytes) -> bytes:
+        """The bytes."""
+        return unit
+
+    def size(self, unit: bytes) -> int:
+        """How many."""
+        return len(unit)
+
+
+class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
+    """``hri_predict.link.Link`` over a wire of bytes; arguments as for ``ConfiguredLink``.
+
+    A derived class sets ``settings_model`` and has ``make_transport``.
+    """
+
+    settings_model: ClassVar[type[FramedLinkSettings]] = FramedLinkSettings
+
+    @staticmethod
+    def _make_codec(settings: S, wire: Transport[bytes]) -> SerialCodec:
+        return SerialCodec(settings.bitrate_8n1)
+
+    @staticmethod
+    def load(settings: S, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
+        """How full the wire will be; see ``LinkClass``."""
+        return link_load(
+            name=settings.name,
+            kind="serial",
+            bitrate=settings.bitrate_8n1,
+            data_bitrate=None,
+            extended=False,
+            rate_hz=rate_hz,
+            robots=len(robots),
+            robot_state_rate_hz=settings.robot_state_rate_hz,
+            reserved_load=settings.reserved_load,
+        )
+
+    @staticmethod
+    def receiver(settings: S) -> SerialReceiver:
+        """What decodes this link's units, for whoever only listens."""
+        return SerialReceiver()

@@ -1,0 +1,125 @@
+"""A link to a robot controller over a serial line (RS-232, RS-485, USB, a socket)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import ClassVar, Self
+from urllib.parse import urlsplit
+
+from pydantic import Field, field_validator, model_validator
+
+from hri_drivers.links.framed import BITS_PER_BYTE, FramedLink, FramedLinkSettings
+from hri_drivers.wires.serial import Parity, SerialTransport, StopBits
+from hri_drivers.wires.usb_ports import UsbDevice
+from hri_predict.errors import ConfigError, LinkError
+from hri_predict.link import LinkLoad
+
+_NETWORK_SCHEMES = ("socket", "rfc2217")
+
+
+class SerialLinkSettings(FramedLinkSettings):
+    """An entry of ``links:`` with ``kind: serial``."""
+
+    kind: str = "serial"
+    port: str | None = Field(
+        None,
+        min_length=1,
+        description="device path or pyserial URL; not needed with 'usb' or 'simulate'",
+    )
+    usb: UsbDevice | None = Field(
+        None, description="instead of 'port': a USB adapter, found under any port name"
+    )
+    baudrate: int = Field(115_200, ge=1200, le=12_000_000)
+    parity: Parity = "none"
+    stop_bits: StopBits = 1
+    rtscts: bool = Field(False, description="hardware handshake")
+    xonxoff: bool = Field(False, description="not possible: frames contain the XON and XOFF bytes")
+    rs485: bool = Field(False, description="the driver switches the transmitter by RTS (Linux)")
+
+    @field_validator("xonxoff")
+    @classmethod
+    def _no_xonxoff(cls, value: bool) -> bool:
+        if value:
+            raise ValueError("frames contain the bytes 11h and 13h; use 'rtscts', or no handshake")
+        return value
+
+    @field_validator("port")
+    @classmethod
+    def _whole_address(cls, value: str | None) -> str | None:
+        parts = urlsplit(value or "")
+        if parts.scheme in _NETWORK_SCHEMES:
+            try:
+                complete = bool(parts.hostname and parts.port)
+            except ValueError:  # the port is not a number, or too large
+                complete = False
+            if not complete:
+                raise ValueError(f"give host and port, such as {parts.scheme}://192.168.0.7:4001")
+        return value
+
+    @model_validator(mode="after")
+    def _has_port(self) -> Self:
+        if self.port is None and self.usb is None and self.simulate is None:
+            raise ValueError("give 'port' (a device path or URL), 'usb', or 'simulate'")
+        if self.port is not None and self.usb is not None:
+            raise ValueError("give either 'port' or 'usb'")
+        return self
+
+    @property
+    def bits_per_byte(self) -> int:
+        """Start bit, data bits, parity bit, stop bits."""
+        return 9 + (self.parity != "none") + self.stop_bits
+
+    @property
+    def bitrate_8n1(self) -> float:
+        """Bit rate of an equally fast line without parity and with one stop bit, bit/s."""
+        return self.baudrate * BITS_PER_BYTE / self.bits_per_byte
+
+
+class SerialLink(FramedLink[SerialLinkSettings]):
+    """``hri_predict.link.Link`` over a serial line; arguments as for ``ConfiguredLink``."""
+
+    settings_model: ClassVar[type[SerialLinkSettings]] = SerialLinkSettings
+    port_field: ClassVar[str] = "port"  # see ``Simulatable``
+
+    @staticmethod
+    def make_transport(settings: SerialLinkSettings) -> SerialTransport:
+        """The configured port, not yet open.
+
+        Raises:
+            LinkError: no port is configured.
+        """
+        port = settings.port or settings.usb
+        if port is None:
+            raise LinkError(
+                f"link '{settings.name}': 'port' is missing; the mock controller provides one"
+            )
+        return SerialTransport(
+            port,
+            settings.baudrate,
+            rtscts=settings.rtscts,
+            parity=settings.parity,
+            stop_bits=settings.stop_bits,
+            rs485=settings.rs485,
+        )
+
+    @staticmethod
+    def load(
+        settings: SerialLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)
+    ) -> LinkLoad:
+        """Return the worst-case load of the line; see ``LinkClass``."""
+        load = FramedLink.load(settings, rate_hz, robots)
+        return replace(load, bitrate=settings.baudrate)  # a remedy names the configured rate
+
+    @staticmethod
+    def check_together(links: Sequence[SerialLinkSettings]) -> None:
+        """Refuse two links on one port.
+
+        Raises:
+            ConfigError: names both, and what to change.
+        """
+        for a, b in combinations([link for link in links if link.simulate is None], 2):
+            if (a.port, a.usb) == (b.port, b.usb):
+                raise ConfigError(
+                    f"links '{a.name}' and '{b.name}' both use {a.port or 'one USB adapter'}, "
+                    "which serves one; put their robots on one link, or correct 'port'"
+                )

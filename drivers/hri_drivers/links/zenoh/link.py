@@ -1,0 +1,148 @@
+"""A link over zenoh: the same messages, for machines that display or collect many cells.
+
+``docs/guides/fleet.md`` describes key scheme, topologies and protection.
+"""
+
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from hri_drivers.links.codec import copy_counts, item_count
+from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
+from hri_drivers.links.load import SCHEMA_HZ
+from hri_drivers.wires.transport import Transport
+from hri_drivers.wires.zenoh import ZenohTransport
+from hri_drivers.wires.zenoh_session import CellSettings, ZenohSettings
+from hri_predict.link import MIN_STATUS_HZ, LinkCounters, LinkLoad
+from hri_predict.protocol.keyed import ROOT, Keyed, KeyedReceiver, KeyedSender, prefix
+from hri_predict.protocol.messages import Advice, Message, RobotState, Schema, Status
+from hri_predict.protocol.wire import wire_bits
+
+OVERHEAD_BITS = 8 * 160
+"""Largest overhead of a message on Ethernet: 38 + 52 bytes of Ethernet, IPv6 and TCP (with gap
+and timestamps), the rest for zenoh's own header and the key."""
+MBIT = 1_000_000
+
+
+class ZenohLinkSettings(CellSettings, ConfiguredLinkSettings):
+    """An entry of ``links:`` with ``kind: zenoh``."""
+
+    kind: str = "zenoh"
+    take: bool = Field(
+        False, description="whether to receive RobotState and Acknowledge from a controller"
+    )
+    bitrate: int = Field(
+        10 * MBIT, ge=MBIT, description="network bandwidth that this link may use, bit/s"
+    )
+    wait_for_device: bool = Field(
+        True, description="start even if nobody is connected: no cell waits for a router"
+    )
+
+    @model_validator(mode="after")
+    def _nobody_is_simulated(self) -> Self:
+        if self.simulate is not None:
+            raise ValueError("a zenoh link has no simulated controller; leave 'simulate' out")
+        return self
+
+
+class ZenohCodec:
+    """Messages as payloads under keys; see ``hri_drivers.links.codec.Codec``."""
+
+    def __init__(self, bitrate: int) -> None:
+        self._sender = KeyedSender()
+        self._receiver = KeyedReceiver()
+        self._bitrate = bitrate
+
+    def carries(self, message: Message) -> bool:
+        """True: zenoh carries all messages."""
+        return True
+
+    def encode(self, message: Message) -> list[Keyed]:
+        """One payload."""
+        return [self._sender.encode(message)]
+
+    def decode(self, unit: Keyed) -> list[Message]:
+        """Messages in a payload."""
+        return self._receiver.feed(unit)
+
+    def reset(self) -> None:
+        """Forget sequences."""
+        self._receiver.reset()
+
+    def count(self, counters: LinkCounters) -> None:
+        """Copy the receiver's counts."""
+        copy_counts(self._receiver.counters, counters)
+
+    def worst_s(self, message: Message) -> float:
+        """Worst-case seconds on the network of the message."""
+        return worst_bits(type(message), item_count(message)) / self._bitrate
+
+    def unit_s(self, unit: Keyed) -> float:
+        """Seconds on the network of this payload."""
+        return (OVERHEAD_BITS + 8 * len(unit.data)) / self._bitrate
+
+    def raw(self, unit: Keyed) -> bytes:
+        """The payload."""
+        return unit.data
+
+    def size(self, unit: Keyed) -> int:
+        """Number of payload bytes."""
+        return len(unit.data)
+
+
+def worst_bits(message: type[Message], items: int | None = None) -> int:
+    """Worst-case bits of one message: its bytes as on a serial line, plus the overhead."""
+    return OVERHEAD_BITS + wire_bits(message, "serial", items=items).nominal * 8 // 10
+
+
+class ZenohLink(ConfiguredLink[ZenohLinkSettings, Keyed]):
+    """``hri_predict.link.Link`` over zenoh; arguments as for ``ConfiguredLink``."""
+
+    settings_model: ClassVar[type[ZenohLinkSettings]] = ZenohLinkSettings
+
+    @staticmethod
+    def make_transport(settings: ZenohLinkSettings) -> ZenohTransport:
+        """The configured session, not yet open."""
+        return ZenohTransport(
+            settings,
+            prefix(settings.site, settings.cell),
+            ("state/*", "ack") if settings.take else (),
+        )
+
+    @staticmethod
+    def _make_codec(settings: ZenohLinkSettings, wire: Transport[Keyed]) -> ZenohCodec:
+        return ZenohCodec(settings.bitrate)
+
+    @staticmethod
+    def receiver(settings: ZenohLinkSettings) -> KeyedReceiver:
+        """Return a decoder for this link's units, for listeners."""
+        return KeyedReceiver()
+
+    @staticmethod
+    def observer(settings: ZenohSettings, site: str | None) -> ZenohTransport:
+        """Return a transport for Status, Advice and Schema of all cells of one or all sites."""
+        cells = f"{site or '*'}/*/"
+        heard = [cells + what for what in ("status", "advice/*", "schema")]
+        return ZenohTransport(settings, f"{ROOT}/", heard)
+
+    @staticmethod
+    def load(settings: ZenohLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
+        """Return the fraction of ``bitrate`` that the link uses; see ``LinkClass``."""
+        rates: dict[type[Message], float] = {
+            Status: max(rate_hz, MIN_STATUS_HZ),
+            Advice: rate_hz * len(robots),
+            Schema: SCHEMA_HZ,
+            RobotState: settings.robot_state_rate_hz * len(robots) if settings.take else 0.0,
+        }
+        details = {m.__name__: r * worst_bits(m) / settings.bitrate for m, r in rates.items()}
+        load = sum(details.values())
+        spare = 1.0 - load - settings.reserved_load
+        return LinkLoad(
+            name=settings.name,
+            load=load,
+            spare=spare,
+            details=details,
+            rate_hz=rate_hz,
+            bitrate=settings.bitrate,
+        )

@@ -1,0 +1,1 @@
+"""The network stream of Xsens MVN."""

@@ -1,0 +1,1 @@
+"""Scenes as JSON, over TCP and WebSocket."""

@@ -1,0 +1,151 @@
+"""``kind: json``: one scene per line over TCP; ``codec`` defines the lines.
+
+Each scene states its units and axes; the joint map gives only the names. TCP keeps the order, so a
+sequence lower than the one before means that the sender restarted.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from hri_drivers.sources.live import LiveSettings, LiveSource, Receiver, sender_joints
+from hri_drivers.sources.scene_json.codec import LineSplitter, SceneJsonError, SceneReader
+from hri_drivers.sources.sent import SentScene
+from hri_drivers.sources.service_client import ServiceClient
+from hri_drivers.sources.tcp import (
+    ALLOW_UNAUTHENTICATED,
+    StreamClient,
+    StreamServer,
+    check_exposure,
+)
+from hri_predict.clock import Clock
+from hri_predict.discovery.services import ServiceSettings
+from hri_predict.source import SourceCounters
+
+DEFAULT_PORT = 9871
+MAX_LOST = 100_000
+"""A scene ahead by more than this is no loss: the sender restarted."""
+
+
+class SceneJsonSettings(LiveSettings):
+    """What both sources of JSON scenes have in common."""
+
+    min_confidence: float = Field(
+        0.3, ge=0, le=1, description="joints sent with less confidence are unobserved"
+    )
+
+
+class JsonSettings(SceneJsonSettings):
+    """``source:`` of ``kind: json``."""
+
+    kind: Literal["json"]
+    role: Literal["server", "client"] = Field(
+        "server", description="server: the sender connects to us; client: we connect to it"
+    )
+    host: str = Field("127.0.0.1", min_length=1, description="where to listen, or to connect to")
+    port: int = Field(DEFAULT_PORT, ge=0, le=65535)
+    service: ServiceSettings | None = Field(
+        None, description="client: the name that the sender announces; replaces host and port"
+    )
+    allow_unauthenticated: bool = ALLOW_UNAUTHENTICATED
+
+    @model_validator(mode="after")
+    def _protected(self) -> Self:
+        if self.role == "server":
+            check_exposure(self.host, self.allow_unauthenticated)
+        if self.service is not None and self.role == "server":
+            raise ValueError("'service' needs 'role: client'; set it, or remove 'service'")
+        for address in self.service.interfaces if self.service is not None else ():
+            check_exposure(address, self.allow_unauthenticated)  # the name may be anybody's
+        return self
+
+
+class JsonDecoder:
+    """Turns JSON texts into scenes, one each; see ``hri_drivers.sources.live.Decoder``."""
+
+    def __init__(self, reader: SceneReader) -> None:
+        self._reader = reader
+        self._counters = reader.counters
+        self._session = 0
+        self._sequence: int | None = None
+
+    def reset(self) -> None:
+        """Nothing to forget: each text is a whole scene."""
+
+    def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
+        """Return the scene in ``data``, if it is valid."""
+        self._counters.packets += 1
+        try:
+            scene = self._reader.read(data)
+        except SceneJsonError as error:
+            self._counters.malformed += 1
+            self._counters.note(error)
+            return []
+        risen = 1 if self._sequence is None else scene.sequence - self._sequence
+        if 0 <= risen <= MAX_LOST:
+            self._counters.lost += max(0, risen - 1)
+        else:
+            self._session += 1
+        self._sequence = scene.sequence
+        return [replace(scene, session=self._session)]
+
+
+class SceneJsonSource(LiveSource):
+    """A live source of JSON scenes, over any carrier."""
+
+    def __init__(
+        self,
+        *,
+        settings: SceneJsonSettings,
+        receiver: Receiver,
+        counters: SourceCounters,
+        base_dir: Path | None,
+        clock: Clock | None,
+    ) -> None:
+        names = sender_joints(settings, base_dir)
+        joint_map = names.with_units(1.0).with_axes(["x", "y", "z"])  # as the reader gives them
+        reader = SceneReader(names.source_joints, settings.min_confidence, counters)
+        decoder = JsonDecoder(reader)
+        super().__init__(
+            settings=settings,
+            receiver=receiver,
+            decoder=decoder,
+            counters=counters,
+            joint_map=joint_map,
+            clock=clock,
+        )
+
+
+class JsonSource(SceneJsonSource):
+    """See ``hri_predict.source.Source``."""
+
+    settings_model = JsonSettings
+
+    def __init__(
+        self, settings: JsonSettings, base_dir: Path | None = None, clock: Clock | None = None
+    ) -> None:
+        """Nothing is opened yet.
+
+        Raises:
+            ConfigError: the joint map is wrong.
+        """
+        counters = SourceCounters()
+        receiver: StreamServer | StreamClient
+        if settings.role == "server":
+            receiver = StreamServer(
+                host=settings.host,
+                port=settings.port,
+                splitter=LineSplitter,
+                places=1,
+                counters=counters,
+            )
+        elif settings.service is not None:
+            receiver = ServiceClient(settings.service, LineSplitter)
+        else:
+            receiver = StreamClient(settings.host, settings.port, LineSplitter)
+        self.receiver = receiver
+        super().__init__(
+            settings=settings, receiver=receiver, counters=counters, base_dir=base_dir, clock=clock
+        )

@@ -1,0 +1,1 @@
+"""The node's own scene stream, over UDP, serial and zenoh."""

@@ -1,0 +1,146 @@
+"""``kind: serial_skeleton``: the node's own scene stream over a serial line.
+
+The datagrams are those of the UDP stream (``drivers/SCENE_STREAM.md``), with their CRC or tag. COBS
+frames each one and a zero byte ends it, as on the links: garbage costs at most the frame that it
+touches.
+"""
+
+from pathlib import Path
+from typing import Literal, Self
+
+from cobs import cobs
+from pydantic import Field, model_validator
+
+from hri_drivers.sources.live import LiveSource
+from hri_drivers.sources.scene_stream.codec import MAX_DATAGRAM
+from hri_drivers.sources.scene_stream.receiver import SceneStream
+from hri_drivers.sources.scene_stream.settings import StreamSettings, stream_of
+from hri_drivers.sources.sent import SentScene
+from hri_drivers.wires.serial import Parity, SerialTransport, StopBits
+from hri_drivers.wires.usb_ports import UsbDevice
+from hri_predict.clock import Clock
+from hri_predict.source import SourceCounters
+
+MAX_ENCODED = MAX_DATAGRAM + MAX_DATAGRAM // 254 + 1  # COBS adds one byte for each 254 begun
+
+
+class SerialSkeletonSettings(StreamSettings):
+    """``source:`` of ``kind: serial_skeleton``."""
+
+    kind: Literal["serial_skeleton"]
+    port: str | None = Field(
+        None, min_length=1, description="device path or pyserial URL; not with 'usb'"
+    )
+    usb: UsbDevice | None = Field(
+        None, description="instead of 'port': a USB adapter, found under any port name"
+    )
+    baudrate: int = Field(921_600, ge=1200, le=12_000_000)
+    parity: Parity = "none"
+    stop_bits: StopBits = 1
+    rtscts: bool = Field(False, description="hardware handshake")
+
+    @model_validator(mode="after")
+    def _has_port(self) -> Self:
+        if (self.port is None) == (self.usb is None):
+            raise ValueError("give either 'port' (a device path or URL) or 'usb'")
+        return self
+
+
+class FramedStream:
+    """Turns COBS frames into scenes; buffers at most one frame.
+
+    See ``hri_drivers.sources.live.Decoder``.
+
+    Args:
+        stream: decodes the content of the frames.
+        counters: shared with ``stream``.
+    """
+
+    def __init__(self, stream: SceneStream, counters: SourceCounters) -> None:
+        self._stream = stream
+        self._counters = counters
+        self._buffer = b""
+        self._skipping = False
+
+    def reset(self) -> None:
+        """Forget the current frame and scene."""
+        self._stream.reset()
+        self._buffer, self._skipping = b"", False
+
+    def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
+        """Take bytes as they arrive; return the scenes that they complete."""
+        scenes: list[SentScene] = []
+        *ended, rest = data.split(b"\0")
+        for piece in ended:
+            self._keep(piece)
+            if self._buffer:
+                scenes += self._frame(self._buffer, received_ns)
+            self._buffer, self._skipping = b"", False
+        self._keep(rest)
+        return scenes
+
+    def _keep(self, piece: bytes) -> None:
+        """Add to the current frame; skip a frame that grows too long."""
+        if self._skipping:
+            return
+        if len(self._buffer) + len(piece) > MAX_ENCODED:
+            self._refuse(f"more than {MAX_ENCODED} bytes without an end of frame")
+            self._buffer, self._skipping = b"", True
+            return
+        self._buffer += piece
+
+    def _frame(self, encoded: bytes, received_ns: int) -> list[SentScene]:
+        try:
+            datagram = cobs.decode(encoded)
+        except cobs.DecodeError:
+            self._refuse("a frame is not COBS; check baud rate and parity")
+            return []
+        return self._stream.feed(datagram, received_ns)
+
+    def _refuse(self, why: str) -> None:
+        self._counters.packets += 1
+        self._counters.malformed += 1
+        self._counters.note(why)
+
+
+class SerialSkeletonSource(LiveSource):
+    """See ``hri_predict.source.Source``."""
+
+    settings_model = SerialSkeletonSettings
+    stamps_utc = True
+
+    def __init__(
+        self,
+        settings: SerialSkeletonSettings,
+        base_dir: Path | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        """Nothing is opened yet.
+
+        Raises:
+            ConfigError: the joint map is wrong, or has more joints than a stream can carry.
+            SourceError: the key cannot be used.
+        """
+        stream = stream_of(settings, base_dir)
+        port: str | UsbDevice = settings.usb or settings.port or ""
+        line = SerialTransport(
+            port,
+            settings.baudrate,
+            rtscts=settings.rtscts,
+            parity=settings.parity,
+            stop_bits=settings.stop_bits,
+        )
+        framed_stream = FramedStream(stream, stream.counters)
+        super().__init__(
+            settings=settings,
+            receiver=line,
+            decoder=framed_stream,
+            counters=stream.counters,
+            joint_map=stream.joint_map,
+            clock=clock,
+        )
+
+
+def framed(datagram: bytes) -> bytes:
+    """Return a datagram as it goes over the line."""
+    return bytes(cobs.encode(datagram)) + b"\0"

@@ -1,0 +1,108 @@
+"""The node's own scene stream over UDP (``kind: udp``), specified in ``drivers/SCENE_STREAM.md``.
+
+The user's program sends it; ``drivers/python/hri_sender.py`` is all that it needs.
+"""
+
+import ipaddress
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from hri_drivers.sources.live import LiveSource
+from hri_drivers.sources.scene_stream.codec import MAX_DATAGRAM
+from hri_drivers.sources.scene_stream.settings import StreamSettings, stream_of
+from hri_drivers.sources.udp_receiver import UdpReceiver, is_loopback
+from hri_predict.clock import Clock
+
+DEFAULT_PORT = 47_800
+
+
+class UdpSettings(StreamSettings):
+    """``source:`` of ``kind: udp``."""
+
+    kind: Literal["udp"]
+    host: str = Field(
+        "127.0.0.1", description="address of the interface to listen on; default: this machine only"
+    )
+    port: int = Field(DEFAULT_PORT, ge=0, le=65535, description="UDP port; 0: any free port")
+    multicast_group: str | None = Field(None, description="IPv4 address of a group to join")
+    allow_unauthenticated: bool = Field(
+        False,
+        description="without a key: believe any program that reaches the port",
+    )
+
+    @field_validator("host")
+    @classmethod
+    def _address(cls, value: str) -> str:
+        try:
+            return str(ipaddress.ip_address("127.0.0.1" if value == "localhost" else value))
+        except ValueError:
+            raise ValueError("must be an IP address of this machine, such as 127.0.0.1") from None
+
+    @field_validator("multicast_group")
+    @classmethod
+    def _group(cls, value: str | None) -> str | None:
+        try:
+            if value is None or ipaddress.IPv4Address(value).is_multicast:
+                return value
+        except ValueError:
+            pass
+        raise ValueError("must be an IPv4 multicast address, such as 239.255.0.1")
+
+    @model_validator(mode="after")
+    def _protected(self) -> Self:
+        if self.multicast_group is not None and ":" in self.host:
+            raise ValueError("multicast needs an IPv4 'host': the address of the interface")
+        local = is_loopback(self.host)
+        if local or self.key_file is not None or self.allow_unauthenticated:
+            return self
+        raise ValueError(
+            f"host {self.host} accepts network input, and any program could claim an empty room: "
+            "set 'key_file', or 'allow_unauthenticated: true' if you trust the whole network"
+        )
+
+
+class UdpSource(LiveSource):
+    """See ``hri_drivers.sources.live.LiveSource``.
+
+    Args:
+        settings: the source's.
+        base_dir: where relative paths of the key and the joint map start.
+        clock: the node's.
+        utc_ns: this machine's UTC clock.
+
+    Raises:
+        ConfigError: there is no such joint map, or it has more joints than a stream can carry.
+        SourceError: the key cannot be used.
+    """
+
+    settings_model = UdpSettings
+    stamps_utc = True
+
+    def __init__(
+        self,
+        settings: UdpSettings,
+        base_dir: Path | None = None,
+        clock: Clock | None = None,
+        utc_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        stream = stream_of(settings, base_dir, utc_ns)
+        self._udp = UdpReceiver(
+            settings.host, settings.port, settings.multicast_group, largest=MAX_DATAGRAM
+        )
+        super().__init__(
+            settings=settings,
+            receiver=self._udp,
+            decoder=stream,
+            counters=stream.counters,
+            joint_map=stream.joint_map,
+            clock=clock,
+        )
+
+    @property
+    def port(self) -> int:
+        """Port that it listens on; 0 until it is open."""
+        return self._udp.port

@@ -1,0 +1,1 @@
+"""Devices that carry bytes, for links and sources alike."""

@@ -1,0 +1,93 @@
+"""What a link needs from a wire; and an in-memory wire for the virtual clock and for tests."""
+
+import threading
+from collections import deque
+from typing import Generic, TypeVar
+
+from hri_predict.errors import LinkError
+from hri_predict.link import Transport
+
+__all__ = ["PipeEnd", "Transport", "TransportBusy", "pipe"]
+
+U = TypeVar("U")
+
+READ_TIMEOUT_S = 0.1
+"""How long a reading thread waits in ``read``, and so how long a stop may wait for the thread."""
+PIPE_CAPACITY = 4096
+
+
+class TransportBusy(LinkError):
+    """The wire accepts nothing now (buffer full, write timed out), but the device is still there.
+
+    The unit was not accepted, or only in part. A link keeps the message and encodes it again later.
+    """
+
+
+class PipeEnd(Generic[U]):
+    """One end of ``pipe()``.
+
+    Attributes:
+        written: units accepted since the start.
+        overflowed: units lost because the other end did not read in time; the oldest go first, as
+            in a full receive buffer.
+        unheard: units written while the other end was closed.
+    """
+
+    def __init__(self, name: str, capacity: int) -> None:
+        self.name = name
+        self.written = 0
+        self.overflowed = 0
+        self.unheard = 0
+        self._capacity = capacity
+        self._inbox: deque[U] = deque()
+        self._arrived = threading.Condition()
+        self._open = False
+        self._peer: PipeEnd[U] = self
+
+    def open(self) -> None:
+        """Start receiving from the other end; never fails."""
+        with self._arrived:
+            self._inbox.clear()
+            self._open = True
+
+    def write(self, unit: U) -> None:
+        """Hand ``unit`` to the other end at once."""
+        if not self._open:
+            raise LinkError(f"pipe {self.name} is closed; open it first")
+        self.written += 1
+        peer = self._peer
+        with peer._arrived:
+            if not peer._open:
+                self.unheard += 1
+                return
+            if len(peer._inbox) >= self._capacity:
+                peer._inbox.popleft()
+                self.overflowed += 1
+            peer._inbox.append(unit)
+            peer._arrived.notify_all()
+
+    def read(self, timeout_s: float) -> list[U]:
+        """Return everything that has arrived; waits in real time only if ``timeout_s`` > 0."""
+        with self._arrived:
+            if not self._open:
+                raise LinkError(f"pipe {self.name} is closed; open it first")
+            if not self._inbox and timeout_s > 0:
+                self._arrived.wait(timeout_s)
+            units = list(self._inbox)
+            self._inbox.clear()
+            return units
+
+    def close(self) -> None:
+        """Stop receiving, and discard what was not read."""
+        with self._arrived:
+            self._open = False
+            self._inbox.clear()
+            self._arrived.notify_all()
+
+
+def pipe(capacity: int = PIPE_CAPACITY) -> tuple[PipeEnd[U], PipeEnd[U]]:
+    """Two ends of a wire in memory: each reads what the other writes, in order and at once."""
+    a: PipeEnd[U] = PipeEnd("a", capacity)
+    b: PipeEnd[U] = PipeEnd("b", capacity)
+    a._peer, b._peer = b, a
+    return a, b

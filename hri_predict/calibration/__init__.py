@@ -1,0 +1,1 @@
+"""How large zones must be: radii from recordings, and how often they hold."""

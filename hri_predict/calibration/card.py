@@ -1,0 +1,92 @@
+"""The section about zones on a predictor's card: radii, data, coverage."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.calibration.judgement import SIZE_MS, WAYS, ZoneJudgement
+from hri_predict.errors import ConfigError
+from hri_predict.files import atomic_write
+from hri_predict.risk.settings import LEVELS
+from hri_predict.risk.zones.motion_class import CLASSES
+from hri_predict.risk.zones.radii import levels_text
+
+HEAD = "## Zones"
+_JOINTS = ("waist", "head", "wrist", "hand", "knee", "foot")
+
+
+def write_section(card: Path, judged: ZoneJudgement) -> None:
+    """Write the section at the end of a card, in place of an earlier one.
+
+    A missing card is created (the baselines have none).
+
+    Raises:
+        ConfigError: the card cannot be read or written.
+    """
+    try:
+        text = card.read_text(encoding="utf-8") if card.exists() else f"# {judged.predictor}\n"
+        kept = text.partition(f"\n{HEAD}\n")[0].rstrip()
+        atomic_write(card, f"{kept}\n\n{section(judged)}".encode())
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--card {card}: cannot be written: {error}; name another") from error
+
+
+def section(judged: ZoneJudgement) -> str:
+    """The section as Markdown."""
+    used = [recording.name for recording in judged.calibration.recordings]
+    ms = judged.horizons()
+    lines = [
+        HEAD,
+        "",
+        f"Radii are *estimated* from {len(used)} recordings ({', '.join(used)}); measured on "
+        f"{judged.recordings} others.",
+        "",
+        *(f"- {line}" for line in levels_text(judged.calibration)),
+        "",
+        "Measured coverage of the whole body, %, pooled, with 95 % intervals by recording:",
+        "",
+        "| stated, way | " + " | ".join(f"{m} ms" for m in ms) + " |",
+        "|---|" + "---:|" * len(ms),
+        *_coverage(judged, ms),
+        "",
+        "Calibrated radii for the whole body at 99 %, metres, at 400 ms and 1 s, before they are "
+        "cut to what bodies can do:",
+        "",
+        "| motion class | " + " | ".join(_JOINTS) + " |",
+        "|---|" + "---:|" * len(_JOINTS),
+        *_radii(judged),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _coverage(judged: ZoneJudgement, horizons: list[int]) -> list[str]:
+    lines = []
+    for level in LEVELS:
+        for way in (WAYS[0], WAYS[2]):
+            found = judged.coverage[level, "body", way]
+            share = found.share("body")
+            low, high = found.interval("body")
+            cells = [
+                f"{100 * share[k]:.1f} [{100 * low[k]:.0f}, {100 * high[k]:.0f}]"
+                for k in (judged.at(ms) for ms in horizons)
+            ]
+            lines.append(f"| {100 * level:g} %, {way} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _radii(judged: ZoneJudgement) -> list[str]:
+    table = judged.calibration.estimated["body"][LEVELS.index(0.99)]  # (C, G, H)
+    steps = [judged.at(ms) for ms in SIZE_MS if judged.at(ms) < judged.calibration.steps]
+    lines = []
+    for c, name in enumerate(CLASSES):
+        cells = []
+        for joint in _JOINTS:
+            own = table[c, judged.calibration.joints.index(joint)]
+            cells.append(", ".join(_metres(own[k]) for k in steps))
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _metres(radius: float) -> str:
+    return f"{radius:.2f}" if np.isfinite(radius) else "–"

@@ -1,0 +1,307 @@
+"""Distances between people and their forecasts: the scores that radii are calibrated from.
+
+Windows are cut as in the running node: canonical joints, a window that ends at a capture, histories
+resampled by the node's ring buffer, origins 40 ms apart. The error of step k is the largest
+distance of a joint from the forecast's path (linear between steps) at any capture *during* the
+interval that ends with the step, because a zone must hold the body during the whole interval.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.datasets.tracks import action_of
+from hri_predict.errors import RecordingError
+from hri_predict.people.ring_buffer import resample
+from hri_predict.predictors.base import Predictor, checked
+from hri_predict.recording.opening import open_recording
+from hri_predict.recording.recording import Recording
+from hri_predict.risk.self_check.past_forecasts import forecast_errors, mean_error
+from hri_predict.risk.zones.human_speed import joint_velocities
+from hri_predict.risk.zones.joint_zones import SETTLED_STEPS
+from hri_predict.risk.zones.motion_class import RESIDUAL_S, trunk_speed
+
+HISTORY_STEPS = 15
+"""Steps that windows reach back at least; the oldest ones may be unobserved."""
+LEAST_RATE_HZ = 20.0
+_BATCH = 128
+_LEAST_WINDOWS = 5
+_MAX_GAP_S = 0.1  # as the node's people stage bridges it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Presence:
+    """One person's unbroken presence in a recording, on canonical joints.
+
+    Attributes:
+        stamps_ns: (F,) captures.
+        positions: (F, J, 3) metres; 0 where not observed.
+        observed: (F, J).
+        rate_hz: nominal captures per second.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    positions: Floats
+    observed: Bools
+    rate_hz: float
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Scores:
+    """The windows of one presence. W windows, T steps of history, H steps ahead, J joints.
+
+    Attributes:
+        name: the recording, see ``names_of``; all its presences are one independent unit.
+        digest: SHA-256 of its file; ``None`` without a file.
+        action: what people do in it.
+        origin_ns: (W,) forecast origins: capture times.
+        history, observed: (W, T, J, 3) metres and (W, T, J), T at least ``HISTORY_STEPS``.
+        forecast: (W, H, J, 3).
+        error_m: (W, H, J) metres, see the module; NaN where the truth is not known.
+        speed_m_s: (W,) speed of the trunk; NaN where not known.
+        residual_m: (W,) see ``motion_class``; NaN where no forecast is old enough.
+        truth: the true motion.
+    """
+
+    name: str
+    action: str
+    origin_ns: NDArray[np.int64]
+    history: Floats
+    observed: Bools
+    forecast: Floats
+    error_m: Floats
+    speed_m_s: Floats
+    residual_m: Floats
+    truth: Presence
+    digest: str | None = None
+
+
+def score_recordings(
+    predictor: Predictor,
+    recordings: Sequence[Path | Recording],
+    on_recording: Callable[[str], None] = lambda _: None,
+) -> list[Scores]:
+    """Score a predictor on canonical joints.
+
+    Raises:
+        RecordingError: a file cannot be read, is too slow, or has no window.
+        PredictorError: the predictor breaks its contract.
+    """
+    found: list[Scores] = []
+    names = names_of([e.path if isinstance(e, Recording) else e for e in recordings])
+    for entry, name in zip(recordings, names, strict=True):
+        recording = entry if isinstance(entry, Recording) else open_recording(entry)
+        presences = presences_of(recording)
+        action = "arms" if recording.kind == "assembly" else action_of(recording.path.stem)
+        scored = [score_presence(predictor, name, action, p) for p in presences]
+        own = [replace(s, digest=recording.digest) for s in scored if s is not None]
+        if not own:
+            raise RecordingError(
+                f"recording {recording.path}: nobody is seen for"
+                f" {(SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz:g} s without a break;"
+                f" leave it out"
+            )
+        found += own
+        on_recording(name)
+    return found
+
+
+def names_of(paths: Sequence[Path]) -> list[str]:
+    """Names of recordings: the stem, with as much of the path as makes names unique.
+
+    ``walking_1`` in two folders are two recordings, and two independent units.
+    """
+    distinct = {path.absolute() for path in paths}
+    found = []
+    for path in paths:
+        full = path.absolute()
+        if sum(other.stem == full.stem for other in distinct) == 1:
+            found.append(full.stem)
+            continue
+        ends = ["/".join(full.parts[-count:]) for count in range(1, len(full.parts) + 1)]
+        others = [f"/{other}" for other in distinct - {full}]
+        found.append(next(e for e in ends if not any(o.endswith(f"/{e}") for o in others)))
+    return found
+
+
+def presences_of(recording: Recording) -> list[Presence]:
+    """Every person of a recording, split at gaps that are not bridged.
+
+    Raises:
+        RecordingError: it has too few captures per second.
+    """
+    if recording.rate_hz < LEAST_RATE_HZ:
+        raise RecordingError(
+            f"recording {recording.path}: {recording.rate_hz:.3g} captures per second are too few "
+            f"to show what happened between two steps; give one of {LEAST_RATE_HZ:g} or more"
+        )
+    people: dict[int, list[tuple[int, Floats, Bools]]] = {}
+    for scene in recording.scenes:
+        for person in scene.people:
+            samples = people.setdefault(person.id, [])
+            if not samples or scene.stamp_ns > samples[-1][0]:
+                joints, seen = recording.joint_map.map(person.positions, person.observed)
+                seen = seen & np.isfinite(joints).all(-1)
+                samples.append((scene.stamp_ns, np.where(seen[:, None], joints, 0.0), seen))
+    found = []
+    for samples in people.values():
+        samples = [s for s in samples if s[2].any()]
+        stamps = np.array([s[0] for s in samples], dtype=np.int64)
+        breaks = np.flatnonzero(np.diff(stamps) > _gap_ns(recording.rate_hz)) + 1
+        parts = [p for p in np.split(np.arange(len(samples)), breaks) if p.size]
+        found += [
+            Presence(
+                stamps[part],
+                np.stack([samples[i][1] for i in part]),
+                np.stack([samples[i][2] for i in part]),
+                recording.rate_hz,
+            )
+            for part in parts
+        ]
+    return found
+
+
+def score_presence(
+    predictor: Predictor, name: str, action: str, presence: Presence
+) -> Scores | None:
+    """Score one presence of the recording ``name``; ``None`` if it is too short."""
+    at = _origins(presence, predictor.rate_hz)
+    if len(at) < _LEAST_WINDOWS:
+        return None
+    steps = max(predictor.history_steps, HISTORY_STEPS)
+    windows = [window_at(presence, int(i), steps, predictor.rate_hz) for i in at]
+    history = np.stack([w[0] for w in windows])
+    observed = np.stack([w[1] for w in windows])
+    own = slice(steps - predictor.history_steps, None)
+    forecast = np.concatenate(
+        [
+            checked(predictor.predict(h[:, own], o[:, own]), len(h), predictor).positions
+            for h, o in _batches(history, observed)
+        ]
+    )
+    error = np.stack(
+        [_errors(presence, int(i), f, predictor.rate_hz) for i, f in zip(at, forecast, strict=True)]
+    )
+    return Scores(
+        name=name,
+        action=action,
+        origin_ns=presence.stamps_ns[at],
+        history=history,
+        observed=observed,
+        forecast=forecast,
+        error_m=error,
+        speed_m_s=trunk_speed(
+            joint_velocities(history, observed, predictor.rate_hz), predictor.skeleton
+        ),
+        residual_m=_residual(presence, at, forecast, predictor.rate_hz),
+        truth=presence,
+    )
+
+
+def window_at(presence: Presence, index: int, steps: int, rate_hz: float) -> tuple[Floats, Bools]:
+    """History (T, J, 3) and mask (T, J) that end at capture ``index``; nothing after it is used."""
+    stamps, now = presence.stamps_ns, int(presence.stamps_ns[index])
+    gap_ns = _gap_ns(presence.rate_hz)
+    first = int(stamps.searchsorted(now - round(steps * 1e9 / rate_hz) - gap_ns))
+    held = slice(first, index + 1)
+    window = resample(
+        stamps=stamps[held],
+        positions=presence.positions[held],
+        observed=presence.observed[held],
+        t_end_ns=now,
+        n=steps,
+        rate_hz=rate_hz,
+        max_gap_ns=gap_ns,
+    )
+    return window.positions, window.observed
+
+
+def _origins(presence: Presence, rate_hz: float) -> NDArray[np.intp]:
+    """Indices of the captures nearest to a grid of ``rate_hz`` that starts with the presence."""
+    stamps = presence.stamps_ns
+    step_ns = 1e9 / rate_hz
+    count = int((stamps[-1] - stamps[0]) / step_ns) + 1
+    grid = stamps[0] + np.round(step_ns * np.arange(SETTLED_STEPS - 1, count)).astype(np.int64)
+    nearest = np.unique(_nearest(stamps, grid))
+    if grid.size:  # a capture before the eighth step has only seven
+        nearest = nearest[stamps[nearest] >= grid[0]]
+    result: NDArray[np.intp] = nearest[stamps[nearest] + step_ns <= stamps[-1]]
+    return result
+
+
+def _nearest(stamps: NDArray[np.int64], times: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Indices of the stamps nearest to some times; the earlier one of two equally near."""
+    after = np.minimum(stamps.searchsorted(times), len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(stamps[after] - times < times - stamps[before], after, before)
+
+
+def _errors(presence: Presence, index: int, forecast: Floats, rate_hz: float) -> Floats:
+    """(H, J) largest distance from the forecast's path during each step's interval."""
+    stamps, (steps, joints) = presence.stamps_ns, forecast.shape[:2]
+    end_ns = stamps[index] + round(steps * 1e9 / rate_hz)
+    ahead = slice(index + 1, int(stamps.searchsorted(end_ns, side="right")))
+    passed = (stamps[ahead] - stamps[index]) * 1e-9 * rate_hz  # steps since the origin
+    interval = np.minimum(np.ceil(passed - 1e-6).astype(np.intp) - 1, steps - 1)
+    knots = np.concatenate([presence.positions[index][None], forecast])
+    path = along(knots, passed)
+    seen = presence.observed[ahead] & presence.observed[index]
+    distance = np.linalg.norm(path - presence.positions[ahead], axis=-1)
+    distance = np.where(seen, distance, np.nan)
+    result = np.full((steps, joints), np.nan)
+    for step in np.unique(interval):  # one unseen capture makes the whole interval unknown
+        result[step] = distance[interval == step].max(axis=0)
+    return result
+
+
+def along(knots: Floats, steps: Floats) -> Floats:
+    """(M, ...) a path of knots (N, ...) at fractional steps (M,), linear in between."""
+    below = np.clip(np.floor(steps).astype(np.intp), 0, len(knots) - 2)
+    part = (steps - below).reshape(-1, *(1 for _ in knots.shape[1:]))
+    result: Floats = knots[below] + part * (knots[below + 1] - knots[below])
+    return result
+
+
+def _residual(presence: Presence, at: NDArray[np.intp], forecast: Floats, rate_hz: float) -> Floats:
+    """(W,) largest value in the last ``RESIDUAL_S`` of the mean error of a forecast that old.
+
+    By time, as in the live self-check: where captures are sparse, origins lie farther apart than
+    steps.
+    """
+    stamps, back_ns = presence.stamps_ns[at], round(RESIDUAL_S * 1e9)
+    made = _nearest(stamps, stamps - back_ns)
+    steps = (stamps - stamps[made]).astype(np.float64) * (1e-9 * rate_hz)
+    near = np.abs(steps - RESIDUAL_S * rate_hz) <= 0.5 + 1e-6
+    judged = np.flatnonzero(near & (steps <= forecast.shape[1] + 1e-6))
+    now, then = at[judged], at[made[judged]]
+    error = forecast_errors(
+        presence.positions[then], forecast[made[judged]], steps[judged], presence.positions[now]
+    )
+    value = np.full(len(at), -np.inf)
+    mean = mean_error(error, presence.observed[now] & presence.observed[then])
+    value[judged] = np.where(np.isnan(mean), -np.inf, mean)
+    since = stamps.searchsorted(stamps - back_ns)
+    largest = np.array([value[first : i + 1].max() for i, first in enumerate(since)])
+    return np.where(largest >= 0, largest, np.nan)
+
+
+def _batches(history: Floats, observed: Bools) -> list[tuple[Floats, Bools]]:
+    return [
+        (history[i : i + _BATCH], observed[i : i + _BATCH]) for i in range(0, len(history), _BATCH)
+    ]
+
+
+def _gap_ns(rate_hz: float) -> int:
+    return round(1e9 * max(_MAX_GAP_S, 2.5 / rate_hz))
+
+
+def units(scores: Sequence[Scores]) -> Mapping[str, list[int]]:
+    """Recording -> indices of its presences, in order."""
+    found: dict[str, list[int]] = {}
+    for index, entry in enumerate(scores):
+        found.setdefault(entry.name, []).append(index)
+    return found

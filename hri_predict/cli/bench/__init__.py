@@ -1,0 +1,1 @@
+"""``hri-predict bench``: what the node costs."""

@@ -1,0 +1,79 @@
+"""``bench fleet``: measure the zenoh link: latency, processor time and payload."""
+
+import json
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from hri_predict import registry
+from hri_predict.cli.common import progress
+from hri_predict.errors import ConfigError
+
+
+def fleet(
+    seconds: Annotated[float, typer.Option(help="Seconds to measure each row.")] = 20.0,
+    recovery: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=1000,
+            help="Measure instead, this many times each, how soon a cell joins and recovers.",
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """Measure the zenoh link: time from posting a message to its decoding in another process.
+
+    The table also shows processor time and payload. This runs in real time, so other programs
+    disturb it. With --recovery: the seconds until messages of a cell arrive.
+
+    Example: hri-predict bench fleet --seconds 5
+    """
+    if not 1.0 <= seconds <= 3600.0:
+        raise ConfigError(f"--seconds {seconds:g}: give 1 to 3600")
+    bench = registry.load("simulations", "fleet")
+    if recovery is not None:
+        print(json.dumps(bench.recovery(recovery)))
+        return
+    count = len(bench.TOPOLOGIES) * len(bench.RATES_HZ)
+    with progress() as bar:
+        rows = list(bar.track(bench.costs(seconds), total=count, description="zenoh"))
+    if as_json:
+        print(json.dumps(rows))
+    else:
+        Console(width=None if sys.stdout.isatty() else 120).print(_table(rows))
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> Table:
+    table = Table(
+        title="From posting to decoding in another process, over zenoh", title_justify="left"
+    )
+    table.add_column("by")
+    heads = (
+        "Hz",
+        "received",
+        "superseded",
+        "p50 µs",
+        "p99 µs",
+        "max µs",
+        "CPU of one core",
+        "kB/s",
+    )
+    for name in heads:
+        table.add_column(name, justify="right")
+    for row in rows:
+        us = row["latency_us"]
+        table.add_row(
+            row["by"],
+            f"{row['rate_hz']:g}",
+            f"{row['heard']} of {row['sent']}",
+            str(row["superseded"]),
+            *(f"{us[name]:.0f}" for name in ("p50", "p99", "max")),
+            f"{row['cpu_percent']:.1f} %",
+            f"{row['bytes_per_s'] / 1e3:.1f}",
+        )
+    return table

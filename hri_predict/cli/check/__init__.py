@@ -1,0 +1,1 @@
+"""``hri-predict check``: what a configuration means, before anything moves."""

@@ -1,0 +1,324 @@
+"""``check`` and ``predictors``: examine a configuration before anything moves."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from hri_predict import registry
+from hri_predict.cli.check.touch import measure_touch, show_touch
+from hri_predict.clock import MonotonicClock
+from hri_predict.errors import HriPredictError
+from hri_predict.link import Transport
+from hri_predict.monitoring.alerts import alert_file
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.robot_constants import worst_distance
+from hri_predict.run import assemble
+from hri_predict.run import config as configuration
+from hri_predict.run.assemble import Assembly
+from hri_predict.run.config import Config
+
+
+def check(
+    config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
+    touched: Annotated[
+        str | None,
+        typer.Option(
+            help="Check the sensor: x,y,z of the point in the room that a person touches now."
+        ),
+    ] = None,
+    joint: Annotated[str, typer.Option(help="The joint that touches the point.")] = "r_hand",
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """Validate a configuration; print the delay budget and each link's load.
+
+    With --touched, compare the point that a person touches with the place
+    where the sensor sees the joint. Exit status 1 if they are further apart
+    than risk.person_uncertainty_m.
+
+    Example: hri-predict check cell.yaml --touched 0.5,-0.2,0.9
+    """
+    loaded = configuration.load(config)
+    if touched is not None:
+        if not show_touch(measure_touch(loaded, touched, joint), as_json):
+            raise typer.Exit(1)
+        return
+    found = examine(loaded)
+    if as_json:
+        print(json.dumps(found))
+        return
+    console = Console()
+    console.print(_delay_table(found))
+    if found["risk"]["robots"]:
+        console.print(_risk_table(found["risk"]))
+    if found["links"]:
+        console.print(_load_table(found["links"]))
+    console.print(f"zones: {found['zones']}", highlight=False)
+    for note in found["notes"]:
+        console.print(f"note: {note}")
+    console.print(f"{found['path']}: ok")
+
+
+def examine(config: Config) -> dict[str, Any]:
+    """Build everything without opening a device; return the budget, distances, loads and notes.
+
+    Raises:
+        HriPredictError: the configuration is wrong; one line with the remedy.
+    """
+    clock = MonotonicClock()
+    source = assemble.build_source(config)
+    # a check touches no device: anything may stand in its place
+    transports = {link.name: cast(Transport[Any], object()) for link in config.links}
+    assembly = assemble.build(config, clock, source=source, transports=transports)
+    loads = [
+        registry.load("links", link.kind).load(
+            link, config.node.rate_hz, [0] * len(assembly.robots)
+        )
+        for link in config.links
+    ]
+    simulated = [link for link in config.links if link.simulate is not None]
+    if simulated:  # built but not started: this checks its settings
+        registry.load("cells", "mock")(
+            links=simulated, robots=config.node.robots, base_dir=config.base_dir, clock=clock
+        )
+    alert_file(config.node.alerts, config.base_dir)
+    budget = assemble.build_budget(config, source)
+    stops = {
+        model.name: model.stopping(settings.max_speed_m_s)
+        for model, settings in zip(assembly.robots, config.node.robots, strict=True)
+    }
+    terms = dict(budget.terms())
+    reaction_time_s = sum(terms.values())
+    terms["controller_reaction"] = terms.pop("reaction")  # one part of T_r, not all of it
+    risk = _risk_needs(config, assembly, budget)
+    return {
+        "path": str(config.path),
+        "delay_budget_s": terms,
+        "reaction_time_s": reaction_time_s,
+        "refuse_advice_older_than_s": reaction_time_s - terms["controller_reaction"],
+        "stopping": {name: {"time_s": t, "distance_m": d} for name, (t, d) in stops.items()},
+        "until_stopped_s": {name: reaction_time_s + t for name, (t, _) in stops.items()},
+        "horizon_s": assembly.prediction.predictor.horizon_steps
+        / assembly.prediction.predictor.rate_hz,
+        "risk": risk,
+        "links": [asdict(load) for load in loads],
+        "zones": _zones(config),
+        "notes": [*_notes(config), *_radius_note(risk)],
+    }
+
+
+def _zones(config: Config) -> str:
+    """Describe the basis of the zones in one line, and claim no more than was measured."""
+    risk, name = config.node.risk, config.predictor.name
+    if risk.mode != "predictive":
+        return f"mode {risk.mode} uses no forecast"
+    calibration = assemble.build_calibration(config)
+    if calibration is None:
+        return (
+            f"not calibrated for {name} with these settings: it is not known how often they hold "
+            f"people; see hri-predict calibrate"
+        )
+    coverage = risk.coverage
+    held = "each joint" if coverage.of == "joint" else "the whole body"
+    check = "checked live" if coverage.self_check else "not checked live"
+    return (
+        f"calibrated on {len(calibration.recordings)} recordings to hold {held} in "
+        f"{100 * coverage.level:g} % ({coverage.basis}), {check}"
+    )
+
+
+def _risk_needs(config: Config, assembly: Assembly, budget: DelayBudget) -> dict[str, Any]:
+    """Return the mode and the distance each robot needs at full speed and the longest delay."""
+    risk, robots = config.node.risk, {}
+    for settings, model in zip(config.node.robots, assembly.robots, strict=True):
+        worst = worst_distance(risk, settings, model, budget)
+        robots[settings.name] = {
+            **asdict(worst),
+            "protective_distance_m": worst.total,
+            "reach_m": model.reach_m,
+            "fixed_radius_m": risk.fixed_radius_m or model.reach_m + worst.total,
+        }
+    return {"mode": risk.mode, "robots": robots}
+
+
+def _notes(config: Config) -> list[str]:
+    notes = []
+    if not config.links:
+        notes.append("no links: no controller receives the advice; add 'links:'")
+    if any(link.simulate for link in config.links):
+        notes.append("simulated links: mock controllers, no hardware")
+    notes += [f"link {link.name}: {note}" for link in config.links for note in link.notes]
+    notes += [f"source {config.source.kind}: {note}" for note in config.source.notes]
+    if config.source.field_of_view is None:
+        notes.append("no source.field_of_view: the whole room counts as seen")
+    if config.node.risk.intrusion_m == 0:
+        notes.append("risk.intrusion_m (C) is 0: valid only if the sensor sees even fingers")
+    if unused := assemble.unused_coverage(config):
+        notes.append(unused)
+    if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):
+        notes.append("a robot with motion 'standing' is assumed never to move")
+    return notes
+
+
+def _radius_note(risk: dict[str, Any]) -> list[str]:
+    """Return a note for each circle that is too small even for a robot within its reach."""
+    if risk["mode"] != "fixed":
+        return []
+    notes = []
+    for name, needs in risk["robots"].items():
+        least = needs["reach_m"] + sum(needs[term] for term in ("s_h", "c", "z_d", "z_r"))
+        if needs["fixed_radius_m"] < least:
+            notes.append(
+                f"risk.fixed_radius_m {needs['fixed_radius_m']:g} is below the reach of robot"
+                f" {name} + S_h + C + Z_d + Z_r, {least:.2f} m: the robot may touch a person who"
+                " walks in before it has stopped"
+            )
+    return notes
+
+
+_TERMS = {
+    "s_h": "S_h: the person's way until the robot has stopped",
+    "s_r": "S_r: the robot's way until it brakes",
+    "s_s": "S_s: the robot's way while it brakes",
+    "c": "C: risk.intrusion_m",
+    "z_d": "Z_d: risk.person_uncertainty_m",
+    "z_r": "Z_r: risk.robot_uncertainty_m",
+}
+
+
+def _risk_table(risk: dict[str, Any]) -> Table:
+    """Return the distances that the risk mode needs."""
+    table = Table(
+        title=f"Risk mode {risk['mode']}, at full speed and the longest delay",
+        title_justify="left",
+    )
+    table.add_column("distance, m")
+    for name in risk["robots"]:
+        table.add_column(name, justify="right")
+    rows = _TERMS | {"protective_distance_m": "S_p: protective separation distance"}
+    if risk["mode"] == "fixed":
+        rows |= {"reach_m": "the robot's reach", "fixed_radius_m": "radius of the circle"}
+    for key, text in rows.items():
+        table.add_row(text, *(f"{needs[key]:.2f}" for needs in risk["robots"].values()))
+    return table
+
+
+_DELAYS = {
+    "age": "age of the input at the tick",
+    "encoding": "tick to encoding",
+    "cycle": "one cycle",
+    "link_delay": "link: delay_s plus one frame on the wire",
+    "silence_timeout": "controller: silence_timeout_s",
+    "controller_reaction": "controller: reaction_s until it brakes",
+}
+
+
+def _delay_table(found: dict[str, Any]) -> Table:
+    table = Table(title="Delay budget (worst case)", title_justify="left", show_header=False)
+    for name, seconds in found["delay_budget_s"].items():
+        table.add_row(_DELAYS[name], f"{seconds * 1e3:.0f} ms")
+    total_ms = found["reaction_time_s"] * 1e3
+    table.add_row("T_r: reaction time, capture to braking", f"{total_ms:.0f} ms", end_section=True)
+    table.add_row(
+        "controllers: refuse advice older than",
+        f"{found['refuse_advice_older_than_s'] * 1e3:.0f} ms",
+        end_section=True,
+    )
+    for robot, stop in found["stopping"].items():
+        table.add_row(
+            f"{robot}: stopping from full speed, T_s",
+            f"{stop['time_s'] * 1e3:.0f} ms over {stop['distance_m'] * 1e3:.0f} mm",
+        )
+        total = found["until_stopped_s"][robot]
+        table.add_row(f"{robot}: until it has stopped, T_r + T_s", f"{total * 1e3:.0f} ms")
+    table.add_row("horizon of the forecast", f"{found['horizon_s'] * 1e3:.0f} ms")
+    return table
+
+
+def _load_table(links: list[dict[str, Any]]) -> Table:
+    table = Table(title="Link load", title_justify="left")
+    table.add_column("link")
+    table.add_column("load", justify="right")
+    table.add_column("left for zones and poses", justify="right")
+    table.add_column("by message")
+    for link in links:
+        details = ", ".join(f"{k} {100 * v:.1f} %" for k, v in link["details"].items())
+        table.add_row(
+            link["name"], f"{100 * link['load']:.1f} %", f"{100 * link['spare']:.1f} %", details
+        )
+    return table
+
+
+def predictors(
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """List the predictors that are installed.
+
+    Example: hri-predict predictors
+    """
+    rows = [_predictor_row(name) for name in registry.names("predictors")]
+    if as_json:
+        print(json.dumps(rows))
+        return
+    table = Table()
+    table.add_column("predictor", no_wrap=True)
+    table.add_column("what it does")
+    table.add_column("weights")
+    for row in rows:
+        table.add_row(row["name"], row["about"], _weights_text(row["weights"]))
+    Console().print(table)
+
+
+def _predictor_row(name: str) -> dict[str, Any]:
+    """Describe a predictor, and the shipped weights of a trained one."""
+    row: dict[str, Any] = {"name": name, "about": "", "weights": None}
+    try:
+        cls = registry.load("predictors", name)
+        row["about"] = (cls.__doc__ or "").strip().partition("\n")[0].replace("``", "")
+        # one around another predictor takes that one's
+        from hri_predict.predictors.neural.network import Trained  # with torch: takes seconds
+
+        if isinstance(cls, Trained) and "inner" not in cls.settings_model.model_fields:
+            row["weights"] = _shipped(name)
+    except HriPredictError as error:  # a broken predictor must not hide the others
+        row["about"] = f"cannot be used: {error}"
+    return row
+
+
+def _shipped(name: str) -> dict[str, Any]:
+    """Return what the header of a trained predictor's shipped weights states."""
+    from hri_predict.predictors.neural.predictor import (
+        shipped_weights,  # imports torch, which takes seconds
+    )
+    from hri_predict.predictors.neural.weights import read_header
+
+    path = shipped_weights(name)
+    if not path.exists():
+        return {"path": None}
+    header = read_header(path)
+    rate_hz = header.shape.rate_hz
+    validation = header.card.get("validation")
+    return {
+        "path": str(path),
+        "rate_hz": rate_hz,
+        "history_s": header.shape.history_steps / rate_hz,
+        "horizon_s": header.shape.horizon_steps / rate_hz,
+        "validation_mm": validation.get("mpjpe_mm") if isinstance(validation, dict) else None,
+    }
+
+
+def _weights_text(weights: dict[str, Any] | None) -> str:
+    if weights is None:
+        return ""
+    if weights["path"] is None:
+        return "none shipped: set predictor.weights to your own"
+    text = (
+        f"{weights['rate_hz']:g} Hz, {weights['history_s']:.2g} s of history, "
+        f"{weights['horizon_s']:.2g} s ahead"
+    )
+    error_mm = weights["validation_mm"]
+    return text if error_mm is None else f"{text}, validation error {error_mm:.0f} mm"

@@ -1,0 +1,167 @@
+"""``conformance``: does a predictor, source or link keep its contract?"""
+
+import contextlib
+import json
+import os
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from hri_predict import registry
+from hri_predict.conformance.checks import Finding
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.run import config as configuration
+from hri_predict.settings import set_key, validated
+
+KINDS: dict[str, registry.PartKind] = {
+    "predictor": "predictors",
+    "source": "sources",
+    "link": "links",
+}
+_STYLES = {"pass": "green", "fail": "bold red", "skipped": "yellow"}
+
+
+def conformance(
+    *,
+    part: Annotated[
+        str, typer.Argument(help="predictor:NAME, source:NAME or link:NAME; or NAME alone.")
+    ],
+    config: Annotated[
+        Path | None, typer.Option(help="Take its settings from this configuration of the node.")
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="key=value: one of its settings. Repeatable."),
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(min=0.1, max=600, help="How long to listen to a sender.")
+    ] = 2.0,
+    limit: Annotated[
+        float, typer.Option(min=1, max=3600, help="Give up after this many seconds.")
+    ] = 300.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> int:
+    """Check a predictor, source or link, your own perhaps, against its contract.
+
+    A source that hears a sender needs one that sends meanwhile; a link's device is not touched.
+
+    Example: hri-predict conformance link:serial --set port=/dev/ttyUSB0
+
+    Exit status 1: a check failed.
+    """
+    with ending_within(limit, part):
+        kind, name = _part(part)
+        data, base_dir = _settings(kind, name, config)
+        for text in change or []:
+            set_key(data, text)
+        findings = _checked(kind=kind, name=name, data=data, base_dir=base_dir, seconds=seconds)
+    failed = sum(finding.verdict == "fail" for finding in findings)
+    if as_json:
+        told = {"part": f"{kind}:{name}", "failed": failed, "checks": [asdict(f) for f in findings]}
+        print(json.dumps(told))
+    else:
+        console = Console()
+        console.print(_table(f"{kind} {name}", findings))
+        skipped = sum(finding.verdict == "skipped" for finding in findings)
+        verdict = f"{failed} of {len(findings)} checks failed" if failed else "keeps its contract"
+        verdict += f" ({skipped} checks skipped)" if skipped else ""
+        console.print(f"{kind} {name}: {verdict}", highlight=False)
+    return 1 if failed else 0
+
+
+@contextlib.contextmanager
+def ending_within(seconds: float, part: str) -> Iterator[None]:
+    """End the program, with one line and status 1, if the body takes longer.
+
+    A part that hangs in its own code cannot be interrupted in another way.
+    """
+
+    def give_up() -> None:
+        print(f"error: {part}: it hangs: no end after {seconds:g} s (--limit)", file=sys.stderr)
+        sys.stderr.flush()
+        os._exit(1)
+
+    timer = threading.Timer(seconds, give_up)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _part(text: str) -> tuple[str, str]:
+    """The kind and the name of a part."""
+    kind, colon, name = text.partition(":")
+    if colon:
+        if kind not in KINDS:
+            raise ConfigError(
+                f"{text}: a part is one of {', '.join(KINDS)}{nearest(kind, KINDS)}; "
+                f"write it as predictor:NAME"
+            )
+        registry.load(KINDS[kind], name)  # complains with what there is
+        return kind, name
+    found = [kind for kind, group in KINDS.items() if text in registry.names(group)]
+    if len(found) == 1:
+        return found[0], text
+    if found:
+        raise ConfigError(f"{text}: say which: {', '.join(f'{k}:{text}' for k in found)}")
+    known = [name for group in KINDS.values() for name in registry.names(group)]
+    raise ConfigError(f"{text}: no such predictor, source or link{nearest(text, known)}")
+
+
+def _settings(kind: str, name: str, config: Path | None) -> tuple[dict[str, Any], Path]:
+    """What is known of the part's settings, and where relative paths start."""
+    key = "name" if kind == "predictor" else "kind"
+    if config is None:
+        data: dict[str, Any] = {key: name}
+        if kind == "link":
+            data["name"] = "conformance"
+        required = {"room_from_source": {}, "rate_hz": 30.0}
+        fields = registry.load(KINDS[kind], name).settings_model.model_fields
+        missing = {k: v for k, v in required.items() if k in fields and fields[k].is_required()}
+        return data | missing, Path.cwd()
+    loaded = configuration.load(config)
+    blocks = {"predictor": [loaded.node.predictor], "source": [loaded.node.source]}
+    for block in blocks.get(kind, loaded.node.links):
+        if block.get(key) == name:
+            return dict(block), loaded.base_dir
+    raise ConfigError(f"--config {config}: has no {kind} {name}; name one that it has")
+
+
+def _checked(
+    *, kind: str, name: str, data: dict[str, Any], base_dir: Path, seconds: float
+) -> list[Finding]:
+    where = f"{kind} {name}"
+    if kind == "predictor":
+        from hri_predict.conformance.predictors import check_predictor
+
+        model = registry.load("predictors", name).settings_model
+        return check_predictor(name, validated(model, data, where).resolved(base_dir))
+    if kind == "source":
+        from hri_predict.conformance.sources import check_source
+
+        settings = validated(registry.load("sources", name).settings_model, data, where)
+        return check_source(name, settings, base_dir, seconds)
+    from hri_predict.conformance.links import check_link
+
+    link = validated(registry.load("links", name).settings_model, data, where)
+    return check_link(name, link.resolved(base_dir))
+
+
+def _table(title: str, findings: Sequence[Finding]) -> Table:
+    table = Table(title=title, title_justify="left")
+    table.add_column("check")
+    table.add_column("result")
+    table.add_column("detail", overflow="fold")
+    for f in findings:
+        table.add_row(f.check, f"[{_STYLES[f.verdict]}]{f.verdict}[/]", escape(f.detail))
+    return table

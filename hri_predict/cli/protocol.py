@@ -1,0 +1,84 @@
+"""``protocol``: write the DBC files, document and C header from the definition of the messages."""
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hri_predict.errors import ConfigError
+from hri_predict.protocol.can import DEFAULT_BASE_ID
+from hri_predict.protocol.generate import c_header, document
+from hri_predict.protocol.generate import dbc as dbc_files
+
+app = typer.Typer(no_args_is_help=True, help="Write files from the definition of the messages.")
+
+
+@app.command()
+def dbc(
+    folder: Annotated[Path, typer.Argument(help="Folder for both files.")] = Path("drivers/dbc"),
+    base_id: Annotated[
+        str, typer.Option(metavar="ID", help="Base id on the bus, such as 0x680.")
+    ] = f"{DEFAULT_BASE_ID:#x}",
+    extended: Annotated[bool, typer.Option("--extended", help="Use 29-bit ids.")] = False,
+) -> None:
+    """Write the DBC files of classic CAN and of CAN FD.
+
+    Example: hri-predict protocol dbc . --base-id 0x680
+    """
+    try:
+        base = int(base_id, 0)
+    except ValueError:
+        raise ConfigError(
+            f"--base-id {base_id}: not a whole number; give one such as 0x680"
+        ) from None
+    if find_spec("cantools") is None:
+        raise ConfigError("protocol dbc needs cantools; pip install 'hri-predict[dev]'")
+    texts = {name: dbc_files.dbc_text(fd, base, extended) for fd, name in dbc_files.FILES.items()}
+    for name, text in texts.items():
+        _write(folder / name, text)
+
+
+@app.command("document")
+def renew_document(
+    path: Annotated[Path, typer.Argument(help="The document.")] = Path("drivers/PROTOCOL.md"),
+) -> None:
+    """Renew the tables of PROTOCOL.md; the words around them stay.
+
+    Example: hri-predict protocol document drivers/PROTOCOL.md
+    """
+    _write(path, document.renewed(_read(path)))
+
+
+@app.command("c-header")
+def renew_c_header(
+    folder: Annotated[Path, typer.Argument(help="Folder of hri_predict.h and of fuzz/.")] = Path(
+        "drivers/c"
+    ),
+) -> None:
+    """Renew the constants in hri_predict.h, and the seeds of its fuzzer.
+
+    Example: hri-predict protocol c-header drivers/c
+    """
+    header = folder / "hri_predict.h"
+    _write(header, c_header.renewed(_read(header)))
+    _write(folder / "fuzz" / "corpus.txt", c_header.corpus())
+
+
+def _read(path: Path) -> str:
+    if path.exists() and not path.is_file():  # it is written afterwards; a device may never end
+        raise ConfigError(f"{path}: cannot be read: not a file; check the path")
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+        raise ConfigError(f"{path}: cannot be read: {reason}; check the path") from error
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: cannot be written: {error.strerror}; name a folder that exists"
+        ) from error

@@ -1,0 +1,1 @@
+"""Recorded motion as arrays, for training, evaluation and calibration."""

@@ -1,0 +1,201 @@
+"""Files: input is not trusted, output is written completely or not at all.
+
+A named pipe is refused before it is opened, because opening one may block forever. Pipes from a
+shell (``/dev/stdin``, ``<(...)``) have no name and already have a writer, so they are accepted.
+
+YAML errors are not hidden. PyYAML's safe loader silently keeps the last of two equal keys, expands
+aliases to any size, and lets exceptions of Python's conversions through; ours does not.
+"""
+
+import contextlib
+import errno
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hri_predict.errors import ConfigError
+
+MAX_CHARACTERS = 1_000_000  # of a file; the longest shipped file has 8000
+MAX_VALUES = 100_000  # with all aliases expanded
+MAX_SCALAR = 2000  # characters of one value; half of the longest path
+
+
+def data_path(*parts: str) -> Path:
+    """Path of a file shipped under ``configs/``: the package's copy, else the checkout's."""
+    here = Path(__file__).resolve().parent
+    packaged = here.joinpath("configs", *parts)
+    # os.path: returns False for a name that is too long, where Path.exists would raise
+    return packaged if os.path.exists(packaged) else here.parent.joinpath("configs", *parts)
+
+
+def package_path(*parts: str) -> Path:
+    """Path of a file inside the package ``hri_predict``, such as trained weights."""
+    return Path(__file__).resolve().parent.joinpath(*parts)
+
+
+def atomic_write(path: Path, data: bytes) -> None:
+    """Replace ``path`` by ``data``: a reader finds the old or the new file, never a part.
+
+    Creates a missing folder.
+
+    Raises:
+        OSError: it cannot be written; an existing file stays as it was.
+    """
+    with atomic_file(path) as partial:
+        partial.write_bytes(data)
+
+
+@contextlib.contextmanager
+def atomic_file(path: Path) -> Iterator[Path]:
+    """Yield a file to write; it replaces ``path`` unless an exception is raised.
+
+    Raises:
+        OSError: it cannot be written, or ``path`` is a device or pipe, which must not be replaced;
+            an existing file stays as it was.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "is not a file", str(path))
+    partial = path.with_name(path.name + ".partial")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield partial
+        os.replace(partial, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            partial.unlink()
+        raise
+
+
+def refuse_named_pipe(path: Path) -> None:
+    """Check ``path`` before it is opened; a missing file passes.
+
+    Raises:
+        OSError: it is a named pipe; ``strerror`` says so.
+        ValueError: it contains a NUL.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except OSError:
+        return
+    if stat.S_ISFIFO(mode) and os.path.exists(os.path.realpath(path)):
+        raise OSError(errno.EINVAL, "is a pipe, not a file", str(path))
+
+
+def read_yaml(path: Path, what: str) -> dict[str, Any]:
+    """Read a YAML mapping.
+
+    Raises:
+        ConfigError: the file is missing, unreadable, too long, not YAML (see ``load_yaml``), or not
+            a mapping.
+    """
+    try:
+        data = load_yaml(read_text(path, what))
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        problem = getattr(error, "problem", None)
+        why = f" ({problem})" if isinstance(problem, str) and problem else ""
+        raise ConfigError(f"{what} {path}: not valid YAML{where}{why}; correct it there") from error
+    if not isinstance(data, dict):
+        found = "nothing" if data is None else type(data).__name__
+        raise ConfigError(f"{what} {path}: expected keys and values, found {found}")
+    return data
+
+
+def read_text(path: Path, what: str) -> str:
+    """Read a user's text file.
+
+    Raises:
+        ConfigError: the file is missing, unreadable, too long, or not UTF-8.
+    """
+    try:
+        refuse_named_pipe(path)
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MAX_CHARACTERS + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path, or not UTF-8
+        reason = (error.strerror if isinstance(error, OSError) else None) or "it is not UTF-8 text"
+        raise ConfigError(f"{what} {path}: cannot be read: {reason}; check the path") from error
+    if len(text) > MAX_CHARACTERS:
+        raise ConfigError(f"{what} {path}: longer than {MAX_CHARACTERS} characters; check the path")
+    return text
+
+
+def load_yaml(text: str) -> Any:
+    """Read one YAML document of plain values.
+
+    Raises:
+        yaml.YAMLError: not YAML; a key twice in one mapping; an alias inside itself; too many
+            values after expanding aliases; or a scalar that is too long, contains a control
+            character or does not match its form or tag.
+        RecursionError: nested too deeply.
+    """
+    return yaml.load(text, Loader=_Loader)  # derived from the safe loader
+
+
+class _Loader(yaml.SafeLoader):
+    def get_single_node(self) -> Any:
+        node = super().get_single_node()
+        if node is not None:
+            _check(node, {})
+        return node
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, KeyError, AttributeError, TypeError, OverflowError) as error:
+            kind = node.tag.rsplit(":", 1)[-1]
+            raise _error(f"{_short(node)} is not a valid {kind}", node) from error
+
+
+def _check(node: yaml.Node, sizes: dict[int, int]) -> int:
+    """Number of values in ``node`` with aliases expanded; ``sizes``: those of checked nodes (0: in
+    progress)."""
+    if isinstance(node, yaml.ScalarNode):
+        _check_scalar(node)
+        return 1
+    if id(node) in sizes:
+        if sizes[id(node)] == 0:
+            raise _error("an alias refers to a value that contains it", node)
+        return sizes[id(node)]
+    sizes[id(node)] = 0
+    if isinstance(node, yaml.MappingNode):
+        _check_keys(node)
+        children = [child for pair in node.value for child in pair]
+    else:
+        children = node.value
+    size = 1 + sum(_check(child, sizes) for child in children)
+    if size > MAX_VALUES:
+        raise _error(f"more than {MAX_VALUES} values, with aliases expanded", node)
+    sizes[id(node)] = size
+    return size
+
+
+def _check_scalar(node: yaml.ScalarNode) -> None:
+    if len(node.value) > MAX_SCALAR:
+        raise _error(f"a value of more than {MAX_SCALAR} characters", node)
+    if any((ord(c) < 32 and c not in "\n\t") or ord(c) == 127 for c in node.value):
+        raise _error(f"{_short(node)} contains a control character", node)
+
+
+def _check_keys(node: yaml.MappingNode) -> None:
+    first: dict[str, int] = {}
+    for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            continue
+        line = key.start_mark.line + 1
+        if key.value in first:
+            raise _error(f"key {_short(key)} is already in line {first[key.value]}", key)
+        first[key.value] = line
+
+
+def _short(node: yaml.Node) -> str:
+    text = repr(node.value) if isinstance(node, yaml.ScalarNode) else node.tag
+    return text if len(text) < 60 else text[:57] + "..."
+
+
+def _error(problem: str, node: yaml.Node) -> yaml.YAMLError:
+    return yaml.constructor.ConstructorError(None, None, problem, node.start_mark)

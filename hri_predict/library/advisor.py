@@ -1,0 +1,171 @@
+"""The node's whole way, called by hand: scenes and robot states in, zones and advice out."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from hri_predict.clock import VirtualClock
+from hri_predict.errors import ConfigError
+from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.link import LinkCounters, Received
+from hri_predict.node.listeners import Tick
+from hri_predict.protocol.messages import Acknowledge, Message, RobotState
+from hri_predict.run import assemble
+from hri_predict.run.config import Config, load
+from hri_predict.scene import Scene
+from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
+
+
+def load_config(path: str | Path) -> Config:
+    """Read and validate a configuration: a file, or the name of a shipped one (``demo.yaml``).
+
+    Raises:
+        ConfigError: one line naming the file, the key and the remedy.
+    """
+    return load(Path(path))
+
+
+class Advisor:
+    """A node without a source, links or a clock of its own: the caller is all three.
+
+    Everything between is the node's: people, predictor, zones, levels with their memory. So the
+    levels depend on what came before: give every scene, in order, and keep one advisor per cell.
+    The configuration's ``source`` still says how old input may be and what the sensor sees
+    (``min_latency_s``, ``stale_s``, ``field_of_view``); its ``links`` still count in the delay
+    budget; nothing is opened. For one thread.
+
+    Args:
+        config: see ``load_config``.
+        joint_map: names of the joints in the scenes; by default the canonical ones, see
+            ``CANONICAL.joints``. The scenes' positions are metres in the room whatever the map's
+            units and axes are.
+        rate_hz: nominal scenes per second; by default the configuration's ``rate_hz``.
+        start_ns: the caller's clock when robots on a planned trajectory start it.
+
+    Attributes:
+        robots: names of the robots, in the order of their indices.
+        segments: names of the body segments that ``Advice.body_part`` counts.
+
+    Raises:
+        HriPredictError: some part cannot be built; one line with the remedy.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        *,
+        joint_map: JointMap | None = None,
+        rate_hz: float | None = None,
+        start_ns: int = 0,
+    ) -> None:
+        source = _Caller(
+            load_joint_map("canonical") if joint_map is None else joint_map,
+            config.node.rate_hz if rate_hz is None else rate_hz,
+        )
+        self._inbox = _Inbox()
+        self._now_ns: int | None = None
+        assembly = assemble.build(
+            config,
+            VirtualClock(start_ns),
+            source=source,
+            links=[self._inbox],
+            deadline=False,
+        )
+        self._node = assembly.node
+        self.robots = tuple(robot.name for robot in config.node.robots)
+        self.segments = assembly.prediction.predictor.skeleton.segment_names
+
+    def advise(
+        self,
+        scene: Scene | None,
+        received: Sequence[RobotState | Acknowledge] = (),
+        *,
+        now_ns: int,
+    ) -> Tick:
+        """Run one tick.
+
+        Args:
+            scene: what was seen, metres in the room's frame; ``None`` where nothing new came, which
+                lets the input age.
+            received: what the controllers sent since the last call: each robot's joint state (rad,
+                rad/s), with a counter that advances, and acknowledgements.
+            now_ns: the caller's monotonic clock at this call, later than at the last one. The age
+                of the input counts from it. In a live cell never pass the scene's own ``stamp_ns``:
+                every scene would look fresh, however late. For a recording that is right.
+
+        Returns:
+            ``advices`` has one Advice per robot; ``assessment.zones`` where every segment of every
+            body may be, at each time. ``assessment`` is ``None``, and every advice *fault*, where
+            the tick failed.
+
+        Raises:
+            ConfigError: ``now_ns`` does not advance; a clock that stands makes no input old.
+        """
+        if self._now_ns is not None and now_ns <= self._now_ns:
+            raise ConfigError(
+                f"advise: now_ns {now_ns} is not later than at the last call ({self._now_ns}); "
+                f"give a monotonic clock"
+            )
+        self._now_ns = now_ns
+        if scene is not None:
+            self._node.receive(scene, now_ns)
+        self._inbox.waiting.extend(Received(message, now_ns) for message in received)
+        return self._node.tick(now_ns)
+
+
+class _Caller:
+    """A source (see ``hri_predict.source.Source``) whose scenes the caller brings."""
+
+    declares_noise = False
+
+    def __init__(self, joint_map: JointMap, rate_hz: float) -> None:
+        if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+            raise ConfigError(
+                f"rate_hz {rate_hz:g}: must be {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} scenes per second"
+            )
+        self.joint_map, self.rate_hz = joint_map, rate_hz
+
+    def open(self, start_ns: int) -> None:
+        """There is nothing to open."""
+
+    def next_ns(self) -> int | None:
+        """There will be none."""
+        return None
+
+    def poll(self, now_ns: int) -> Scene | None:
+        """There is none."""
+        return None
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+
+class _Inbox:
+    """A link (see ``hri_predict.link.Link``) that hears the caller, and sends nowhere."""
+
+    name = "caller"
+
+    def __init__(self) -> None:
+        self.counters = LinkCounters()
+        self.connected = True
+        self.last_error: str | None = None
+        self.on_sent: Callable[[str, bytes, int], None] | None = None
+        self.waiting: deque[Received] = deque()
+
+    def start(self) -> None:
+        """There is nothing to open."""
+
+    def post(self, message: Message) -> None:
+        """The caller finds every message in the tick."""
+
+    def take(self) -> list[Received]:
+        """What the caller brought."""
+        taken = list(self.waiting)
+        self.waiting.clear()
+        return taken
+
+    def service(self, now_ns: int) -> None:
+        """There is nothing to write or read."""
+
+    def stop(self) -> None:
+        """There is nothing to close."""

@@ -1,0 +1,145 @@
+"""Forecasts of a recording, made as the running node would have made them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import RecordingError
+from hri_predict.people.people import People
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.base import Forecast, Predictor, checked
+from hri_predict.protocol.reasons import Reason
+from hri_predict.recording.recording import Recording
+from hri_predict.run.assemble import predictor_of
+from hri_predict.run.config import predictor_settings
+from hri_predict.settings import Pose
+from hri_predict.source import SourceSettings
+
+MOST_PEOPLE = 64
+"""As many as the people stage can follow: nobody of a recording is left out by a default."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RecordedForecast:
+    """What a predictor says at one capture of a recording. P people, H steps, J joints.
+
+    Attributes:
+        time_s: when the scene arrived, seconds since the recording's first.
+        ids: (P,) ids of the people.
+        capture_s: (P,) each person's newest capture, seconds since the recording's first arrival.
+        horizons_s: (H,) how far after that capture each step lies.
+        joints: (J,) names of the joints.
+        positions: (P, H, J, 3) metres, in the recording's own frame with z up.
+        std: (P, H, J) metres, one standard deviation per axis, or ``None``.
+        reasons: why this input is not to be trusted; empty when it is.
+    """
+
+    time_s: float
+    ids: tuple[int, ...]
+    capture_s: Floats
+    horizons_s: Floats
+    joints: tuple[str, ...]
+    positions: Floats
+    std: Floats | None
+    reasons: tuple[Reason, ...]
+
+
+def load_predictor(name: str, **settings: Any) -> Predictor:
+    """Build a predictor by its registered name (``hri-predict predictors`` lists them).
+
+    Args:
+        name: as in a configuration's ``predictor.name``.
+        settings: its other keys there, such as ``horizon_s``, ``rate_hz`` or ``weights``; relative
+            paths start in the working directory.
+
+    Raises:
+        ConfigError: there is no such predictor, a setting is wrong, or a package is missing.
+        PredictorError: its weights are broken.
+    """
+    asked = predictor_settings({**settings, "name": name}, f"load_predictor('{name}')")
+    return predictor_of(asked.resolved(Path()))
+
+
+def forecasts(recording: Recording, predictor: Predictor) -> Iterator[RecordedForecast]:
+    """Yield a forecast for each scene of a recording, in order.
+
+    The people stage of the node follows everybody, so a forecast rests on what was captured up to
+    its scene and on nothing later. People who are in the recording but not believed (a jump, a body
+    of no human size) are left out, and ``reasons`` says so.
+
+    Raises:
+        PredictorError: the predictor works on other joints than the node's, or breaks its contract.
+    """
+    people = _people(recording, predictor)
+    for scene, arrival_ns in zip(recording.scenes, recording.arrival_ns, strict=True):
+        people.receive(scene, arrival_ns)
+        yield _forecast(recording, predictor, people.snapshot(arrival_ns))
+
+
+def forecast_at(recording: Recording, predictor: Predictor, time_s: float) -> RecordedForecast:
+    """The forecast at one time: that of the newest scene which had arrived by then.
+
+    Args:
+        recording: what was captured.
+        predictor: see ``load_predictor``.
+        time_s: seconds since the recording's first arrival.
+
+    Raises:
+        RecordingError: ``time_s`` is not within the recording.
+        PredictorError: as ``forecasts``.
+    """
+    if not 0.0 <= time_s <= recording.duration_s:
+        raise RecordingError(
+            f"recording {recording.path}: {time_s:g} s is outside of it; "
+            f"give a time from 0 to {recording.duration_s:.3f} s"
+        )
+    people = _people(recording, predictor)
+    newest_ns = recording.arrival_ns[0]
+    end_ns = newest_ns + round(time_s * 1e9)
+    for scene, arrival_ns in zip(recording.scenes, recording.arrival_ns, strict=True):
+        if arrival_ns > end_ns:
+            break
+        people.receive(scene, arrival_ns)
+        newest_ns = arrival_ns
+    return _forecast(recording, predictor, people.snapshot(newest_ns))
+
+
+def _people(recording: Recording, predictor: Predictor) -> People:
+    """The node's people stage for this recording; it is where it was recorded."""
+    return People(
+        settings=PeopleSettings(max_people=MOST_PEOPLE),
+        joint_map=recording.joint_map,
+        source_settings=SourceSettings(kind="recording", room_from_source=Pose()),
+        rate_hz_source=recording.rate_hz,
+        declares_noise=recording.declares_noise,
+        history_steps=predictor.history_steps,
+        rate_hz_predictor=predictor.rate_hz,
+    )
+
+
+def _forecast(
+    recording: Recording, predictor: Predictor, snapshot: PeopleSnapshot
+) -> RecordedForecast:
+    steps, joints = predictor.horizon_steps, predictor.skeleton.joints
+    if snapshot.ids:
+        found = predictor.predict(snapshot.history, snapshot.observed)
+        found = checked(found, len(snapshot.ids), predictor)
+    else:
+        found = Forecast(np.zeros((0, steps, len(joints), 3)), None)
+    start_ns = recording.arrival_ns[0]
+    capture_s: Floats = (snapshot.capture_ns - start_ns).astype(np.float64) * 1e-9
+    return RecordedForecast(
+        time_s=(snapshot.now_ns - start_ns) * 1e-9,
+        ids=snapshot.ids,
+        capture_s=capture_s,
+        horizons_s=np.arange(1, steps + 1) / predictor.rate_hz,
+        joints=joints,
+        positions=found.positions,
+        std=found.std,
+        reasons=snapshot.reasons,
+    )

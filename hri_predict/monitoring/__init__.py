@@ -1,0 +1,1 @@
+"""Reports for people while and after the node runs: alerts, summary, fleet."""

@@ -1,0 +1,224 @@
+"""All cells at a glance: the last report of each node, and whether it is still valid.
+
+The view gives no permission: no robot may move because of it. Nevertheless it must never show more
+than is known. A level is shown only if it is fresh by our own clock, its capture is not too old,
+the node uses our schema, and only one node sends under the cell's key.
+"""
+
+import threading
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from hri_predict.protocol.keyed import Keyed, KeyedReceiver, split_key
+from hri_predict.protocol.messages import Advice, Message, NodeState, Schema, Status
+from hri_predict.protocol.reception import FORGET_S, SchemaGate
+
+MAX_CELLS = 256
+SILENT_S = 0.5  # a node sends Status at least ten times a second
+MAX_AGE_S = 1.0  # age of the capture; a view need not be as strict as a controller
+DISPUTE_S = 1.0
+DISPUTE = 3  # refused Status messages within DISPUTE_S; a restarted node causes two
+
+SILENT = "silent"
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotRow:
+    """The state of a robot: ``level`` is a level's name in lower case, or *silent*."""
+
+    robot: int
+    level: str
+    reason: str
+    speed_limit_m_s: float | None
+    separation_m: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellRow:
+    """The state of a cell.
+
+    Attributes:
+        site, cell: its key.
+        state: the node's state in lower case, or *silent*, or *unknown*.
+        why: one line if something is wrong, otherwise empty.
+        people: number of people in the cell; ``None`` if it is not known.
+        age_s: age of the newest capture, now.
+        heard_s: seconds since the last Status; ``None`` before the first.
+        robots: one row for each robot.
+        lost: messages that never arrived.
+        refused: messages that were wrong, repeated or out of order.
+    """
+
+    site: str
+    cell: str
+    state: str
+    why: str
+    people: int | None
+    age_s: float | None
+    heard_s: float | None
+    robots: tuple[RobotRow, ...]
+    lost: int
+    refused: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON, rounded to milliseconds and millimetres."""
+        shown = {name: _rounded(getattr(self, name)) for name in self.__slots__}
+        robots = [
+            {name: _rounded(getattr(r, name)) for name in RobotRow.__slots__} for r in self.robots
+        ]
+        return shown | {"robots": robots}
+
+
+@dataclass(slots=True, kw_only=True)
+class _Cell:
+    """The messages of one cell. ``*_ns`` are times of receipt on our clock."""
+
+    receiver: KeyedReceiver = field(default_factory=KeyedReceiver)
+    status: Status | None = None
+    status_ns: int = 0
+    schema: SchemaGate = field(default_factory=SchemaGate)
+    heard_ns: int = 0
+    advices: dict[int, tuple[Advice, int]] = field(default_factory=dict)
+    disputed_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DISPUTE))
+    refused: int = 0
+    out_of_order: int = 0
+
+    def take(self, unit: Keyed, now_ns: int) -> None:
+        if now_ns - self.heard_ns > FORGET_S * 1e9:
+            self.schema.reset()  # another node may send now, even with another version
+        before = self.receiver.counters.counter_errors
+        messages = self.receiver.feed(unit)
+        if not messages:
+            out_of_order = self.receiver.counters.counter_errors - before
+            self.refused += 1
+            self.out_of_order += out_of_order
+            if out_of_order and unit.key == "status":
+                self.disputed_ns.append(now_ns)
+        for message in messages:
+            self._note(message, now_ns)
+
+    def _note(self, message: Message, now_ns: int) -> None:
+        self.heard_ns = now_ns
+        if isinstance(message, Status):
+            self.status, self.status_ns = message, now_ns
+        elif isinstance(message, Schema):
+            self.schema.take(message)
+        elif isinstance(message, Advice):
+            self.advices[message.robot] = (message, now_ns)
+
+
+class Fleet:
+    """All cells that sent messages. One thread may call ``take`` while another calls ``rows``.
+
+    Args:
+        silent_s: a cell, or the advice for a robot, is *silent* after this long without a message.
+
+    Attributes:
+        left_out: number of payloads ignored: cells beyond ``MAX_CELLS``, or unknown keys.
+    """
+
+    def __init__(self, silent_s: float = SILENT_S) -> None:
+        self.left_out = 0
+        self._silent_ns = round(silent_s * 1e9)
+        self._cells: dict[tuple[str, str], _Cell] = {}
+        self._lock = threading.Lock()
+
+    def take(self, unit: Keyed, now_ns: int) -> None:
+        """Take a payload with its full key, received at ``now_ns``; no payload makes it fail."""
+        key = split_key(unit.key)
+        with self._lock:
+            if key is None or (key[:2] not in self._cells and len(self._cells) >= MAX_CELLS):
+                self.left_out += 1
+                return
+            cell = self._cells.setdefault((key.site, key.cell), _Cell())
+            cell.take(Keyed(key.what, unit.data), now_ns)
+
+    def rows(self, now_ns: int) -> list[CellRow]:
+        """Return the rows of all cells at ``now_ns``, sorted by site and cell."""
+        with self._lock:
+            return [self._row(*name, cell, now_ns) for name, cell in sorted(self._cells.items())]
+
+    def _row(self, site: str, name: str, cell: _Cell, now_ns: int) -> CellRow:
+        status, since_ns = cell.status, now_ns - cell.status_ns
+        silent = status is None or since_ns > self._silent_ns
+        why = self._trouble(cell, silent, now_ns)
+        holds = status is not None and not why
+        return CellRow(
+            site=site,
+            cell=name,
+            state=SILENT if silent else UNKNOWN if not holds else _name(status),
+            why=why or _reason(status),
+            people=status.people if status is not None and holds else None,
+            age_s=_age_s(status, since_ns),
+            heard_s=None if status is None else since_ns * 1e-9,
+            robots=tuple(
+                self._robot(*advice, SILENT if silent else UNKNOWN if not holds else None, now_ns)
+                for _, advice in sorted(cell.advices.items())
+            ),
+            lost=cell.receiver.counters.counter_errors - cell.out_of_order,
+            refused=cell.refused,
+        )
+
+    def _trouble(self, cell: _Cell, silent: bool, now_ns: int) -> str:
+        """Return why the cell's report may not be shown as true; empty if it may."""
+        if silent:
+            stopped = cell.status is not None and cell.status.node_state is NodeState.STOPPING
+            return "the node was stopped" if stopped else "no messages"
+        if cell.schema.heard is None:
+            return "no schema received yet"
+        if not cell.schema.open:
+            return "the node uses another version of the protocol"
+        first_ns = cell.disputed_ns[0] if len(cell.disputed_ns) == DISPUTE else None
+        if first_ns is not None and now_ns - first_ns < DISPUTE_S * 1e9:
+            return "out of order: the node restarted, or two nodes use one key"
+        return ""
+
+    def _robot(self, advice: Advice, heard_ns: int, instead: str | None, now_ns: int) -> RobotRow:
+        """Return a robot's row; ``instead`` replaces its level if the cell is not trusted."""
+        since_ns = now_ns - heard_ns
+        age_s = _age_s(advice, since_ns)
+        if since_ns > self._silent_ns:
+            instead = SILENT
+        elif instead is None and (age_s is None or age_s > MAX_AGE_S) and advice.level in (1, 2, 3):
+            instead = UNKNOWN  # it permits motion on an old capture
+        if instead is not None:
+            return RobotRow(
+                robot=advice.robot,
+                level=instead,
+                reason=instead,
+                speed_limit_m_s=None,
+                separation_m=None,
+            )
+        limit, separation = advice.speed_limit_m_s, advice.separation_m
+        return RobotRow(
+            robot=advice.robot,
+            level=_name(advice),
+            reason=advice.reason.text,
+            speed_limit_m_s=limit,
+            separation_m=separation,
+        )
+
+
+def _name(message: Status | Advice | None) -> str:
+    assert message is not None
+    value = message.node_state if isinstance(message, Status) else message.level
+    return value.name.lower()
+
+
+def _reason(status: Status | None) -> str:
+    if status is None or status.node_state is NodeState.RUNNING:
+        return ""
+    return status.reason.text
+
+
+def _age_s(message: Status | Advice | None, since_ns: int) -> float | None:
+    """Return the capture's age now: the age in the message plus the time since its receipt."""
+    if message is None or message.age_s is None:
+        return None
+    return message.age_s + since_ns * 1e-9
+
+
+def _rounded(value: Any) -> Any:
+    return round(value, 3) if isinstance(value, float) else value

@@ -1,0 +1,1 @@
+"""One tick: scenes in, messages out; and the listeners to it."""

@@ -1,0 +1,39 @@
+"""The result of one tick, and the contract of the listeners that receive it."""
+
+from dataclasses import dataclass
+
+from hri_predict.link import Received
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.base import Forecast
+from hri_predict.protocol.messages import Advice, Message, Status
+from hri_predict.risk.types import Assessment
+from hri_predict.scene import Scene
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tick:
+    """The results of one tick, for listeners (recorder, alerts, viewer).
+
+    ``snapshot`` and ``assessment`` are ``None`` if their stage failed.
+    """
+
+    now_ns: int
+    status: Status
+    advices: tuple[Advice, ...]
+    snapshot: PeopleSnapshot | None
+    forecast: Forecast | None
+    assessment: Assessment | None
+    messages: tuple[Message, ...]
+
+
+class Listener:
+    """Observes the node without taking part; every method is optional and must not block."""
+
+    def on_scene(self, scene: Scene, receipt_ns: int) -> None:
+        """Take a scene that the node received."""
+
+    def on_received(self, link: str, received: Received) -> None:
+        """Take a controller's message that the node received."""
+
+    def on_tick(self, tick: Tick) -> None:
+        """Take the results of a tick."""

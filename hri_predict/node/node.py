@@ -1,0 +1,246 @@
+"""The node: what happens in one tick, and its life cycle.
+
+``runtime`` calls ``tick`` at absolute deadlines (real time) or steps it (virtual time); the node
+itself never sleeps and never reads a clock.
+"""
+
+import logging
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from hri_predict.link import Link, Received
+from hri_predict.node.listeners import Listener, Tick
+from hri_predict.node.publisher import Publisher
+from hri_predict.people.people import People
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.base import Forecast
+from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    Advice,
+    Level,
+    NodeState,
+    RobotState,
+    Status,
+)
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.engine import RiskEngine
+from hri_predict.risk.types import Assessment
+from hri_predict.robots.tracker import RobotTracker
+from hri_predict.scene import Scene
+
+log = logging.getLogger(__name__)
+
+
+class Node:
+    """One node: people in, advice out.
+
+    Counters: ``scenes_in``, ``frames_in`` (skeletons in them), ``assess_failures``,
+    ``acknowledges`` (each id counts once), ``acknowledges_refused`` (those of them that were
+    refused), ``listener_failures``, ``strange_states`` (RobotStates of a robot that the link's
+    controller does not control).
+    """
+
+    def __init__(
+        self,
+        *,
+        people: People,
+        prediction: PredictionRunner,
+        risk: RiskEngine,
+        robots: Sequence[RobotTracker],
+        links: Sequence[Link],
+        advised: Sequence[frozenset[int]],
+        publisher: Publisher,
+        predictor_index: int,
+        listeners: Sequence[Listener] = (),
+    ) -> None:
+        self._people = people
+        self._prediction = prediction
+        self._risk = risk
+        self._robots = robots
+        self._links = links
+        self._advised = advised  # per link: indices of the robots advised on it
+        self._publisher = publisher
+        self._predictor_index = predictor_index
+        self._listeners = listeners
+        self._cycle = 0
+        self._last_ack: dict[str, int] = {}  # per link: the last id that was counted
+        self.scenes_in = self.frames_in = self.assess_failures = self.acknowledges = 0
+        self.listener_failures = self.strange_states = self.acknowledges_refused = 0
+        self.state = NodeState.STARTING
+
+    def receive(self, scene: Scene, receipt_ns: int) -> None:
+        """Take a scene from the source (the source's thread calls this)."""
+        self.scenes_in += 1
+        self.frames_in += len(scene.people)
+        self._people.receive(scene, receipt_ns)
+        self._tell(lambda listener: listener.on_scene(scene, receipt_ns))
+
+    def tick(self, now_ns: int) -> Tick:
+        """Run one cycle: people, predictor, risk, publisher."""
+        snapshot: PeopleSnapshot | None = None
+        forecast: Forecast | None = None
+        assessment: Assessment | None = None
+        reasons: tuple[Reason, ...] = ()
+        try:
+            self._take_received()
+            snapshot = self._people.snapshot(now_ns)
+            forecast, reason = self._prediction.run(snapshot)
+            reasons = (reason,) if reason is not None else ()
+            assessment = self._risk.assess(snapshot, forecast, reasons)
+            advices, reasons = assessment.advices, assessment.reasons
+        except Exception:  # last line of defence: the robots stop, whatever failed
+            if self.assess_failures == 0 or self.assess_failures % 1000 == 0:
+                log.exception("the tick failed (earlier failures: %d)", self.assess_failures)
+            self.assess_failures += 1
+            advices = self._all_robots(Level.FAULT, Reason.NODE_FAULT)
+        self.state = self._state_of(snapshot, assessment, reasons)
+        status = self._status(snapshot, reasons, failed=assessment is None)
+        return self._publish(
+            now_ns=now_ns,
+            status=status,
+            advices=advices,
+            snapshot=snapshot,
+            forecast=forecast,
+            assessment=assessment,
+        )
+
+    def announce(self, now_ns: int, state: NodeState, reason: Reason) -> Tick:
+        """Send *unknown* with a reason to the controllers: at start, and last at stop."""
+        self.state = state
+        status = Status(
+            node_state=state,
+            reason=reason,
+            people=0,
+            predictor=self._predictor_index,
+            cycle=self._cycle,
+        )
+        advices = self._all_robots(Level.UNKNOWN, reason)
+        return self._publish(
+            now_ns=now_ns,
+            status=status,
+            advices=advices,
+            snapshot=None,
+            forecast=None,
+            assessment=None,
+        )
+
+    def self_check(self) -> dict[str, Any] | None:
+        """See ``RiskEngine.self_check``."""
+        return self._risk.self_check()
+
+    def _publish(
+        self,
+        *,
+        now_ns: int,
+        status: Status,
+        advices: tuple[Advice, ...],
+        snapshot: PeopleSnapshot | None,
+        forecast: Forecast | None,
+        assessment: Assessment | None,
+    ) -> Tick:
+        zones = assessment.zones if assessment is not None else None
+        messages = self._publisher.publish(
+            now_ns=now_ns,
+            status=status,
+            advices=advices,
+            zones=zones,
+            forecast=forecast,
+            snapshot=snapshot,
+        )
+        tick = Tick(
+            now_ns=now_ns,
+            status=status,
+            advices=advices,
+            snapshot=snapshot,
+            forecast=forecast,
+            assessment=assessment,
+            messages=tuple(messages),
+        )
+        self._cycle += 1
+        self._tell(lambda listener: listener.on_tick(tick))
+        return tick
+
+    def _take_received(self) -> None:
+        for link, robots in zip(self._links, self._advised, strict=True):
+            for received in link.take():
+                self._tell(partial(_heard, link.name, received))
+                message = received.message
+                if isinstance(message, RobotState):
+                    if message.robot not in robots:
+                        self.strange_states += 1  # the link's controller has no such robot
+                    else:
+                        tracker = self._robots[message.robot]
+                        tracker.update(message, received.received_ns, link.name)
+                elif isinstance(message, Acknowledge):
+                    self._acknowledge(link.name, message)
+
+    def _acknowledge(self, link: str, message: Acknowledge) -> None:
+        """Take an acknowledgement; repeats of one id on one link count once."""
+        if self._last_ack.get(link) == message.ack_id:
+            return
+        self._last_ack[link] = message.ack_id
+        self.acknowledges += 1
+        if message.latch_id == 0:
+            self._people.acknowledge()
+        elif not self._risk.acknowledge(message.latch_id):
+            if self.acknowledges_refused % 1000 == 0:  # a controller must not fill the log
+                log.warning(
+                    "link %s: acknowledge of latch %d refused (%d refused before): its cause has "
+                    "not cleared, or no stop is latched under this id",
+                    link,
+                    message.latch_id,
+                    self.acknowledges_refused,
+                )
+            self.acknowledges_refused += 1
+
+    def _state_of(
+        self,
+        snapshot: PeopleSnapshot | None,
+        assessment: Assessment | None,
+        reasons: tuple[Reason, ...],
+    ) -> NodeState:
+        if assessment is None or snapshot is None:
+            return NodeState.FAULT
+        if self.state is NodeState.STARTING and snapshot.newest_capture_ns is None:
+            return NodeState.STARTING
+        # widened zones are the self-check at work; any other reason means trouble
+        trouble = [r for r in reasons if r is not Reason.ZONES_WIDENED]
+        if trouble or snapshot.reasons or not all(link.connected for link in self._links):
+            return NodeState.DEGRADED
+        return NodeState.RUNNING
+
+    def _status(
+        self, snapshot: PeopleSnapshot | None, reasons: tuple[Reason, ...], failed: bool
+    ) -> Status:
+        scene_reasons = snapshot.reasons if snapshot is not None else ()
+        worst = Reason.NODE_FAULT if failed else next(iter(scene_reasons + reasons), Reason.NONE)
+        return Status(
+            node_state=self.state,
+            reason=worst,
+            people=len(snapshot.ids) + len(snapshot.lost) if snapshot is not None else 0,
+            predictor=self._predictor_index,
+            cycle=self._cycle,
+            capture_ns=snapshot.newest_capture_ns if snapshot is not None else None,
+        )
+
+    def _all_robots(self, level: Level, reason: Reason) -> tuple[Advice, ...]:
+        return tuple(
+            Advice(robot=i, level=level, reason=reason, speed_limit_m_s=0.0)
+            for i in range(len(self._robots))
+        )
+
+    def _tell(self, call: Callable[[Listener], None]) -> None:
+        """Call every listener; count one that fails, which must not disturb the node."""
+        for listener in self._listeners:
+            try:
+                call(listener)
+            except Exception:
+                if self.listener_failures == 0:
+                    log.exception("a listener failed")
+                self.listener_failures += 1
+
+
+def _heard(link: str, received: Received, listener: Listener) -> None:
+    listener.on_received(link, received)

@@ -1,0 +1,127 @@
+"""Writes status, advice, zones and poses as messages into every link's newest-wins slots."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from hri_predict.link import Link
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.base import Forecast, Predictor
+from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
+from hri_predict.protocol.messages import Advice, Level, Message, Pose, Schema, Zone, ZoneCapsule
+from hri_predict.protocol.messages import Status as StatusMessage
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.types import Zones
+
+SCHEMA_PERIOD_NS = 1_000_000_000
+
+
+class Publisher:
+    """Posts each tick's messages to every link.
+
+    In shadow mode the links send *unknown*, whatever the advice is.
+    """
+
+    def __init__(
+        self,
+        links: Sequence[Link],
+        advised: Sequence[frozenset[int]],
+        predictor: Predictor,
+        shadow: bool,
+    ) -> None:
+        self._links = links
+        self._advised = advised  # per link: indices of the robots advised on it
+        self._shadow = shadow
+        self._forecast_rate_hz = predictor.rate_hz
+        self._segments = {name: i for i, name in enumerate(predictor.skeleton.segment_names)}
+        self._schema_due_ns: int | None = None
+
+    def publish(
+        self,
+        *,
+        now_ns: int,
+        status: StatusMessage,
+        advices: Sequence[Advice],
+        zones: Zones | None,
+        forecast: Forecast | None,
+        snapshot: PeopleSnapshot | None,
+    ) -> list[Message]:
+        """Post to every link; return all messages, each once."""
+        messages: list[Message] = [self._as_told(a) for a in advices]
+        messages.append(status)
+        if self._schema_due_ns is None or now_ns >= self._schema_due_ns:
+            self._schema_due_ns = now_ns + SCHEMA_PERIOD_NS
+            messages.append(Schema(SCHEMA_VERSION, SCHEMA_HASH))
+        if zones is not None and not self._shadow:
+            messages += self._zones(zones, snapshot)
+        if forecast is not None and snapshot is not None and not self._shadow:
+            messages += self._poses(forecast, snapshot)
+        for link, robots in zip(self._links, self._advised, strict=True):
+            for message in messages:
+                if not isinstance(message, Advice) or message.robot in robots:
+                    link.post(message)
+        return messages
+
+    def _as_told(self, advice: Advice) -> Advice:
+        if not self._shadow:
+            return advice
+        return replace(
+            advice, level=Level.UNKNOWN, reason=Reason.SHADOW_MODE, speed_limit_m_s=0.0, latch_id=0
+        )
+
+    def _zones(self, zones: Zones, snapshot: PeopleSnapshot | None) -> list[Zone]:
+        """Return the zone of each person at the horizons that links can carry."""
+        if snapshot is None or snapshot.newest_capture_ns is None:
+            return []
+        captures = dict(zip(snapshot.ids, snapshot.capture_ns.tolist(), strict=True))
+        segments = [self._segments[name] for name in zones.segments]  # without absent parts
+        messages = []
+        for step in _decimated(len(zones.times_s)):
+            a, b, radius = (  # plain lists: reading single elements of an array is slow
+                part[:, step].tolist()
+                for part in (zones.capsules.a, zones.capsules.b, zones.capsules.radius)
+            )
+            for p, person in enumerate(zones.ids):
+                capsules = tuple(
+                    ZoneCapsule(segment, tuple(start), tuple(end), r)
+                    for segment, start, end, r in zip(segments, a[p], b[p], radius[p], strict=True)
+                )
+                capture_ns = captures.get(person, snapshot.newest_capture_ns)  # none if lost
+                age_s = (snapshot.now_ns - capture_ns) * 1e-9
+                # on the wire horizons count from the capture; step 0 is the body at that moment
+                horizon_s = float(zones.times_s[step]) + age_s if step else 0.0
+                messages.append(
+                    Zone(
+                        person=person,
+                        step=step,
+                        horizon_s=horizon_s,
+                        capsules=capsules,
+                        age_s=None,
+                        capture_ns=capture_ns,
+                    )
+                )
+        return messages
+
+    def _poses(self, forecast: Forecast, snapshot: PeopleSnapshot) -> list[Pose]:
+        messages = []
+        for step in _decimated(forecast.positions.shape[1]):
+            positions = forecast.positions[:, step].tolist()
+            horizon_s = (step + 1) / self._forecast_rate_hz
+            for p, person in enumerate(snapshot.ids):
+                joints = tuple((j, x, y, z) for j, (x, y, z) in enumerate(positions[p]))
+                capture_ns = int(snapshot.capture_ns[p])
+                messages.append(
+                    Pose(
+                        person=person,
+                        step=step + 1,
+                        horizon_s=horizon_s,
+                        joints=joints,
+                        age_s=None,
+                        capture_ns=capture_ns,
+                    )
+                )
+        return messages
+
+
+def _decimated(steps: int) -> list[int]:
+    """Return the first, middle and last step: enough for a controller, and links can carry them."""
+    return sorted({0, steps // 2, steps - 1}) if steps else []

@@ -1,0 +1,353 @@
+"""What the command line asks of the parts that run without hardware: ``hri_sim``, by the registry.
+
+A *cell* is what stands at the other ends of simulated links; *faults* are injected into a source or
+a link, and tabulated; *simulations* run the closed loop and measure links. One package brings all
+of them, but the node knows these contracts alone.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.clock import Clock
+from hri_predict.link import LinkSettings, Transport
+from hri_predict.robots.model import RobotModel, RobotSettings
+from hri_predict.source import Source
+
+Bodies = Mapping[int, tuple[Floats, Bools]]
+"""Person's id -> (J, 3) canonical joints in the room, and (J,) which of them are known."""
+Joints = Mapping[str, tuple[Floats, Floats]]
+"""Robot's name -> (N,) joint positions and velocities, rad and rad/s."""
+
+
+# -- cells
+
+
+@dataclass(slots=True, kw_only=True)
+class ControllerReport:
+    """What a controller met. Times in seconds, of its own clock.
+
+    Attributes:
+        name, role, robot: of the link, the controller and the robot.
+        ended: how: ``ok``, or ``killed`` (then nothing below was told).
+        messages, bytes: received and good; received at all.
+        crc_errors, counter_errors, malformed, incomplete: as the receiver counts them.
+        schema_mismatches: Schema messages of another version or hash.
+        schema_trouble: which one it heard last, and which it was built for.
+        timeouts: times that the node fell silent.
+        stale: times that the newest advice was or grew too old.
+        max_age_s: greatest age of an advice at its receipt, as carried.
+        max_gap_s: longest time between two good advices.
+        round_trip_p50_s, round_trip_max_s: from sending a RobotState to an advice that echoes it.
+        slowdowns: times that it went from full speed to a lower limit.
+        stops: times that it had to stop while it was allowed to move.
+        states_sent, acknowledges_sent, write_errors: what it sent, and what did not go out.
+        stop_causes: cause -> how many of the stops.
+        events: [seconds, cause, limit] of each change between running, slow and stopped (at most
+            1000), seconds since its start, the limit in m/s.
+    """
+
+    name: str
+    role: str
+    robot: str
+    ended: str = "ok"
+    messages: int = 0
+    bytes: int = 0
+    crc_errors: int = 0
+    counter_errors: int = 0
+    malformed: int = 0
+    incomplete: int = 0
+    schema_mismatches: int = 0
+    schema_trouble: str = ""
+    timeouts: int = 0
+    stale: int = 0
+    max_age_s: float = 0.0
+    max_gap_s: float = 0.0
+    round_trip_p50_s: float | None = None
+    round_trip_max_s: float | None = None
+    slowdowns: int = 0
+    stops: int = 0
+    states_sent: int = 0
+    acknowledges_sent: int = 0
+    write_errors: int = 0
+    stop_causes: dict[str, int] = field(default_factory=dict)
+    events: list[tuple[float, str, float]] = field(default_factory=list)
+
+
+class TruePeople(Protocol):
+    """Where everybody truly is, from a copy of the source that has no faults."""
+
+    def open(self, start_ns: int) -> None:
+        """Start, at the same time as the node's own copy."""
+
+    def at(self, now_ns: int) -> Bodies:
+        """Everybody at ``now_ns``."""
+
+
+class Referee(Protocol):
+    """Compares true people with true robots; the node never sees any of it.
+
+    Attributes:
+        contacts, contacts_standing: touches of a robot that moved, and of one that stood.
+        min_separation_m: smallest distance; ``None`` while nobody was seen.
+    """
+
+    @property
+    def contacts(self) -> int: ...  # noqa: D102
+
+    @property
+    def contacts_standing(self) -> int: ...  # noqa: D102
+
+    @property
+    def min_separation_m(self) -> float | None: ...  # noqa: D102
+
+    def observe(self, now_ns: int, people: Bodies, robots: Joints, /) -> None:
+        """Judge the time since the last observation."""
+
+
+class Cell(Protocol):
+    """Controllers, robots and wires at the other ends of all simulated links.
+
+    Real time: ``start`` ... ``stop``. Virtual clock: ``transports``, then ``step`` whenever
+    ``next_ns`` says, then ``stop``.
+    """
+
+    def start(self) -> Mapping[str, str]:
+        """Start in real time; returns link name -> the device for the node to open.
+
+        Raises:
+            LinkError: a controller did not start; says why.
+        """
+
+    def transports(self) -> Mapping[str, Transport[Any]]:
+        """Build all for the virtual clock; returns link name -> the node's end of its wire."""
+
+    def next_ns(self) -> int | None:
+        """When it wants to be stepped next; ``None``: never."""
+
+    def step(self, now_ns: int) -> None:
+        """Do what is due."""
+
+    def robot_truth(self, now_ns: int) -> Joints:
+        """Where every simulated robot truly is."""
+
+    def referee(self, robots: Sequence[RobotModel], /) -> Referee:
+        """A referee for these robots, to be fed with ``robot_truth``."""
+
+    def true_people(self, source: Source, /) -> TruePeople:
+        """Where everybody in ``source`` truly is; nobody else may poll that."""
+
+    def stop(self) -> Sequence[ControllerReport]:
+        """End all controllers; returns their reports, link by link. Safe to call twice."""
+
+
+class CellClass(Protocol):
+    """A kind of cell: entry point group ``hri_predict.cells``."""
+
+    def __call__(
+        self,
+        *,
+        links: Sequence[LinkSettings],
+        robots: Sequence[RobotSettings],
+        base_dir: Path | None,
+        clock: Clock,
+        factor: float = 1.0,
+    ) -> Cell:
+        """Check everything; nothing is started yet.
+
+        Args:
+            links: those that have a ``simulate:`` block.
+            robots: all that are configured.
+            base_dir: the configuration's folder, where relative paths start.
+            clock: the node's.
+            factor: node seconds per wall second.
+
+        Raises:
+            ConfigError, RobotError: a ``simulate:`` block or a file is wrong.
+        """
+
+
+# -- faults
+
+
+class SourceFaults(Protocol):
+    """Puts faults between a source and the node: entry point ``source``."""
+
+    def __call__(self, inner: Source, faults: Sequence[dict[str, Any]], /, seed: int) -> Source:
+        """Return ``inner`` with ``faults`` as they stand in the configuration.
+
+        Raises:
+            ConfigError: a fault of unknown kind or with a wrong key.
+        """
+
+
+class LinkFaults(Protocol):
+    """Puts faults between a link and its wire: entry point ``link``.
+
+    What damages units knows those of the links that are shipped: bytes, CAN frames, keyed payloads.
+    """
+
+    def __call__(
+        self, *, inner: Transport[Any], faults: Sequence[dict[str, Any]], clock: Clock, seed: int
+    ) -> Transport[Any]:
+        """Return ``inner`` with ``faults`` as they stand in the configuration.
+
+        Raises:
+            ConfigError: a fault of unknown kind or with a wrong key.
+        """
+
+
+class FaultParser(Protocol):
+    """Reads a fault from the command line: entry point ``parse``."""
+
+    def __call__(self, text: str, /) -> dict[str, Any]:
+        """``kind[@start[+duration]][:parameter=value,...]`` as it would stand in a configuration.
+
+        Raises:
+            ConfigError: wrong form, unknown kind or parameter.
+        """
+
+
+@dataclass(kw_only=True)
+class FaultOutcome:
+    """What was measured of one fault; a row of the fault table."""
+
+    fault: str
+    expected: str
+    acts: str
+    limit_ms: float | None
+    measured_ms: float | None
+    reason: str
+    clear_while_near: int
+    recovered_ms: float | None
+    fine: bool
+    counted: dict[str, int] = field(default_factory=dict)
+
+
+class FaultTable(Protocol):
+    """Tries each fault alone: entry point ``table``."""
+
+    def __call__(self, only: str | None = None, /) -> Iterator[FaultOutcome]:
+        """Run every case whose name contains ``only``; yields each as it is done."""
+
+
+class Soak(Protocol):
+    """Hours with faults at random: entry point ``soak``."""
+
+    def __call__(self, hours: float, seed: int, speed: float | None, /) -> dict[str, object]:
+        """Plain data of what came of it; ``fine`` says whether all held.
+
+        Args:
+            hours: of node time.
+            seed: of the faults.
+            speed: node seconds per second; ``None``: as fast as possible, on the virtual clock.
+        """
+
+
+# -- simulations
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationRequest:
+    """What is asked for; see ``hri-predict simulate``."""
+
+    config: Path
+    predictors: tuple[str, ...] = ()
+    modes: tuple[str, ...] = ()
+    coverages: tuple[float, ...] = ()
+    motions: tuple[str, ...] = ()
+    episodes: int = 2000
+    seed: int = 0
+    people: int = 1
+    jobs: int = 1
+    out: Path | None = None
+    resume: bool = False
+
+
+class ReportTable(Protocol):
+    """A table of texts: one row per line, the first column names it."""
+
+    @property
+    def title(self) -> str: ...  # noqa: D102
+
+    @property
+    def columns(self) -> Sequence[str]: ...  # noqa: D102
+
+    @property
+    def rows(self) -> Sequence[Sequence[str]]: ...  # noqa: D102
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationReport:
+    """What came of a simulation, as shown and written.
+
+    Attributes:
+        tables, notes: for people.
+        json: the same for programs.
+        files: what was written.
+        disagreements: one line for each episode that came out otherwise in the whole node.
+    """
+
+    tables: Sequence[ReportTable]
+    notes: Sequence[str]
+    json: str
+    files: Sequence[Path]
+    disagreements: Sequence[str]
+
+
+class ClosedLoop(Protocol):
+    """Lets people approach a robot that obeys, again and again: entry point ``closed_loop``."""
+
+    def run(
+        self, request: SimulationRequest, progress: Callable[[int, int], None], /
+    ) -> SimulationReport:
+        """Run (or finish) a simulation; ``progress`` is told how many of how many are done.
+
+        Raises:
+            HriPredictError: it cannot start; one line with the remedy.
+        """
+
+
+class LinkBench(Protocol):
+    """Measures links in real time: entry point ``links``, a module.
+
+    Attributes:
+        BAUDRATES, RATES_HZ: what ``capacities`` and ``delays`` go through.
+    """
+
+    @property
+    def BAUDRATES(self) -> Sequence[int]: ...  # noqa: D102
+
+    @property
+    def RATES_HZ(self) -> Sequence[float]: ...  # noqa: D102
+
+    def kinds(self) -> list[str]:
+        """Kinds of link whose delays can be measured."""
+
+    def delays(self, names: list[str], seconds: float, /) -> Iterator[dict[str, Any]]:
+        """For each of these kinds and rates a row of figures, or why there is no such wire."""
+
+    def capacities(self, seconds: float, /) -> Iterator[dict[str, Any]]:
+        """For each baud rate how full a serial wire gets: a row of figures."""
+
+
+class FleetBench(Protocol):
+    """Measures the zenoh link in real time: entry point ``fleet``, a module.
+
+    Attributes:
+        TOPOLOGIES, RATES_HZ: what ``costs`` goes through.
+    """
+
+    @property
+    def TOPOLOGIES(self) -> Sequence[str]: ...  # noqa: D102
+
+    @property
+    def RATES_HZ(self) -> Sequence[float]: ...  # noqa: D102
+
+    def costs(self, seconds: float, /) -> Iterator[dict[str, Any]]:
+        """For each topology and rate, a row of figures."""
+
+    def recovery(self, times: int, /) -> dict[str, list[float]]:
+        """Seconds until a cell is heard, after it joins and after the router returns."""

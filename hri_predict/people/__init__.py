@@ -1,0 +1,1 @@
+"""The people in the room: one trusted history for each person."""

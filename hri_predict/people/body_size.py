@@ -1,0 +1,43 @@
+"""Checks that a body is of human size, to detect wrong units such as millimetres sent as metres.
+
+A tracker with other units than configured puts people a thousand times too far away, or all of a
+body into one point at its own origin. No other check detects it: such a body moves as evenly as a
+true one.
+"""
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.skeleton import CANONICAL
+
+MIDDLE_M = 2.0
+"""Greatest distance of a joint from the body's middle: 1.6 m for a tall man's raised fingers."""
+STRAY = 0.25
+"""If at most this share of joints is beyond, the joints are wrong, not the body; see ``track``."""
+LONG_BONE_M = 0.1
+"""Even a child's longest limb bone (upper arm, forearm, thigh or shank) is longer than this."""
+_LONG = np.array(
+    [
+        (segment.joint_a, segment.joint_b)
+        for segment in CANONICAL.segments
+        if segment.name[2:] in ("upper_arm", "forearm", "thigh", "shank")
+    ]
+)
+
+
+def is_human_sized(positions: Floats, observed: Bools) -> bool:
+    """Return whether the observed joints can belong to one human body.
+
+    A single joint has no size, and without an observed long bone a body cannot be too small.
+
+    Args:
+        positions: (J, 3) metres, canonical joints; finite where observed.
+        observed: (J,) at least one.
+    """
+    seen = positions[observed]
+    apart = np.linalg.norm(seen - np.median(seen, axis=0), axis=1)
+    if np.count_nonzero(apart > MIDDLE_M) > STRAY * len(seen):
+        return False
+    long = _LONG[observed[_LONG].all(axis=1)]
+    bones = np.linalg.norm(positions[long[:, 0]] - positions[long[:, 1]], axis=1)
+    return not bones.size or bool(bones.max() > LONG_BONE_M)

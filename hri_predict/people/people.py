@@ -1,0 +1,388 @@
+"""Turns scenes into one trusted history per person, and reports when it cannot be trusted."""
+
+import threading
+from collections import Counter
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.joint_map import JointMap
+from hri_predict.people.body_size import is_human_sized
+from hri_predict.people.lost import PLACE_SLACK_M, LostPeople, match_places
+from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
+from hri_predict.people.scene_gate import SceneGate
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.people.track import Body, MotionLimits, Track
+from hri_predict.protocol.reasons import Reason
+from hri_predict.scene import Person, Scene
+from hri_predict.skeleton import JOINTS
+from hri_predict.source import SourceSettings
+
+ROOM_LIMIT_M = 1000.0
+"""No room is larger: a coordinate beyond this is an error."""
+
+
+class People:
+    """Tracks all people through the scenes of one source.
+
+    ``receive`` is for one thread and ``snapshot`` for another; both are short. A scene is *good* if
+    its sequence and its capture advance, the source saw the room, and every body in it was believed
+    and tracked. A person without a visible joint must have been tracked before. Only good scenes
+    count as captures and keep the input fresh.
+
+    Args:
+        settings: see ``PeopleSettings``.
+        joint_map: from the source's joints to canonical ones.
+        source_settings: gives ``min_latency_s`` and ``stale_s``.
+        rate_hz_source: nominal scenes per second.
+        declares_noise: bit-identical joints mean a frozen sensor.
+        history_steps: T, steps of history in a snapshot.
+        rate_hz_predictor: steps per second of that history.
+    """
+
+    def __init__(
+        self,
+        *,
+        settings: PeopleSettings,
+        joint_map: JointMap,
+        source_settings: SourceSettings,
+        rate_hz_source: float,
+        declares_noise: bool,
+        history_steps: int,
+        rate_hz_predictor: float,
+    ) -> None:
+        period_s = 1.0 / rate_hz_source
+        gap_s = settings.max_gap_s or max(0.1, 2.5 * period_s)
+        span_s = history_steps / rate_hz_predictor + gap_s
+        self.stale_ns = round(source_settings.stale_after_s(rate_hz_source) * 1e9)
+        self._settings = settings
+        self._joint_map = joint_map
+        self._declares_noise = declares_noise
+        self._steps = history_steps
+        self._rate_hz = rate_hz_predictor
+        self._gap_ns = round(gap_s * 1e9)
+        self._capacity = int(1.25 * span_s * rate_hz_source) + 16
+        self._limits = MotionLimits(
+            settings.max_joint_speed_m_s,
+            settings.max_body_speed_m_s,
+            period_ns=round(period_s * 1e9),
+            refused_ns=self._gap_ns,
+        )
+        self._gate = SceneGate(round(period_s * 1e9), round(source_settings.min_latency_s * 1e9))
+        self._lock = threading.Lock()
+        self._tracks: dict[int, Track] = {}
+        self._lost = LostPeople(settings, self.stale_ns)
+        self._counters: Counter[str] = Counter()
+        self._now_ns = NEVER
+        self._receipt_ns: int | None = None
+        self._newest_good_ns: int | None = None
+        self._captures = 0
+        self._blind = False
+        self._impossible = False
+        self._crowded = False
+        self._unlocated = False
+
+    # -- in ---------------------------------------------------------------------------------------
+
+    def receive(self, scene: Scene, receipt_ns: int) -> None:
+        """Take in one scene that arrived at ``receipt_ns`` (node's clock). Never raises."""
+        with self._lock:
+            self._now_ns = max(self._now_ns, receipt_ns)
+            self._receipt_ns = receipt_ns
+            capture_ns = self._gate.admit(scene, receipt_ns)
+            if capture_ns is not None:
+                self._take(scene, capture_ns, receipt_ns)
+
+    def _take(self, scene: Scene, capture_ns: int, now_ns: int) -> None:
+        """Track all people in a scene that advances."""
+        self._blind = not scene.sees_room
+        self._counters["blind_scenes"] += self._blind
+        self._impossible = self._crowded = False
+        frozen = False
+        starts: list[tuple[Body, Track | None]] = []
+        seen: set[int] = set()
+        nowhere: list[int] = []
+        for person in scene.people:
+            if person.id in seen:
+                self._refuse("duplicate_ids")
+                continue
+            seen.add(person.id)
+            track = self._tracks.get(person.id)
+            if track is None and len(starts) >= self._settings.max_people:
+                self._counters["excess_people"] += 1
+                self._crowded = True
+                continue
+            body = self._body(person)
+            if body is None:
+                nowhere.append(person.id)
+                continue
+            if track is None:
+                starts.append((body, None))
+            elif self._is_repeat(track, body, capture_ns):
+                frozen = True
+            elif (risen := self._follow(track, body, capture_ns, now_ns)) is not None:
+                starts.append((body, risen))
+        self._begin(starts, capture_ns, now_ns)
+        if scene.sees_room:
+            self._expire(capture_ns)
+        unlocated = self._unlocatable(nowhere)
+        self._counters["unlocated_people"] += unlocated
+        self._unlocated = unlocated > 0
+        bad = self._impossible or self._crowded or self._unlocated or frozen
+        if scene.sees_room and not bad:
+            self._newest_good_ns = capture_ns
+            self._captures += 1
+        if self._lost.see_room(scene.sees_room and not scene.people, capture_ns):
+            self._counters["seen_empty"] += 1
+
+    def _refuse(self, why: str) -> None:
+        self._counters[why] += 1
+        self._impossible = True
+
+    def _unlocatable(self, ids: list[int]) -> int:
+        """Count people with no visible joint who are neither tracked nor lost.
+
+        A tracked person is where they were last seen. A lost person is in their lost zone, or
+        unaccounted for once that zone has stopped growing. Any other person is at an unknown place
+        in the room.
+        """
+        known = self._tracks.keys() | {track.id for track in self._lost.tracks}
+        return sum(number not in known for number in ids)
+
+    def _body(self, person: Person) -> Body | None:
+        """Return the person's canonical joints; ``None`` if no joint is usable."""
+        count = len(self._joint_map.source_joints)
+        if person.positions.shape != (count, 3) or person.observed.shape != (count,):
+            self._refuse("malformed_bodies")
+            return None
+        # false for NaN and infinity as well
+        sound = (np.abs(person.positions) < ROOM_LIMIT_M).all(axis=1)
+        usable = person.observed & sound
+        unusable = int(np.count_nonzero(person.observed)) - int(np.count_nonzero(usable))
+        self._counters["unusable_joints"] += unusable
+        if not usable.any():
+            if unusable:
+                self._refuse("unusable_bodies")
+            return None
+        positions, observed = self._joint_map.map(
+            np.where(usable[:, None], person.positions, 0.0), usable
+        )
+        observed = observed & np.isfinite(positions).all(axis=1)
+        if not observed.any():
+            return None
+        if not is_human_sized(positions, observed):
+            self._refuse("wrong_size_bodies")
+            return None
+        return Body(person.id, np.where(observed[:, None], positions, 0.0), observed)
+
+    def _is_repeat(self, track: Track, body: Body, capture_ns: int) -> bool:
+        """Return whether a source that declares noise sent identical joints again."""
+        if not (self._declares_noise and track.newest and body.same_as(track.newest)):
+            return False
+        track.present_ns = capture_ns
+        track.repeats += 1
+        self._counters["identical_captures"] += 1
+        return True
+
+    def _follow(self, track: Track, body: Body, capture_ns: int, now_ns: int) -> Track | None:
+        """Append ``body`` to its track if it can be true.
+
+        Returns:
+            the rival, if captures that cannot follow from this track have agreed for long enough.
+        """
+        believed = track.believable(body, capture_ns, self._limits)
+        if believed is not None:
+            glitches = np.count_nonzero(body.observed) - np.count_nonzero(believed)
+            self._counters["impossible_joints"] += int(glitches)
+            self._push(
+                track=track, body=body, believed=believed, capture_ns=capture_ns, now_ns=now_ns
+            )
+            return None
+        self._refuse("impossible_captures")
+        track.present_ns = capture_ns
+        track.repeats = 0
+        rival = track.rival
+        agrees = rival.believable(body, capture_ns, self._limits) if rival else None
+        if rival is None or agrees is None:
+            track.rival = Track.start(body, self._history(), capture_ns, now_ns)
+            return None
+        self._push(track=rival, body=body, believed=agrees, capture_ns=capture_ns, now_ns=now_ns)
+        if rival.captures < self._settings.reaccept_captures:
+            return None
+        track.rival = None
+        return rival
+
+    def _push(
+        self, *, track: Track, body: Body, believed: Bools, capture_ns: int, now_ns: int
+    ) -> None:
+        result = track.take(body, believed, capture_ns, now_ns)
+        if result is not PushResult.ACCEPTED:
+            self._refuse(f"push_{result.value}")
+
+    def _history(self) -> RingBuffer:
+        return RingBuffer(
+            joints=len(JOINTS),
+            capacity=self._capacity,
+            max_gap_ns=self._gap_ns,
+            future_tolerance_ns=round(self._settings.future_tolerance_s * 1e9),
+        )
+
+    # -- coming and going -------------------------------------------------------------------------
+
+    def _begin(self, starts: list[tuple[Body, Track | None]], capture_ns: int, now_ns: int) -> None:
+        """Start to track bodies that appear: new ids, and ids that jumped and stayed there.
+
+        A body takes over the place of a person who vanished there, and that person's history if it
+        is plausible. So two ids that swapped bodies end up with each other's history.
+        """
+        if not starts:
+            return
+        left = [self._tracks.pop(body.id) for body, risen in starts if risen is not None]
+        gone = [t for t in self._tracks.values() if t.present_ns != capture_ns]
+        places = [*left, *gone, *self._lost.tracks]
+        radii = np.array(
+            [[self._radius(b, risen, p, capture_ns) for p in places] for b, risen in starts]
+        )
+        pairs = match_places(
+            [body.centroid for body, _ in starts], [place.centroid for place in places], radii
+        )
+        for index, (body, risen) in enumerate(starts):
+            place = places[pairs[index]] if index in pairs else None
+            if place is not None:
+                was_lost = self._forget(place)
+                if risen is not None and was_lost and place.id == body.id:
+                    # The body is back at the place that this id had jumped from: the jump was a
+                    # glitch of the source, and nobody stayed at the place in between.
+                    self._counters["glitches_undone"] += 1
+                    left = [t for t in left if t.id != body.id]
+                left = [t for t in left if t is not place]
+            self._admit(body=body, risen=risen, place=place, capture_ns=capture_ns, now_ns=now_ns)
+        for track in left:
+            self._vanish(track)
+
+    def _radius(self, body: Body, risen: Track | None, place: Track, capture_ns: int) -> float:
+        """Return the metres that the body that vanished at ``place`` may have moved since."""
+        speed = self._settings.lost_speed_m_s
+        if body.id == place.id and risen is None:
+            speed = self._settings.max_body_speed_m_s
+        elif body.id != place.id and not self._lost.is_growing(place, capture_ns):
+            return -1.0
+        return PLACE_SLACK_M + speed * (capture_ns - place.capture_ns) * 1e-9
+
+    def _forget(self, place: Track) -> bool:
+        """Drop ``place``, whose body is found; return whether that body was already lost."""
+        if self._tracks.get(place.id) is place:
+            del self._tracks[place.id]
+        was_lost = place in self._lost.tracks
+        if was_lost:
+            self._lost.tracks.remove(place)
+            self._counters["found"] += 1
+        return was_lost
+
+    def _admit(
+        self, *, body: Body, risen: Track | None, place: Track | None, capture_ns: int, now_ns: int
+    ) -> None:
+        """Track a body that appears, with the history of ``place`` if that is plausible."""
+        believed = place.believable(body, capture_ns, self._limits) if place else None
+        if place is not None and believed is not None:
+            self._counters["inherited"] += 1
+            self._push(
+                track=place, body=body, believed=believed, capture_ns=capture_ns, now_ns=now_ns
+            )
+            self._tracks[body.id] = place
+        elif risen is not None:
+            self._counters["reaccepted"] += 1
+            self._tracks[body.id] = risen
+        elif len(self._tracks) < self._settings.max_people:
+            self._counters["appeared"] += 1
+            self._tracks[body.id] = Track.start(body, self._history(), capture_ns, now_ns)
+        else:
+            self._counters["excess_people"] += 1
+            self._crowded = True
+            if place is not None:
+                self._lost.add(place)
+
+    def _expire(self, capture_ns: int) -> None:
+        """End the tracks of people absent for too long: they left by an exit, or vanished."""
+        for track in list(self._tracks.values()):
+            if capture_ns - track.present_ns > self._gap_ns:
+                del self._tracks[track.id]
+                self._vanish(track)
+
+    def _vanish(self, track: Track) -> None:
+        for place in (track, track.rival):
+            if place is None:
+                continue
+            place.rival = None
+            if any(region.contains(place.centroid) for region in self._settings.exits):
+                self._counters["left_by_exit"] += 1
+            else:
+                self._counters["vanished"] += 1
+                self._lost.add(place)
+
+    # -- out --------------------------------------------------------------------------------------
+
+    def acknowledge(self) -> None:
+        """Forget lost people on an operator's word, except those whose zone still grows."""
+        with self._lock:
+            self._counters["acknowledged"] += 1
+            self._lost.acknowledge(self._now_ns)
+
+    def snapshot(self, now_ns: int) -> PeopleSnapshot:
+        """Return all people at ``now_ns`` (node's clock), and the faults of the input."""
+        with self._lock:
+            self._now_ns = max(self._now_ns, now_ns)
+            tracks = [(t.id, t.history, t.capture_ns) for t in self._tracks.values()]
+            lost = self._lost.growing(now_ns)
+            reasons = self._reasons(now_ns)
+            counters = {**self._gate.counts(), **self._counters}
+            clock = self._gate.alignment.estimate()
+            newest_good_ns, captures = self._newest_good_ns, self._captures
+        tracks.sort(key=lambda t: t[0])
+        people, joints = len(tracks), len(JOINTS)
+        history: Floats = np.zeros((people, self._steps, joints, 3))
+        observed = np.zeros((people, self._steps, joints), np.bool_)
+        last: Floats = np.zeros((people, joints, 3))
+        age_s: Floats = np.full((people, joints), np.inf)
+        for index, (_, ring, capture_ns) in enumerate(tracks):
+            window, last[index], stamps = ring.recall(capture_ns, self._steps, self._rate_hz)
+            history[index], observed[index] = window.positions, window.observed
+            ever = stamps != NEVER
+            age_s[index, ever] = (capture_ns - stamps[ever]) * 1e-9
+        return PeopleSnapshot(
+            now_ns=now_ns,
+            ids=tuple(t[0] for t in tracks),
+            history=history,
+            observed=observed,
+            capture_ns=np.array([t[2] for t in tracks], np.int64),
+            last_positions=last,
+            joint_age_s=age_s,
+            lost=lost,
+            reasons=reasons,
+            newest_capture_ns=newest_good_ns,
+            captures=captures,
+            counters=counters,
+            clock=clock,
+        )
+
+    def _reasons(self, now_ns: int) -> tuple[Reason, ...]:
+        """Return the faults of the input, the most informative first."""
+        if self._receipt_ns is None:
+            return (Reason.NO_INPUT,)
+        silent = now_ns - self._receipt_ns > self.stale_ns
+        stale = self._newest_good_ns is None or now_ns - self._newest_good_ns > self.stale_ns
+        repeats = [self._gate.repeats, *(track.repeats for track in self._tracks.values())]
+        frozen = max(repeats) >= self._settings.frozen_scenes
+        found = [
+            (stale and silent, Reason.INPUT_STALE),
+            (self._blind, Reason.SOURCE_BLIND),
+            (frozen and not silent, Reason.INPUT_FROZEN),
+            (self._gate.alignment.jumped, Reason.CLOCK_JUMP),
+            (self._impossible, Reason.INPUT_IMPOSSIBLE),
+            (self._unlocated, Reason.PERSON_NOT_LOCATED),
+            (self._crowded, Reason.TOO_MANY_PEOPLE),
+            (stale and not silent, Reason.INPUT_STALE),
+            (self._lost.unaccounted(now_ns), Reason.ROOM_NOT_SEEN_EMPTY),
+        ]
+        return tuple(reason for holds, reason in found if holds)

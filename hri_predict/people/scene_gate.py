@@ -1,0 +1,74 @@
+"""Decides which scenes of a source are new, and when they were captured."""
+
+from collections import Counter
+
+from hri_predict.people.clock_alignment import ClockAlignment
+from hri_predict.people.ring_buffer import NEVER
+from hri_predict.scene import Scene
+
+RESTART_SCENES = 10
+"""After this many consecutive scenes that count up from a lower sequence, the source restarted."""
+
+
+class SceneGate:
+    """Lets a scene pass if its sequence and its capture advance.
+
+    A repeated scene holds no new information, however often it arrives. It must not make the input
+    look fresh.
+
+    Args:
+        period_ns: the source's nominal time between captures.
+        min_latency_ns: least time from capture to receipt.
+
+    Attributes:
+        alignment: alignment of the source's clock with the node's.
+        repeats: number of consecutive scenes that did not advance.
+        counters: counts of the scenes by their fate.
+    """
+
+    def __init__(self, period_ns: int, min_latency_ns: int) -> None:
+        self.alignment = ClockAlignment(period_ns, min_latency_ns)
+        self.repeats = 0
+        self.counters: Counter[str] = Counter()
+        self._sequence: int | None = None
+        self._refused_sequence: int | None = None
+        self._refused_run = 0
+        self._capture_ns = NEVER
+
+    def admit(self, scene: Scene, receipt_ns: int) -> int | None:
+        """Return the scene's capture time (node's clock); ``None`` if it does not advance."""
+        self.counters["scenes"] += 1
+        if not self._advances(scene.sequence):
+            self.repeats += 1
+            return None
+        self._sequence = scene.sequence
+        capture_ns = self.alignment.align(scene.stamp_ns, scene.sequence, receipt_ns)
+        if capture_ns <= self._capture_ns:
+            self.counters["stamps_out_of_order"] += 1
+            self.repeats += 1
+            return None
+        self._capture_ns = capture_ns
+        self.repeats = 0
+        return capture_ns
+
+    def _advances(self, sequence: int) -> bool:
+        last = self._sequence
+        if last is None or sequence > last:
+            self.counters["lost_scenes"] += 0 if last is None else sequence - last - 1
+            self._refused_sequence, self._refused_run = None, 0
+            return True
+        counts_on = self._refused_sequence is not None and sequence > self._refused_sequence
+        self._refused_run = self._refused_run + 1 if counts_on else 1
+        self._refused_sequence = sequence
+        if self._refused_run >= RESTART_SCENES:
+            self.counters["source_restarts"] += 1
+            self.alignment.restart()
+            self._refused_sequence, self._refused_run = None, 0
+            return True
+        self.counters["duplicate_scenes" if sequence == last else "scenes_out_of_order"] += 1
+        return False
+
+    def counts(self) -> dict[str, int]:
+        """Return the counters of the scenes and of the clock."""
+        clock = {"clock_jumps": self.alignment.jumps, "clock_spikes": self.alignment.spikes}
+        return {**self.counters, **clock}

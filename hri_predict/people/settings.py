@@ -1,0 +1,57 @@
+"""Settings of the people stage (``people:`` in the configuration)."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from hri_predict.settings import Region, Settings
+
+Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
+
+
+class PeopleSettings(Settings):
+    """Settings for tracking people, losing them and finding them again."""
+
+    max_people: int = Field(8, ge=1, le=64, description="most people tracked at the same time")
+    max_gap_s: float | None = Field(
+        None,
+        gt=0,
+        le=2,
+        description="longest gap in a joint's observations that is bridged, and longest absence "
+        "before a person counts as vanished; default: 0.1 s, or 2.5 source periods if longer",
+    )
+    exits: list[Region] = Field([], description="where people may leave the room")
+    absent_parts: list[Part] = Field(
+        [],
+        description="body parts never visible in this room, such as the legs of seated people",
+    )
+    lost_growth_s: float = Field(
+        3.0, gt=0, le=60, description="how long the zone of a vanished person grows"
+    )
+    lost_speed_m_s: float = Field(
+        1.6, gt=0, le=10, description="speed of that growth; ISO 13855 walking speed"
+    )
+    empty_scenes: int = Field(
+        10,
+        ge=1,
+        le=10_000,
+        description="how many scenes in a row must be empty before a lost person counts as gone",
+    )
+    max_joint_speed_m_s: float = Field(
+        25.0, gt=0, le=100, description="a joint faster than this is not believed"
+    )
+    max_body_speed_m_s: float = Field(
+        10.0, gt=0, le=100, description="a body whose joints' mean moves faster is not believed"
+    )
+    reaccept_captures: int = Field(
+        5,
+        ge=2,
+        le=1000,
+        description="how many captures must agree with each other before a jump is believed",
+    )
+    frozen_scenes: int = Field(
+        3, ge=1, le=1000, description="how many repeats in a row mean a frozen source"
+    )
+    future_tolerance_s: float = Field(
+        0.02, ge=0, le=1, description="how far ahead of the node's clock a capture may lie"
+    )

@@ -1,0 +1,71 @@
+"""The people in the room at one tick, as input to the predictor and the risk stage."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.people.clock_alignment import ClockEstimate
+from hri_predict.protocol.reasons import Reason
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LostPerson:
+    """A person who vanished, but not at an exit: a zone that grows at walking speed.
+
+    Attributes:
+        id: the id under which the body was last seen.
+        positions: (J, 3) canonical joints where last observed, room frame; NaN if never observed.
+        last_seen_ns: node's clock.
+    """
+
+    id: int
+    positions: Floats
+    last_seen_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PeopleSnapshot:
+    """All people in the room at one tick. P people, T steps of history, J joints.
+
+    Attributes:
+        now_ns: the tick's time (node's clock).
+        ids: (P,) ids of the tracked people.
+        history: (P, T, J, 3) metres, room frame, finite everywhere; the last step is each person's
+            newest capture.
+        observed: (P, T, J) where the history was observed.
+        capture_ns: (P,) newest capture of each person, node's clock.
+        last_positions: (P, J, 3) each joint where it was last observed within the buffer; NaN if
+            never.
+        joint_age_s: (P, J) seconds from that observation to ``capture_ns``; inf if never.
+        lost: people who vanished and may still be here.
+        reasons: why the scene as a whole cannot be trusted (stale, frozen, blind, ...); empty if it
+            can.
+        newest_capture_ns: capture of the newest good scene (node clock); ``None`` before the first.
+        captures: number of distinct good captures so far; "release after N captures" counts these.
+        counters: scenes and bodies dropped, repeated, out of order, ... since the start.
+        clock: the estimate of the source's clock; ``None`` if there is none.
+    """
+
+    now_ns: int
+    ids: tuple[int, ...]
+    history: Floats
+    observed: Bools
+    capture_ns: NDArray[np.int64]
+    last_positions: Floats
+    joint_age_s: Floats
+    lost: tuple[LostPerson, ...]
+    reasons: tuple[Reason, ...]
+    newest_capture_ns: int | None
+    captures: int
+    counters: Mapping[str, int]
+    clock: ClockEstimate | None = None
+
+    @property
+    def age_s(self) -> float | None:
+        """Seconds since the newest good capture."""
+        if self.newest_capture_ns is None:
+            return None
+        return (self.now_ns - self.newest_capture_ns) * 1e-9

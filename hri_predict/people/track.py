@@ -1,0 +1,159 @@
+"""One tracked body: its history, and the check whether a new capture of it can be true."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats, Stamps
+from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
+
+_WHOLE_BODY_JOINTS = 4
+"""With this many common joints, their mean describes the body and not one fast hand."""
+_DISJOINT_REACH_M = 2.5
+"""Greatest distance of two joints of one body: the arm span or height of a tall person."""
+_GLITCHES = 0.25
+"""Up to this share of joints beyond the speed limit is noise of those joints, not of the body."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """One body of one scene, canonical joints: positions (J, 3) finite, 0 where not observed."""
+
+    id: int
+    positions: Floats
+    observed: Bools
+
+    @property
+    def centroid(self) -> Floats:
+        """(3,) mean of the observed joints; at least one is observed."""
+        centroid: Floats = self.positions[self.observed].mean(axis=0)
+        return centroid
+
+    def same_as(self, other: "Body") -> bool:
+        """Whether both are bit-identical."""
+        return bool(
+            np.array_equal(self.positions, other.positions)
+            and np.array_equal(self.observed, other.observed)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """The limits of a body's motion between two captures.
+
+    Attributes:
+        joint_speed_m_s: greatest speed of any joint.
+        body_speed_m_s: greatest speed of the joints' mean.
+        period_ns: least assumed time between two captures, so that jitter of the stamps does not
+            look like speed.
+        refused_ns: greatest assumed time between them while captures are refused; otherwise any
+            jump would become a possible motion if it is repeated for long enough.
+    """
+
+    joint_speed_m_s: float
+    body_speed_m_s: float
+    period_ns: int
+    refused_ns: int
+
+
+@dataclass(slots=True, eq=False, kw_only=True)
+class Track:
+    """A body that is tracked, or was tracked until it vanished.
+
+    Attributes:
+        id: the source's number for it.
+        history: its captures.
+        capture_ns: newest believed capture.
+        present_ns: newest scene that contained it, believed or not.
+        positions: (J, 3) where each joint was last observed; NaN if never.
+        stamps: (J,) when; ``NEVER`` if never.
+        newest: the newest believed body, to detect repeats.
+        repeats: number of consecutive bit-identical captures.
+        rival: the track that the captures refused since the last believed one would form; it takes
+            over when enough of them agree with each other.
+        captures: believed captures.
+    """
+
+    id: int
+    history: RingBuffer
+    positions: Floats
+    stamps: Stamps
+    capture_ns: int = NEVER
+    present_ns: int = NEVER
+    newest: Body | None = None
+    repeats: int = 0
+    rival: "Track | None" = field(default=None)
+    captures: int = 0
+
+    @classmethod
+    def start(cls, body: Body, history: RingBuffer, capture_ns: int, now_ns: int) -> "Track":
+        """Return a new track whose first capture is ``body``."""
+        joints = history.joints
+        track = cls(
+            id=body.id,
+            history=history,
+            positions=np.full((joints, 3), np.nan),
+            stamps=np.full(joints, NEVER),
+        )
+        track.take(body, body.observed, capture_ns, now_ns)
+        return track
+
+    @property
+    def centroid(self) -> Floats:
+        """(3,) mean of the joints seen at the newest capture, or else of all joints ever seen."""
+        recent = self.stamps == self.capture_ns
+        if not recent.any():
+            recent = self.stamps != NEVER
+        centroid: Floats = self.positions[recent].mean(axis=0)
+        return centroid
+
+    def take(self, body: Body, believed: Bools, capture_ns: int, now_ns: int) -> PushResult:
+        """Append ``body``; only its ``believed`` (J,) joints count as observed."""
+        result = self.history.push(capture_ns, body.positions, believed, now_ns)
+        self.present_ns = max(self.present_ns, capture_ns)
+        if result is PushResult.ACCEPTED:
+            self.id = body.id
+            self.capture_ns = capture_ns
+            self.positions[believed] = body.positions[believed]
+            self.stamps[believed] = capture_ns
+            self.newest = body
+            self.repeats = 0
+            self.rival = None
+            self.captures += 1
+        return result
+
+    def believable(self, body: Body, capture_ns: int, limits: MotionLimits) -> Bools | None:
+        """Return (J,) which observed joints of ``body`` can follow this track; ``None`` if none.
+
+        If a few joints exceed the speed limit, only those are disbelieved. If many do, or if the
+        body as a whole moved faster than a body can, nothing of the capture is believed.
+        """
+        common = body.observed & (self.stamps != NEVER)
+        count = int(np.count_nonzero(common))
+        if not count:
+            apart = float(np.linalg.norm(body.centroid - self.centroid))
+            elapsed_s = float(self._elapsed_s(np.array([self.capture_ns]), capture_ns, limits)[0])
+            far = apart > _DISJOINT_REACH_M + limits.body_speed_m_s * elapsed_s
+            return None if far else body.observed
+        elapsed = self._elapsed_s(self.stamps[common], capture_ns, limits)
+        velocity = (body.positions[common] - self.positions[common]) / elapsed[:, None]
+        too_fast = np.einsum("ji,ji->j", velocity, velocity) > limits.joint_speed_m_s**2
+        glitches = int(np.count_nonzero(too_fast))
+        if glitches > _GLITCHES * count:
+            return None
+        if count >= _WHOLE_BODY_JOINTS:
+            mean = velocity[~too_fast].mean(axis=0)
+            if float(mean @ mean) > limits.body_speed_m_s**2:
+                return None
+        if not glitches:
+            return body.observed
+        believed = body.observed.copy()
+        believed[np.flatnonzero(common)[too_fast]] = False
+        return believed
+
+    def _elapsed_s(self, stamps: Stamps, capture_ns: int, limits: MotionLimits) -> Floats:
+        elapsed = np.maximum(capture_ns - stamps, limits.period_ns)
+        if self.rival is not None:
+            elapsed = np.minimum(elapsed, max(limits.period_ns, limits.refused_ns))
+        seconds: Floats = elapsed * 1e-9
+        return seconds

@@ -1,0 +1,1 @@
+"""KD-Former: rotations and forces of the joints."""

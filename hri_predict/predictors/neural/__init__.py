@@ -1,0 +1,1 @@
+"""Shared by all trained predictors: skeleton, frame, network contract, weights."""

@@ -1,0 +1,179 @@
+"""The contract of every trained network: input, output and error.
+
+A network sees a window in the person's own frame (``body_frame``), with what was not observed
+filled in and marked, and returns the future joints in that frame, in metres. It knows nothing of
+rooms, recordings or training runs.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import torch
+from torch import Tensor, nn
+
+from hri_predict import registry
+from hri_predict.predictors.neural.body_frame import (
+    BodyFrame,
+    body_frame,
+    fill,
+    neighbour_table,
+    no_frame,
+)
+from hri_predict.settings import Settings
+from hri_predict.skeleton import Skeleton
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """Size of a network's task: joints, T history steps, H horizon steps, steps per second.
+
+    Attributes:
+        framed: positions come in a frame of the body already, as the benchmark's do; they are
+            neither moved nor turned then.
+    """
+
+    skeleton: Skeleton
+    history_steps: int
+    horizon_steps: int
+    rate_hz: float
+    framed: bool = False
+
+    @property
+    def joints(self) -> int:
+        """J."""
+        return len(self.skeleton.joints)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A batch of histories in the body frame.
+
+    Attributes:
+        positions: (B, T, J, 3) metres, filled everywhere.
+        observed: (B, T, J) bool; false where ``positions`` was filled in.
+    """
+
+    positions: Tensor
+    observed: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """The true future in the same body frame, (B, H, J, 3), and where it is known."""
+
+    positions: Tensor
+    observed: Tensor
+
+
+class NetworkOptions(Settings):
+    """Sizes and switches of a network (``options:`` of a training configuration)."""
+
+
+class Network(nn.Module):
+    """Base of the five networks.
+
+    Attributes:
+        shape: size of its task.
+        options: options it was built with; every network sets them, and weights files store them.
+        rest: (J, 3) mean pose of its training data in the body frame; part of the weights.
+        any_horizon: its parameters do not depend on H; it can predict further than it was trained.
+    """
+
+    options_model: ClassVar[type[NetworkOptions]] = NetworkOptions
+    any_horizon: ClassVar[bool] = False
+    options: NetworkOptions
+    rest: Tensor
+    nearest: Tensor
+
+    def __init__(self, shape: Shape) -> None:
+        super().__init__()
+        self.shape = shape
+        self.register_buffer("rest", torch.zeros(shape.joints, 3))
+        self.register_buffer("nearest", neighbour_table(shape.skeleton), persistent=False)
+
+    def forward(self, window: Window) -> Tensor:
+        """Predict (B, H, J, 3) in the body frame."""
+        raise NotImplementedError
+
+    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+        """Training loss of a batch, a scalar.
+
+        Args:
+            window: the histories.
+            target: the true future.
+            progress: share of the training that is done, 0 to 1; for losses with stages.
+        """
+        return mpjpe(self(window), target)
+
+    def critic_loss(self, window: Window, target: Target, progress: float) -> Tensor | None:
+        """Loss of the adversary, or ``None``; it changes only the adversary's parameters."""
+        return None
+
+    def critic_parameters(self) -> Iterator[nn.Parameter]:
+        """The adversary's parameters: optimised by ``critic_loss``, not shipped."""
+        return iter(())
+
+    def model_parameters(self) -> Iterator[nn.Parameter]:
+        """All other parameters, optimised by ``loss``."""
+        critic = {id(p) for p in self.critic_parameters()}
+        return (p for p in self.parameters() if id(p) not in critic)
+
+    def enter(self, positions: Tensor, observed: Tensor) -> tuple[Window, BodyFrame]:
+        """Bring histories (B, T, J, 3) in the room, and ``observed`` (B, T, J), into body frames.
+
+        Computed in the type of ``positions``; the window is in the network's.
+        """
+        if self.shape.framed:
+            frame = no_frame(positions)
+        else:
+            frame = body_frame(positions, observed, self.shape.skeleton)
+        clean = torch.where(observed[..., None], frame.enter(positions), 0.0)
+        filled = fill(clean, observed, self.rest.to(clean.dtype), self.nearest)
+        return Window(filled.to(self.rest.dtype), observed), frame
+
+
+class NetworkClass(Protocol):
+    """A kind of network: a class whose objects are ``Network``, made of a shape and options."""
+
+    @property
+    def options_model(self) -> type[NetworkOptions]:
+        """The model that validates ``options:`` of a training configuration."""
+
+    @property
+    def any_horizon(self) -> bool:
+        """See ``Network``."""
+
+    def __call__(self, shape: Shape, options: Any, /) -> Network:
+        """Make a network with random weights; ``options`` are of its ``options_model``."""
+
+
+@runtime_checkable
+class Trained(Protocol):
+    """A kind of predictor that has a network, so that it can be trained and takes weights."""
+
+    @property
+    def network_class(self) -> NetworkClass:
+        """The network's class."""
+
+
+def network_class_of(predictor: str) -> NetworkClass | None:
+    """The network of the predictor of this name; ``None`` where it has none.
+
+    Raises:
+        ConfigError: there is no such predictor.
+    """
+    cls = registry.load("predictors", predictor)
+    return cls.network_class if isinstance(cls, Trained) else None
+
+
+def last_pose(window: Window) -> Tensor:
+    """(B, 1, J, 3) the newest step of the window."""
+    return window.positions[:, -1:]
+
+
+def mpjpe(predicted: Tensor, target: Target) -> Tensor:
+    """Mean per joint position error over the known part of the future, metres."""
+    error = (predicted - target.positions).square().sum(-1).add(1e-12).sqrt()
+    known = target.observed
+    return (error * known).sum() / known.sum().clamp(min=1)

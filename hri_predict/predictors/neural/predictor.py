@@ -1,0 +1,226 @@
+"""The node's side of every trained predictor: from the room to the network and back.
+
+Each method's module derives its predictor from ``NeuralPredictor``, names its network, and that is
+all. Networks compute in single precision about the person's own origin, which is subtracted in
+double precision; a forecast is as good anywhere in the room.
+"""
+
+import logging
+from pathlib import Path
+from typing import ClassVar, Self
+
+import numpy as np
+import torch
+from pydantic import Field
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.errors import ConfigError, PredictorError
+from hri_predict.files import package_path
+from hri_predict.predictors.base import Forecast, PredictorSettings, checked
+from hri_predict.predictors.masked import at_step, last_observed, steps_to_cover
+from hri_predict.predictors.neural.body import (
+    BODY,
+    SHARED_BODY,
+    SHARED_CANONICAL,
+    from_canonical,
+)
+from hri_predict.predictors.neural.network import NetworkClass
+from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights, read_header
+from hri_predict.skeleton import CANONICAL, Skeleton
+
+log = logging.getLogger(__name__)
+
+_WARM_UP_CALLS = 2  # the first calls of a network allocate and choose kernels
+_STRETCH = 2  # times the trained horizon; beyond it a chained network drifts far
+# Canonical joints that the body lacks, and the body's joints that they move with.
+_CARRIED = {
+    "waist": ("l_hip", "r_hip"),
+    "neck": ("l_shoulder", "r_shoulder"),
+    "head_top": ("head",),
+}
+
+
+class NeuralSettings(PredictorSettings):
+    """Settings of the trained predictors."""
+
+    weights: str | None = Field(
+        None, min_length=1, description="file of weights; by default the shipped one"
+    )
+    threads: int = Field(1, ge=1, le=64, description="CPU threads that torch may use")
+
+    def resolved(self, base_dir: Path) -> Self:
+        """The same with ``weights`` taken from ``base_dir``, the configuration's folder."""
+        if self.weights is None:
+            return self
+        return self.model_copy(update={"weights": str(base_dir / self.weights)})
+
+
+def shipped_weights(method: str) -> Path:
+    """Path of the shipped weights of a method; the file may be missing."""
+    return package_path("weights", f"{method}.safetensors")
+
+
+class NeuralPredictor:
+    """Base of the trained predictors; see ``base.Predictor`` for the attributes.
+
+    Works on ``CANONICAL``, as the node does, or on ``BODY``. Of the canonical joints, waist, neck
+    and head_top are not the network's: each goes along with the mean displacement of the joints it
+    lies between (hips, shoulders) or upon (head) from where it was last observed, so their turning
+    about those is left out; never observed, each is put where those are. All other joints never
+    observed are the network's to guess from their neighbours. It gives no standard deviation.
+
+    Attributes:
+        network: the network, in inference mode.
+        card: description of the weights, from their file.
+    """
+
+    method: ClassVar[str]
+    network_class: ClassVar[NetworkClass]
+    settings_model: ClassVar[type[NeuralSettings]] = NeuralSettings
+
+    def __init__(self, settings: NeuralSettings, skeleton: Skeleton = CANONICAL) -> None:
+        """Load the weights and warm the network up.
+
+        Sets the number of threads of torch, for the whole process.
+
+        Raises:
+            ConfigError: no such weights, or they are of another method, rate or skeleton.
+            PredictorError: the weights are broken, or give no finite forecast.
+        """
+        path = self._path(settings)
+        header = read_header(path)
+        self._check(header, settings, skeleton, path)
+        wanted = steps_to_cover(settings.horizon_s, settings.rate_hz)
+        loaded = self._load(path, header, settings, wanted)
+        self.network = loaded.network
+        self.card = loaded.card
+        self.skeleton = skeleton
+        self.rate_hz = settings.rate_hz
+        self.history_steps = self.network.shape.history_steps
+        self.horizon_steps = min(wanted, self.network.shape.horizon_steps)
+        if self.horizon_steps < wanted:
+            log.warning(
+                "predictor %s: its weights reach %.3g s, not predictor.horizon_s %.3g s",
+                self.method,
+                self.horizon_steps / self.rate_hz,
+                settings.horizon_s,
+            )
+        elif self.horizon_steps > _STRETCH * header.shape.horizon_steps:
+            log.warning(
+                "predictor %s: predictor.horizon_s %.3g s is far beyond the %.3g s that its "
+                "weights were trained for; do not rely on what lies there",
+                self.method,
+                settings.horizon_s,
+                header.shape.horizon_steps / self.rate_hz,
+            )
+        torch.set_num_threads(settings.threads)
+        self._warm_up(path)
+
+    def predict(self, history: Floats, observed: Bools) -> Forecast:
+        """Predict with the network; see ``base.Predictor.predict``."""
+        if len(history) == 0:
+            shape = (0, self.horizon_steps, len(self.skeleton.joints), 3)
+            return Forecast(np.zeros(shape), None)
+        if self.skeleton is BODY:
+            return Forecast(self._run(history, observed)[1], None)
+        window, forecast = self._run(*from_canonical(history, observed))
+        return Forecast(_to_canonical(window, forecast, history, observed), None)
+
+    def _weights_method(self, settings: NeuralSettings) -> str:
+        """Method of the weights it loads; their shipped file is the default."""
+        return self.method
+
+    def _path(self, settings: NeuralSettings) -> Path:
+        if settings.weights is not None:
+            return Path(settings.weights)
+        method = self._weights_method(settings)
+        path = shipped_weights(method)
+        if not path.is_file():
+            raise ConfigError(
+                f"predictor {self.method}: no weights of '{method}' are shipped; train some and "
+                f"name them with predictor.weights (evaluate: --weights FILE)"
+            )
+        return path
+
+    def _load(
+        self, path: Path, header: Header, settings: NeuralSettings, horizon_steps: int
+    ) -> LoadedWeights:
+        """The network of a file, with ``horizon_steps`` if its horizon is free."""
+        any_horizon = self.network_class.any_horizon
+        return load_weights(path, horizon_steps=horizon_steps if any_horizon else None)
+
+    def _run(self, history: Floats, observed: Bools) -> tuple[Floats, Floats]:
+        """Of histories (P, T, 28, 3): those with the gaps filled, and what follows (P, H, 28, 3).
+
+        Both in the room.
+        """
+        with torch.inference_mode():
+            window, frame = self.network.enter(
+                torch.from_numpy(np.ascontiguousarray(history, dtype=np.float64)),
+                torch.from_numpy(np.ascontiguousarray(observed)),
+            )
+            predicted = self.network(window)[:, : self.horizon_steps]
+            filled = frame.leave(window.positions.double())
+            return filled.numpy(), frame.leave(predicted.double()).numpy()
+
+    def _check(
+        self, header: Header, settings: NeuralSettings, skeleton: Skeleton, path: Path
+    ) -> None:
+        wanted = self._weights_method(settings)
+        if header.method not in (self.method, wanted):
+            whose = "this predictor" if wanted == self.method else f"'{wanted}'"
+            raise ConfigError(
+                f"predictor {self.method}: weights {path} are for '{header.method}'; "
+                f"give the file of {whose}"
+            )
+        if skeleton not in (BODY, CANONICAL):
+            raise ConfigError(
+                f"predictor {self.method}: works on skeleton '{BODY.name}' or '{CANONICAL.name}', "
+                f"not on '{skeleton.name}'"
+            )
+        if header.shape.skeleton != BODY.name or header.shape.framed:
+            raise ConfigError(
+                f"predictor {self.method}: weights {path} are for skeleton "
+                f"'{header.shape.skeleton}'{' in a frame of its own' * header.shape.framed}; "
+                f"give some that are for '{BODY.name}' in the room"
+            )
+        if header.shape.rate_hz != settings.rate_hz:
+            raise ConfigError(
+                f"predictor {self.method}: rate_hz is {settings.rate_hz:g}, but its weights {path} "
+                f"are for {header.shape.rate_hz:g}; set predictor.rate_hz to that"
+            )
+
+    def _warm_up(self, path: Path) -> None:
+        """Predict for one person and for two, so that the first tick is not late.
+
+        Raises:
+            PredictorError: a forecast is not finite.
+        """
+        for people in range(1, _WARM_UP_CALLS + 1):
+            shape = (people, self.history_steps, len(self.skeleton.joints))
+            observed = np.ones(shape, dtype=bool)
+            observed[:, 0] = False  # so that the filling runs, too
+            try:
+                checked(self.predict(np.zeros((*shape, 3)), observed), people, self)
+            except PredictorError as error:
+                raise PredictorError(
+                    f"predictor {self.method}: weights {path}: {error}; train them again, or give "
+                    f"another file"
+                ) from error
+
+
+def _to_canonical(window: Floats, forecast: Floats, history: Floats, observed: Bools) -> Floats:
+    """(P, H, 21, 3) canonical joints from the body's window (P, T, 28, 3) and (P, H, 28, 3)."""
+    result = np.empty((*forecast.shape[:2], len(CANONICAL.joints), 3))
+    result[:, :, SHARED_CANONICAL] = forecast[:, :, SHARED_BODY]
+    step, seen = last_observed(observed)
+    newest = at_step(history, step)
+    person = np.arange(len(history))
+    for name, carriers in _CARRIED.items():
+        joint = CANONICAL.joints.index(name)
+        carry = [BODY.joints.index(carrier) for carrier in carriers]
+        ahead = forecast[:, :, carry].mean(axis=2)
+        then = window[person, step[:, joint]][:, carry].mean(axis=1)
+        offset = np.where(seen[:, joint, np.newaxis], newest[:, joint] - then, 0.0)
+        result[:, :, joint] = ahead + offset[:, np.newaxis]
+    return result

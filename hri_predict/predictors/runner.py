@@ -1,0 +1,95 @@
+"""Runs the predictor within its deadline; the tick always gets an answer."""
+
+import logging
+import threading
+
+import numpy as np
+
+from hri_predict.errors import PredictorError
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.base import Forecast, Predictor, checked
+from hri_predict.protocol.reasons import Reason
+
+log = logging.getLogger(__name__)
+
+
+class PredictionRunner:
+    """Calls a predictor; a failed, late or NaN prediction becomes a reason instead.
+
+    With a deadline the predictor runs in its own thread, so that a predictor that hangs delays no
+    tick; a late answer is discarded. Without a deadline (virtual time) it runs in place.
+
+    ``failures`` and ``late`` count since start.
+    """
+
+    def __init__(self, predictor: Predictor, deadline_s: float | None) -> None:
+        self.predictor = predictor
+        self._deadline_s = deadline_s
+        self.failures = self.late = 0
+        self._wanted = threading.Event()
+        self._done = threading.Event()
+        self._busy = False
+        self._stopping = False
+        self._snapshot: PeopleSnapshot | None = None
+        self._result: Forecast | Exception | None = None
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Start the thread, where there is a deadline."""
+        if self._deadline_s is not None:
+            self._thread = threading.Thread(target=self._work, name="predictor", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread, if it is not stuck in the predictor."""
+        self._stopping = True
+        self._wanted.set()
+        if self._thread is not None:
+            self._thread.join(timeout=0.5)
+
+    def run(self, snapshot: PeopleSnapshot) -> tuple[Forecast | None, Reason | None]:
+        """Return a forecast for ``snapshot``, or the reason why there is none in this tick."""
+        if self._thread is None:
+            result = self._predict(snapshot)
+        else:
+            if self._busy and not self._done.is_set():
+                self.late += 1
+                return None, Reason.PREDICTOR_LATE
+            self._busy = True
+            self._snapshot = snapshot
+            self._done.clear()
+            self._wanted.set()
+            if not self._done.wait(self._deadline_s):
+                self.late += 1
+                return None, Reason.PREDICTOR_LATE
+            self._busy = False
+            assert self._result is not None
+            result = self._result
+        if isinstance(result, Exception):
+            if self.failures == 0 or self.failures % 1000 == 0:
+                log.error("predictor failed (%d times before): %s", self.failures, result)
+            self.failures += 1
+            return None, Reason.PREDICTOR_FAILED
+        return result, None
+
+    def _predict(self, snapshot: PeopleSnapshot) -> Forecast | Exception:
+        try:
+            if not snapshot.ids:
+                shape = (0, self.predictor.horizon_steps, len(self.predictor.skeleton.joints), 3)
+                return Forecast(np.zeros(shape), None)
+            forecast = self.predictor.predict(snapshot.history, snapshot.observed)
+            return checked(forecast, len(snapshot.ids), self.predictor)
+        except PredictorError as error:
+            return error
+        except (Exception, SystemExit) as error:  # a third party's predictor must not end the node
+            return PredictorError(f"{type(error).__name__}: {error}")
+
+    def _work(self) -> None:
+        while True:
+            self._wanted.wait()
+            self._wanted.clear()
+            if self._stopping:
+                return
+            assert self._snapshot is not None
+            self._result = self._predict(self._snapshot)
+            self._done.set()

@@ -1,0 +1,1 @@
+"""SINN: the symplectic integral network."""

@@ -1,0 +1,228 @@
+"""SINN: short GRU predictions of how joints move, direction by direction, chained to long ones.
+
+Source: Chen, Lyu, Liu, Yin, Yang and Lyu, "Rethinking Human Motion Prediction with Symplectic
+Integral", CVPR 2024.
+
+Where this differs from the paper, or the paper leaves it open:
+
+- Angles at rest. The angles of a displacement of zero length are undefined, and those of a tiny one
+  are noise. Here the magnitude is sqrt(|v|^2 + e^2), as if a displacement e were always there
+  across all three directions: angles fade to 0 towards rest, everything is smooth, and magnitude
+  times sine of an angle is still exactly that coordinate of v.
+- Splitting (Eq. 3) is by direction, all joints of one direction together; a GRU per joint would
+  read J times as many sequences (``splitting: joint``). The paper has "multiple GRUs"; here one
+  reads the three directions as a batch with a label for each. ``shared: false`` gives each its own
+  GRU: three times the weights, and a forecast for one person is several times slower.
+- Besides momentum the operator reads, per joint, whether it was observed and where it is relative
+  to the pelvis: momentum alone does not determine the pose.
+- The output is a change to the last momentum, which fades by a learnt factor per step.
+- Errors in momentum (Eqs. 10-11) are means over joints and channels, magnitudes in m/s; MPJPE is
+  added, because it is what evaluations measure and weighs angles by how far they move a joint. A
+  weight of zero leaves either out.
+- The critic is kept Lipschitz by a gradient penalty (Gulrajani et al., NeurIPS 2017). By Eq. 12 its
+  score is low for real motion, so the operator learns to lower the score of its forecasts.
+- Training is on all actions together, pre-training on windows that start anywhere.
+
+Unobserved joints are filled in; their momentum is that of the filled track: zero before the first
+observation. A mask channel marks each momentum with an unobserved end.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import torch
+import torch.nn.functional as F
+from pydantic import Field
+from torch import Tensor, nn
+
+from hri_predict.predictors.aggregation import aggregate
+from hri_predict.predictors.neural.body_frame import fill
+from hri_predict.predictors.neural.network import (
+    Network,
+    NetworkOptions,
+    Shape,
+    Target,
+    Window,
+    last_pose,
+    mpjpe,
+)
+from hri_predict.predictors.neural.predictor import NeuralPredictor, NeuralSettings
+from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
+from hri_predict.predictors.sinn.symplectic import (
+    Critic,
+    Operator,
+    Representation,
+    momentum_error,
+)
+
+
+class SINNOptions(NetworkOptions):
+    """Sizes and switches of SINN.
+
+    Attributes:
+        hidden: GRU units; the paper's 256.
+        operator_steps: t, steps that the operator predicts at a time; the paper's 5.
+        aggregation: Table 4, without STA: one GRU predicts the whole horizon directly.
+        representation: Table 4, without SRE: ``displacement`` or ``position`` instead.
+        splitting: Eq. 3 by ``direction``; by ``joint`` as well; or ``none``, one GRU for all.
+        shared: one GRU for all three directions, instead of one for each.
+        pose: feed joints relative to the pelvis, in that ``direction``, in ``all``, or not.
+        pretraining: share of the training in which the operator alone learns (L_so).
+        momentum_weight: of L_so and L_g.
+        position_weight: of the MPJPE, per metre, in both stages.
+        adversarial_weight: of the critic's score in the second stage; 0 for no adversary.
+        critic_steps: horizon steps that the critic reads; it does not depend on the horizon.
+        gradient_penalty: weight of the critic's.
+    """
+
+    hidden: int = Field(256, ge=1, le=4096)
+    operator_steps: int = Field(5, ge=1, le=1000)
+    aggregation: bool = True
+    representation: Literal["symplectic", "displacement", "position"] = "symplectic"
+    splitting: Literal["direction", "joint", "none"] = "direction"
+    shared: bool = True
+    pose: Literal["none", "direction", "all"] = "all"
+    pretraining: float = Field(0.4, ge=0, le=1)
+    momentum_weight: float = Field(0.2, ge=0)
+    position_weight: float = Field(1.0, ge=0)
+    adversarial_weight: float = Field(1e-4, ge=0)
+    critic_steps: int = Field(25, ge=1, le=1000)
+    gradient_penalty: float = Field(10.0, ge=0)
+
+
+class SINN(Network):
+    """SINN (Fig. 2): representation, symplectic operator, temporal aggregation."""
+
+    options_model = SINNOptions
+    any_horizon = True  # with aggregation
+
+    def __init__(self, shape: Shape, options: SINNOptions) -> None:
+        super().__init__(shape)
+        self.options: SINNOptions = options
+        self.steps = options.operator_steps if options.aggregation else shape.horizon_steps
+        self.representation = Representation(options.representation, shape.rate_hz)
+        self.operator = Operator(
+            joints=shape.joints,
+            steps=self.steps,
+            channels=self.representation.channels,
+            hidden=options.hidden,
+            splitting=options.splitting,
+            shared=options.shared,
+            pose=options.pose,
+        )
+        per_step = shape.joints * (2 + self.representation.channels)
+        self.critic = Critic(options.critic_steps * per_step, options.hidden)
+        self._rolled: tuple[Window, Tensor, Tensor] | None = None
+
+    def forward(self, window: Window) -> Tensor:
+        """Predict (B, H, J, 3) metres in the body frame, integrated from the last pose."""
+        return self._roll(window, self.shape.horizon_steps)[0]
+
+    def _roll(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor]:
+        """Positions (B, H, J, 3) and what they were integrated from, (B, H, J, 3, C)."""
+        zetas: list[Tensor] = []
+
+        def operate(current: Window) -> Tensor:
+            read = self.representation.read(current)
+            zetas.append(self.operator(read, current.observed, self._pose(current)))
+            return self.representation.integrate(last_pose(current), zetas[-1])
+
+        positions = aggregate(operate, window, horizon_steps)
+        return positions, torch.cat(zetas, 1)[:, :horizon_steps]
+
+    def _pose(self, window: Window) -> Tensor:
+        if self.shape.framed:
+            return window.positions
+        root = self.shape.skeleton.parents.index(-1)
+        return window.positions - window.positions[:, :, root : root + 1]
+
+    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+        """L_so over the operator's steps, later L_g over all; both with the position error."""
+        pretraining = progress < self.options.pretraining
+        if pretraining:
+            window, target = self._anywhere(window, target, progress)
+        positions, zeta = self._rolled_out(window, target.positions.shape[1])
+        truth, known = self._truth(window, target)
+        # Eq. 10, later Eq. 11
+        loss = self.options.momentum_weight * momentum_error(zeta, truth, known, not pretraining)
+        loss = loss + self.options.position_weight * mpjpe(positions, target)
+        if pretraining or self.options.adversarial_weight == 0:
+            return loss
+        score = self.critic(self._motion(zeta, known), frozen=True).mean()
+        return loss + self.options.adversarial_weight * score
+
+    def critic_loss(self, window: Window, target: Target, progress: float) -> Tensor | None:
+        """L_c (Eq. 12) with a gradient penalty; ``None`` while the operator alone learns."""
+        if progress < self.options.pretraining or self.options.adversarial_weight == 0:
+            return None
+        positions, zeta = self._roll(window, target.positions.shape[1])
+        self._rolled = (window, positions, zeta)
+        truth, known = self._truth(window, target)
+        return self.critic.loss(
+            self._motion(truth, known),
+            self._motion(zeta.detach(), known),
+            self.options.gradient_penalty,
+            mix=float(torch.rand((), generator=_generator(progress))),
+        )
+
+    def critic_parameters(self) -> Iterator[nn.Parameter]:
+        """Yield the parameters of the critic."""
+        return self.critic.parameters()
+
+    def _rolled_out(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor]:
+        """``_roll``, or what ``critic_loss`` has rolled out already for the same window."""
+        rolled, self._rolled = self._rolled, None
+        if rolled is not None and rolled[0] is window:
+            return rolled[1], rolled[2]
+        return self._roll(window, horizon_steps)
+
+    def _anywhere(self, window: Window, target: Target, progress: float) -> tuple[Window, Target]:
+        """A window that starts anywhere in history and future, and the operator's next steps."""
+        positions = torch.cat([window.positions, target.positions], 1)
+        observed = torch.cat([window.observed, target.observed], 1)
+        spare = target.positions.shape[1] - self.steps
+        start = int(torch.randint(max(spare, 0) + 1, (), generator=_generator(progress)))
+        end = start + window.positions.shape[1]
+        filled = fill(
+            positions[:, start:end].cpu(),
+            observed[:, start:end].cpu(),
+            self.rest.cpu(),
+            self.nearest.cpu(),
+        ).to(positions.device)
+        ahead = slice(end, end + self.steps)
+        return (
+            Window(filled, observed[:, start:end]),
+            Target(positions[:, ahead], observed[:, ahead]),
+        )
+
+    def _truth(self, window: Window, target: Target) -> tuple[Tensor, Tensor]:
+        """What the prediction should be integrated from, and (B, H, J) where that is known."""
+        truth = self.representation.truth(last_pose(window), target.positions)
+        before = torch.cat([window.observed[:, -1:], target.observed[:, :-1]], 1)
+        return truth, target.observed & before
+
+    def _motion(self, zeta: Tensor, known: Tensor) -> Tensor:
+        """What the critic reads: (B, inputs), zero where unknown or beyond the horizon."""
+        flat = (self.representation.tuples(zeta) * known[..., None]).flatten(1)
+        missing = self.critic.inputs - flat.shape[1]
+        return F.pad(flat, (0, missing))  # cuts where negative
+
+
+def _generator(progress: float) -> torch.Generator:
+    """Chance that is the same in all processes of a run, and in a resumed one."""
+    return torch.Generator().manual_seed(int(progress * 2**40))
+
+
+class SINNPredictor(NeuralPredictor):
+    """Short GRU predictions of how joints move, chained to long ones (SINN)."""
+
+    method = "sinn"
+    network_class = SINN
+
+    def _load(
+        self, path: Path, header: Header, settings: NeuralSettings, horizon_steps: int
+    ) -> LoadedWeights:
+        if header.options.get("aggregation") is False:  # its horizon is in the weights
+            return load_weights(path)
+        return super()._load(path, header, settings, horizon_steps)

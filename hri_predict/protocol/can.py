@@ -1,0 +1,218 @@
+"""Messages to CAN frames and back: classic (AUTOSAR E2E profile 2) and FD (profile 5)."""
+
+from dataclasses import dataclass
+
+from hri_predict.errors import ConfigError
+from hri_predict.protocol import e2e
+from hri_predict.protocol.codec import (
+    Malformed,
+    decode_payload,
+    encode_payloads,
+    robot_of,
+)
+from hri_predict.protocol.definition import (
+    BY_TYPE,
+    frame_table,
+)
+from hri_predict.protocol.fields import (
+    PART_BYTES,
+    Definition,
+    frame_number,
+)
+from hri_predict.protocol.messages import Message
+from hri_predict.protocol.reception import ReceiveCounters, fresh
+
+DEFAULT_BASE_ID = 0x680  # up to 0x6C5: neither a default nor a reserved id of CANopen
+LAST_NUMBER = max(frame_table(classic=False))
+CLASSIC_BYTES = e2e.PROFILE_2_HEADER + PART_BYTES
+FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+
+
+@dataclass(frozen=True, slots=True)
+class CanFrame:
+    """One frame on the bus; ``extended`` for 29-bit ids."""
+
+    arbitration_id: int
+    data: bytes
+    fd: bool = False
+    extended: bool = False
+
+
+def check_base_id(base_id: int, extended: bool) -> None:
+    """Refuse a base id that leaves no room for all ids.
+
+    Raises:
+        ConfigError: names the allowed range.
+    """
+    highest = (0x1FFFFFFF if extended else 0x7FF) - LAST_NUMBER
+    if not 0 <= base_id <= highest:
+        bits = 29 if extended else 11
+        raise ConfigError(
+            f"base_id {base_id:#x} leaves no room for {bits}-bit ids; "
+            f"choose one between 0x0 and {highest:#x}"
+        )
+
+
+def padded(payload: bytes) -> bytes:
+    """Pad an FD payload with zeros until it and its header have a valid FD length."""
+    size = e2e.PROFILE_5_HEADER + len(payload)
+    length = next(n for n in FD_LENGTHS if n >= size)
+    return payload + bytes(length - size)
+
+
+class CanSender:
+    """Encodes messages of one link and keeps their counters."""
+
+    def __init__(self, fd: bool = False, base_id: int = DEFAULT_BASE_ID, extended: bool = False):
+        check_base_id(base_id, extended)
+        self._fd, self._base, self._extended = fd, base_id, extended
+        self._counters: dict[int, int] = {}
+
+    def carries(self, message_type: type[Message]) -> bool:
+        """Whether this kind of CAN carries the message at all."""
+        return self._fd or BY_TYPE[message_type].classic
+
+    def encode(self, message: Message) -> list[CanFrame]:
+        """Return the frames of ``message`` in sending order.
+
+        Raises:
+            ValueError: classic CAN does not carry this message, or a field cannot hold its value.
+        """
+        definition = BY_TYPE[type(message)]
+        if not self.carries(definition.type):
+            raise ValueError(f"classic CAN does not carry {definition.name}; use FD or serial")
+        number = frame_number(definition, robot_of(message))
+        payloads = encode_payloads(message)
+        if self._fd:
+            return [self._fd_frame(number, payload) for payload in payloads]
+        payload, counter = payloads[0], self._next(number)
+        return [
+            CanFrame(
+                self._base + number + part,
+                e2e.protect_profile2(
+                    counter,
+                    payload[part * PART_BYTES : (part + 1) * PART_BYTES],
+                    _ID_LISTS[number + part],
+                ),
+                False,
+                self._extended,
+            )
+            for part in range(definition.parts)
+        ]
+
+    def _fd_frame(self, number: int, payload: bytes) -> CanFrame:
+        data = e2e.protect_profile5(self._next(number), padded(payload), e2e.data_id_16(number))
+        return CanFrame(self._base + number, data, True, self._extended)
+
+    def _next(self, number: int) -> int:
+        counter = self._counters.get(number, 0)
+        self._counters[number] = (counter + 1) & 0xFF
+        return counter
+
+
+_ID_LISTS = {number: e2e.data_id_list(number) for number in frame_table(classic=True)}
+
+
+class _Stream:
+    """State of one message (of one robot): its sequence, and the parts received so far."""
+
+    __slots__ = ("complete", "counter", "parts", "sequence")
+
+    def __init__(self) -> None:
+        self.sequence = e2e.CounterCheck(256)
+        self.counter: int | None = None  # of the parts below
+        self.parts: dict[int, bytes] = {}
+        self.complete = False
+
+
+class CanReceiver:
+    """Decodes frames of one link; it counts errors and continues.
+
+    A multi-frame message is complete when all its parts have arrived with the same counter.
+
+    Attributes:
+        counters: see ``ReceiveCounters``.
+    """
+
+    def __init__(self, fd: bool = False, base_id: int = DEFAULT_BASE_ID, extended: bool = False):
+        check_base_id(base_id, extended)
+        self._fd, self._base, self._extended = fd, base_id, extended
+        self._table = frame_table(classic=not fd)
+        self._streams: dict[int, _Stream] = {}
+        self.counters = ReceiveCounters()
+
+    def reset(self) -> None:
+        """Forget sequences and incomplete messages, as after a reconnection; counters stay."""
+        self._streams.clear()
+
+    def feed(self, frame: CanFrame) -> list[Message]:
+        """Take one frame from the bus; return the message that it completes, if it is fresh."""
+        known = self._table.get(frame.arbitration_id - self._base)
+        if known is None or frame.extended != self._extended:
+            self.counters.ignored += 1
+            return []
+        definition, robot, part = known
+        number = frame_number(definition, robot)
+        if frame.fd != self._fd:
+            self.counters.malformed += 1
+            return []
+        stream = self._streams.get(number)
+        if stream is None:
+            stream = self._streams[number] = _Stream()
+        if self._fd:
+            payload = self._fd_payload(frame.data, number)
+            counter = frame.data[2] if payload is not None else 0
+        else:
+            payload = self._classic_payload(
+                data=frame.data, stream=stream, number=number, part=part, parts=definition.parts
+            )
+            counter = frame.data[1] if payload is not None else 0
+        if payload is None:
+            return []
+        if definition.sequenced and not fresh(stream.sequence, counter, self.counters):
+            return []
+        return self._decoded(definition, robot, payload)
+
+    def _fd_payload(self, data: bytes, number: int) -> bytes | None:
+        if not e2e.check_profile5(data, e2e.data_id_16(number)):
+            self.counters.crc_errors += 1
+            return None
+        return data[e2e.PROFILE_5_HEADER :]
+
+    def _classic_payload(
+        self, *, data: bytes, stream: _Stream, number: int, part: int, parts: int
+    ) -> bytes | None:
+        """Return the whole payload if ``data`` is its last missing part."""
+        if len(data) != CLASSIC_BYTES:
+            self.counters.malformed += 1
+            return None
+        if not e2e.check_profile2(data, _ID_LISTS[number + part]):
+            self.counters.crc_errors += 1
+            return None
+        if parts == 1:
+            return data[2:]
+        if data[1] != stream.counter:
+            self._start(stream, data[1])
+        elif stream.complete or part in stream.parts:
+            self.counters.counter_errors += 1
+            return None
+        stream.parts[part] = data[2:]
+        if len(stream.parts) < parts:
+            return None
+        stream.complete = True
+        return b"".join(stream.parts[i] for i in range(parts))
+
+    def _start(self, stream: _Stream, counter: int) -> None:
+        if stream.counter is not None and not stream.complete:
+            self.counters.incomplete += 1
+        stream.counter, stream.complete = counter, False
+        stream.parts = {}
+
+    def _decoded(self, definition: Definition, robot: int, payload: bytes) -> list[Message]:
+        try:
+            message = decode_payload(definition, robot, payload)
+        except Malformed:
+            self.counters.malformed += 1
+            return []
+        self.counters.received += 1
+        return [message]

@@ -1,0 +1,126 @@
+"""What a message on the wire consists of: its fields, their widths and scales."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+from hri_predict.protocol.messages import Message
+
+PART_BYTES = 6  # payload bytes in a classic frame: 8 less CRC and counter
+ROBOT_STRIDE = 8  # frame numbers per robot
+
+Rounding = Literal["nearest", "down", "up"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Field:
+    """One field of a payload.
+
+    Attributes:
+        signal: name in the DBC and in the documents.
+        bits: width.
+        text: its meaning.
+        unit: of the physical value.
+        scale: steps per unit; 0 for a plain integer or enumeration. A scaled number always keeps
+            one code for "not available": all ones, or the most negative value if signed.
+        signed: two's complement.
+        rounding: where a value between two steps goes.
+        enum: names of the values.
+        fallback: what a receiver reads in place of a value unknown to ``enum``.
+        optional: whether "not available" is a valid value (a plain integer then reserves the
+            all-ones code for it). If not, a receiver refuses a message that holds it.
+        wraps: counts modulo 2^bits; every other number saturates.
+    """
+
+    signal: str
+    bits: int
+    text: str
+    unit: str = ""
+    scale: int = 0
+    signed: bool = False
+    rounding: Rounding = "nearest"
+    enum: type[IntEnum] | None = None
+    fallback: IntEnum | None = None
+    optional: bool = False
+    wraps: bool = False
+
+    @property
+    def not_available(self) -> int | None:
+        """Raw code for "not available" (signed if the field is), ``None`` if there is none."""
+        if not (self.optional or self.scale):
+            return None
+        return -(1 << (self.bits - 1)) if self.signed else (1 << self.bits) - 1
+
+    @property
+    def raw_range(self) -> tuple[int, int]:
+        """Smallest and largest raw value that is a number."""
+        if self.signed:
+            limit = (1 << (self.bits - 1)) - 1
+            return -limit, limit
+        return 0, (1 << self.bits) - (1 if self.not_available is None else 2)
+
+    @property
+    def resolution(self) -> float:
+        """Physical value of one step."""
+        return 1.0 / self.scale if self.scale else 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Definition:
+    """One message.
+
+    Attributes:
+        type: its class in ``messages``.
+        number: number of its first frame, for robot 0 (see ``frame_number``).
+        per_robot: whether each robot has its own.
+        sender: "node" or "controller".
+        cycle_ms: usual period, for the DBC; 0 if event-driven.
+        fields: fixed part of the payload.
+        item: fields of one repeated item after the fixed part; empty if nothing repeats.
+        items_per_frame: how many items one frame carries at most.
+        classic: whether classic CAN carries it.
+        sequenced: whether its counter must advance. False for Schema, which never changes while the
+            node runs: a receiver takes the Schema of a restarted node at once, before its Advice.
+    """
+
+    type: type[Message]
+    number: int
+    text: str
+    sender: Literal["node", "controller"]
+    cycle_ms: int
+    fields: tuple[Field, ...]
+    per_robot: bool = False
+    item: tuple[Field, ...] = ()
+    items_per_frame: int = 0
+    classic: bool = True
+    sequenced: bool = True
+
+    @property
+    def name(self) -> str:
+        """Name of the message."""
+        return self.type.__name__
+
+    @property
+    def fixed_bytes(self) -> int:
+        """Bytes of payload before the items."""
+        return sum(f.bits for f in self.fields) // 8
+
+    @property
+    def item_bytes(self) -> int:
+        """Bytes of one item."""
+        return sum(f.bits for f in self.item) // 8
+
+    @property
+    def max_bytes(self) -> int:
+        """Longest payload of one frame on a wide link."""
+        return self.fixed_bytes + self.items_per_frame * self.item_bytes
+
+    @property
+    def parts(self) -> int:
+        """Number of frames of the message on classic CAN."""
+        return self.fixed_bytes // PART_BYTES
+
+
+def frame_number(definition: Definition, robot: int = 0, part: int = 0) -> int:
+    """Number of a frame: CAN id minus base id; the E2E data ids follow from it."""
+    return definition.number + robot * ROBOT_STRIDE * definition.per_robot + part

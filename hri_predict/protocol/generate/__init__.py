@@ -1,0 +1,1 @@
+"""Files written from the protocol definition: DBC, C header, documents, examples."""

@@ -1,0 +1,98 @@
+"""What the C code in ``drivers/c`` takes from the definition: constants, and seeds for its fuzzer.
+
+``hri-predict protocol c-header`` renews the text between ``/* generated: begin`` and
+``/* generated: end */`` in ``hri_predict.h``, and writes ``fuzz/corpus.txt``. All other files there
+are written by hand.
+"""
+
+import re
+from collections.abc import Iterable
+from enum import IntEnum
+
+from hri_predict.protocol import e2e
+from hri_predict.protocol.can import DEFAULT_BASE_ID, LAST_NUMBER
+from hri_predict.protocol.definition import (
+    BY_TYPE,
+    DEFINITIONS,
+    MAX_JOINTS,
+    MAX_ROBOTS,
+    SCHEMA_HASH,
+    SCHEMA_VERSION,
+)
+from hri_predict.protocol.fields import (
+    PART_BYTES,
+    ROBOT_STRIDE,
+)
+from hri_predict.protocol.generate.examples import EXAMPLES, encodings
+from hri_predict.protocol.messages import (
+    Advice,
+    Level,
+    NodeState,
+    Pose,
+    RobotMode,
+    RobotState,
+    Zone,
+)
+from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.reception import FORGET_S
+from hri_predict.protocol.serial import MAX_ENCODED
+
+_BLOCK = re.compile(r"(/\* generated: begin .*?\*/\n).*?(/\* generated: end \*/)", re.DOTALL)
+ENUMS: dict[str, type[IntEnum]] = {
+    "LEVEL": Level,
+    "REASON": Reason,
+    "NODE_STATE": NodeState,
+    "MODE": RobotMode,
+}
+
+
+def constants() -> dict[str, str]:
+    """Name -> C literal of each constant that the C code takes from the definition."""
+    rows = {
+        "HRI_SCHEMA_VERSION": f"{SCHEMA_VERSION}u",
+        "HRI_SCHEMA_HASH": f"0x{SCHEMA_HASH:08X}u",
+        "HRI_DEFAULT_BASE_ID": f"0x{DEFAULT_BASE_ID:X}u",
+        "HRI_LAST_NUMBER": f"0x{LAST_NUMBER:02X}u",
+        "HRI_MAX_ROBOTS": f"{MAX_ROBOTS}u",
+        "HRI_ROBOT_STRIDE": f"{ROBOT_STRIDE}u",
+        "HRI_MAX_JOINTS": f"{MAX_JOINTS}u",
+        "HRI_MAX_DELTA": f"{e2e.MAX_DELTA}u",
+        "HRI_RESYNC": f"{e2e.RESYNC}u",
+        "HRI_FORGET_MS": f"{round(FORGET_S * 1000)}u",
+        "HRI_DATA_ID_16": f"0x{e2e.data_id_16(0):04X}u",
+        "HRI_DATA_ID_32": f"0x{e2e.data_id_32(0):08X}u",
+        "HRI_PART_BYTES": f"{PART_BYTES}u",
+        "HRI_PARTS_ADVICE": f"{BY_TYPE[Advice].parts}u",
+        "HRI_PARTS_STATE": f"{BY_TYPE[RobotState].parts}u",
+        "HRI_ZONE_ITEMS": f"{BY_TYPE[Zone].items_per_frame}u",
+        "HRI_POSE_ITEMS": f"{BY_TYPE[Pose].items_per_frame}u",
+        "HRI_SERIAL_BYTES": f"{MAX_ENCODED}u",
+    }
+    for d in DEFINITIONS:
+        snake = re.sub(r"(?<!^)(?=[A-Z])", "_", d.name).upper()
+        rows[f"HRI_NUMBER_{snake}"] = f"0x{d.number:02X}u"
+        rows[f"HRI_BYTES_{snake}"] = f"{d.fixed_bytes}u"
+    for name, enum in ENUMS.items():
+        rows |= {f"HRI_{name}_{e.name}": f"{int(e)}u" for e in enum}
+    return rows
+
+
+def lines(rows: Iterable[tuple[str, str]]) -> str:
+    """Return the ``#define`` lines."""
+    return "".join(f"#define {name} {value}\n" for name, value in rows)
+
+
+def renewed(text: str) -> str:
+    """Return the header with its generated section renewed."""
+    return _BLOCK.sub(lambda match: match[1] + lines(constants().items()) + match[2], text)
+
+
+def corpus() -> str:
+    """Return the worked examples of the node's messages for the fuzzer, one unit a line."""
+    rows = ["# KIND [ID] BYTES; renew: hri-predict protocol c-header"]
+    for message in EXAMPLES:
+        if BY_TYPE[type(message)].sender == "node":
+            for link, identifier, data in encodings(message):
+                where = "" if identifier is None else f"{identifier:x} "
+                rows.append(f"{link.lower()} {where}{data.hex()}")
+    return "\n".join(rows) + "\n"

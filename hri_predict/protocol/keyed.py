@@ -1,0 +1,143 @@
+"""Messages under keys, for wires with named payloads (zenoh): ``hri/<site>/<cell>/<what>``.
+
+One message is one payload: its E2E profile 4 frames in a row, each starting with its length. The
+key states the message and the robot; a message under any other key is refused. So a client that
+access control limits to one key can send nothing else.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+from pydantic import StringConstraints
+
+from hri_predict.protocol import e2e
+from hri_predict.protocol.codec import robot_of
+from hri_predict.protocol.definition import frame_table
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    Advice,
+    Message,
+    Pose,
+    RobotState,
+    Schema,
+    Status,
+    Zone,
+)
+from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Receiver, Profile4Sender
+from hri_predict.protocol.reception import ReceiveCounters
+
+ROOT = "hri"
+SCENE = "scene"  # the key of a source's scenes, which this protocol does not define
+MAX_PAYLOAD = 16_384  # bytes; a Pose of 255 joints in 37 frames takes 2600
+NAME = r"[A-Za-z0-9_-]{1,48}"
+Name = Annotated[str, StringConstraints(pattern=f"^{NAME}$")]
+"""Name of a site or cell: letters, digits, ``_`` and ``-``, so that it is one chunk of a key."""
+
+_FULL = re.compile(f"{ROOT}/({NAME})/({NAME})/([a-z]+(?:/[0-9])?)")
+
+
+@dataclass(frozen=True, slots=True)
+class Keyed:
+    """A payload and its key: within the cell (``advice/0``), or whole."""
+
+    key: str
+    data: bytes
+
+
+class CellKey(NamedTuple):
+    """The parts of a whole key."""
+
+    site: str
+    cell: str
+    what: str
+
+
+def prefix(site: str, cell: str) -> str:
+    """The part of a key that names the cell, with a slash at the end."""
+    return f"{ROOT}/{site}/{cell}/"
+
+
+def split_key(key: str) -> CellKey | None:
+    """Site, cell and the rest; ``None`` if the key does not follow our scheme."""
+    found = _FULL.fullmatch(key)
+    return CellKey(*found.groups()) if found else None
+
+
+def key_of(message: Message) -> str:
+    """The key of a message within its cell."""
+    return _key(type(message), robot_of(message))
+
+
+def _key(kind: type, robot: int) -> str:
+    name = _NAMES[kind]
+    return f"{name}/{robot}" if kind in (Advice, RobotState) else name
+
+
+_NAMES: dict[type, str] = {
+    Advice: "advice",
+    RobotState: "state",
+    Status: "status",
+    Schema: "schema",
+    Zone: "zone",
+    Pose: "pose",
+    Acknowledge: "ack",
+}
+_DATA_IDS = {
+    _key(definition.type, robot): e2e.data_id_32(number).to_bytes(4, "big")
+    for number, (definition, robot, _) in frame_table(classic=False).items()
+}
+
+
+class KeyedSender:
+    """Encodes the messages of one cell and keeps their counters."""
+
+    def __init__(self) -> None:
+        self._frames = Profile4Sender()
+
+    def encode(self, message: Message) -> Keyed:
+        """Return the message with its key within the cell.
+
+        Raises:
+            ValueError: a field cannot hold its value.
+        """
+        return Keyed(key_of(message), b"".join(self._frames.encode(message)))
+
+
+class KeyedReceiver:
+    """Decodes the messages of one cell; it counts errors and continues."""
+
+    def __init__(self) -> None:
+        self._frames = Profile4Receiver()
+
+    @property
+    def counters(self) -> ReceiveCounters:
+        """Counts of messages received and of errors."""
+        return self._frames.counters
+
+    def reset(self) -> None:
+        """Forget sequences, as after a reconnection; counters stay."""
+        self._frames.reset()
+
+    def feed(self, unit: Keyed) -> list[Message]:
+        """Return the fresh messages of one payload; a Zone or Pose may come in several pieces."""
+        data_id = _DATA_IDS.get(unit.key)
+        if data_id is None or not 0 < len(unit.data) <= MAX_PAYLOAD:
+            self.counters.malformed += 1
+            return []
+        messages: list[Message] = []
+        at = 0
+        while at < len(unit.data):
+            length = int.from_bytes(unit.data[at : at + 2], "big")
+            if not e2e.PROFILE_4_HEADER <= length <= min(MAX_FRAME, len(unit.data) - at):
+                self.counters.malformed += 1  # the start of the next frame is unknown
+                break
+            frame = unit.data[at : at + length]
+            at += length
+            if frame[4:8] != data_id:  # checked before the counter
+                self.counters.malformed += 1
+                continue
+            message = self._frames.take(frame)
+            if message is not None:
+                messages.append(message)
+        return messages

@@ -1,0 +1,154 @@
+"""The reasons for an advice: what is wrong, and what clears it.
+
+The numbers are on the wire: never reuse one.
+"""
+
+from enum import IntEnum
+
+
+class Reason(IntEnum):
+    """Reason of an advice; most reasons are also conditions in Status."""
+
+    NONE = 0
+    PERSON_NEAR = 1
+    PERSON_APPROACHING = 2
+    ZONE_OCCUPIED = 3
+    ZONE_ENTRY_PREDICTED = 4
+    OUT_OF_VIEW = 5
+    PERSON_LOST = 6
+    LATCHED = 7
+    RELEASE_PENDING = 8
+    PERSON_FAST = 9
+    NO_INPUT = 20
+    INPUT_STALE = 21
+    INPUT_FROZEN = 22
+    INPUT_IMPOSSIBLE = 23
+    SOURCE_BLIND = 24
+    CLOCK_JUMP = 25
+    ROOM_NOT_SEEN_EMPTY = 26
+    TOO_MANY_PEOPLE = 27
+    PERSON_NOT_LOCATED = 28
+    ROBOT_STATE_STALE = 30
+    ROBOT_NOT_AUTOMATIC = 31
+    ROBOT_STATE_INVALID = 32
+    PREDICTOR_FAILED = 40
+    PREDICTOR_LATE = 41
+    NODE_FAULT = 42
+    SHADOW_MODE = 43
+    STARTING = 44
+    STOPPING = 45
+    HORIZON_TOO_SHORT = 46
+    ZONES_WIDENED = 47
+    MOTION_UNLIKE = 48
+
+    @property
+    def text(self) -> str:
+        """What is wrong, for a person."""
+        return _TEXT[self][0]
+
+    @property
+    def clears_when(self) -> str:
+        """What clears it, for a person."""
+        return _TEXT[self][1]
+
+
+_TEXT = {
+    Reason.NONE: ("nothing is near", "nothing to clear"),
+    Reason.PERSON_NEAR: (
+        "a person is too close",
+        "the separation exceeds its limit by risk.band_m",
+    ),
+    Reason.PERSON_APPROACHING: (
+        "a person may get too close before the robot stops",
+        "the predicted separation exceeds its limit by risk.band_m",
+    ),
+    Reason.ZONE_OCCUPIED: ("a person is in a named zone", "the zone is seen empty"),
+    Reason.ZONE_ENTRY_PREDICTED: (
+        "a person is about to enter a named zone",
+        "nobody is predicted to enter it",
+    ),
+    Reason.OUT_OF_VIEW: (
+        "the robot can reach a place outside the field of view",
+        "the robot moves back into view, or source.field_of_view is extended",
+    ),
+    Reason.PERSON_LOST: (
+        "a person vanished and may still be here",
+        "the person is seen again, or the lost zone expires (then the room must be seen empty)",
+    ),
+    Reason.LATCHED: (
+        "a stop is latched",
+        "its cause clears, and then an Acknowledge with its latch id arrives",
+    ),
+    Reason.RELEASE_PENDING: (
+        "the cause has cleared; waiting for new captures to confirm it",
+        "enough new captures confirm it",
+    ),
+    Reason.PERSON_FAST: (
+        "a person moves faster than the standard assumes",
+        "the person slows down",
+    ),
+    Reason.NO_INPUT: ("no scene received yet", "the source delivers scenes"),
+    Reason.INPUT_STALE: ("the newest scene is too old", "fresh scenes arrive"),
+    Reason.INPUT_FROZEN: ("the source repeats the same data", "the source's data change again"),
+    Reason.INPUT_IMPOSSIBLE: (
+        "a body moves impossibly fast, is not of human size (check the units), or has joints that "
+        "are not numbers",
+        "plausible captures arrive",
+    ),
+    Reason.SOURCE_BLIND: (
+        "the source reports that it cannot see the room",
+        "the source sees the room again",
+    ),
+    Reason.CLOCK_JUMP: ("the source's clock jumped", "the clock runs evenly again"),
+    Reason.ROOM_NOT_SEEN_EMPTY: (
+        "a person vanished and the room has not been seen empty since",
+        "the room is seen empty for long enough, or an Acknowledge arrives",
+    ),
+    Reason.TOO_MANY_PEOPLE: (
+        "more people are present than the node can follow",
+        "people leave, or people.max_people is raised",
+    ),
+    Reason.PERSON_NOT_LOCATED: (
+        "somebody is present, but their position is unknown",
+        "the source sees a joint of that person that the joint map uses",
+    ),
+    Reason.ROBOT_STATE_STALE: (
+        "no fresh RobotState: the robot's position is unknown",
+        "the controller sends RobotState again",
+    ),
+    Reason.ROBOT_NOT_AUTOMATIC: (
+        "the robot is not in automatic mode",
+        "the controller reports automatic mode",
+    ),
+    Reason.ROBOT_STATE_INVALID: (
+        "RobotState is outside the robot's limits",
+        "the controller reports joints within the robot's limits",
+    ),
+    Reason.PREDICTOR_FAILED: (
+        "the predictor failed; physical limits are used instead",
+        "the predictor succeeds again",
+    ),
+    Reason.PREDICTOR_LATE: (
+        "the predictor was late; physical limits are used instead",
+        "the predictor is on time again",
+    ),
+    Reason.NODE_FAULT: (
+        "the node itself failed",
+        "the node is restarted (its log says why)",
+    ),
+    Reason.SHADOW_MODE: ("shadow mode: the node gives no advice", "the node runs without --shadow"),
+    Reason.STARTING: ("the node is starting", "the node has started"),
+    Reason.STOPPING: ("the node is stopping", "the node is started again"),
+    Reason.HORIZON_TOO_SHORT: (
+        "the delay is longer than the forecast's horizon",
+        "the delay falls, or predictor.horizon_s is raised",
+    ),
+    Reason.ZONES_WIDENED: (
+        "forecast errors exceed the calibration; zones are widened",
+        "forecast errors stay within the calibration for long enough",
+    ),
+    Reason.MOTION_UNLIKE: (
+        "a motion is unlike the calibration data; physical limits are used instead",
+        "motion resembles the calibration data for long enough",
+    ),
+}

@@ -1,0 +1,135 @@
+"""NumPy archives in the style of AMASS: joints of one person, and the capture rate.
+
+AMASS (https://amass.is.tue.mpg.de; Mahmood et al., ICCV 2019) keeps parameters of the SMPL body
+model, from which joints follow by that model alone, which is licensed and not ours to ship. What
+can be read are joints that somebody computed and saved beside them or instead.
+
+| key | shape | what |
+|---|---|---|
+| ``joints`` or ``Jtr`` | (F, J, 3) | metres, z up |
+| ``mocap_framerate``, ``mocap_frame_rate`` or ``fps`` | () | frames per second |
+| ``joint_names`` | (J,) | left out: SMPL's names in its order, if J is one of ``BODIES`` |
+"""
+
+import math
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import RecordingError
+from hri_predict.recording.formats.npz import read_arrays
+from hri_predict.recording.frames import Written, frames_of_one
+from hri_predict.recording.naming import map_of_names
+from hri_predict.recording.recording import Recording, check_rate, recording_of_one
+
+JOINTS = ("joints", "Jtr")
+RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
+PARAMETERS = ("poses", "trans", "betas", "root_orient", "pose_body", "body_pose")
+SMPL = (
+    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2",
+    "left_ankle", "right_ankle", "spine3", "left_foot", "right_foot", "neck",
+    "left_collar", "right_collar", "head", "left_shoulder", "right_shoulder",
+    "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hand", "right_hand",
+)  # fmt: skip
+"""smplx, joint_names.py; SMPL-H and SMPL-X have the first 22, then fingers."""
+BODIES = {22: 22, 24: 24, 45: 24, 52: 22, 55: 22, 73: 22, 127: 22, 144: 22}
+"""Joints in a file: how many of them, from the first, are SMPL's. Models of other numbers (25 of
+OpenPose or Kinect, 44 of SPIN) have other joints in other orders; the file must name them."""
+
+
+def is_amass(path: Path) -> bool:
+    """Whether an archive has keys of this kind, and none of the data pack."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = {name.removesuffix(".npy") for name in archive.namelist()}
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        return False
+    return bool(names & {*JOINTS, *PARAMETERS}) and not names & {"positions_world", "positions"}
+
+
+def read_amass(
+    path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
+) -> Recording:
+    """Read the joints of such an archive.
+
+    Args:
+        path: the file.
+        person: the id to give to the body.
+        unit_m: metres per unit; default 1.
+        axes: the file's axes that are forward, left and up; default [x, y, z].
+
+    Raises:
+        RecordingError: damaged, of other shapes, or with parameters of the body model alone.
+        ConfigError: impossible units or axes.
+    """
+    arrays = read_arrays(path, {*JOINTS, *RATES, "joint_names"})
+    key = next((k for k in JOINTS if arrays.get(k) is not None), None)
+    if key is None:
+        raise RecordingError(
+            f"recording {path}: holds parameters of the SMPL body model, whose joints take that "
+            f"licensed model; compute them there and add them as 'joints' (frames, joints, 3), "
+            f"metres"
+        )
+    raw = np.asarray(arrays[key])
+    if raw.ndim != 3 or raw.shape[2] != 3 or 0 in raw.shape or raw.dtype.kind not in "fiu":
+        raise RecordingError(
+            f"recording {path}: '{key}' is {raw.dtype} of shape {raw.shape}; expected numbers of "
+            f"shape (frames, joints, 3)"
+        )
+    joint_map = map_of_names(_names(path, arrays, raw.shape[1]))
+    joint_map = joint_map.with_units(1.0 if unit_m is None else unit_m)
+    joint_map = joint_map if axes is None else joint_map.with_axes(axes)
+    return recording_of_one(
+        path=path,
+        kind="amass",
+        joint_map=joint_map,
+        raw=raw.astype(np.float64),
+        rate_hz=_rate(path, arrays),
+        person=person,
+    )
+
+
+def _names(path: Path, arrays: Mapping[str, Any], count: int) -> list[str]:
+    if arrays.get("joint_names") is None:
+        known = SMPL[: BODIES.get(count, 0)]
+        return [*known, *(f"joint_{k}" for k in range(len(known), count))]
+    names = [str(name) for name in np.asarray(arrays["joint_names"]).ravel()]
+    if len(names) != count or len(set(names)) != count:
+        raise RecordingError(
+            f"recording {path}: 'joint_names' has {len(set(names))} different names for {count} "
+            f"joints; give each joint its own name"
+        )
+    return names
+
+
+def _rate(path: Path, arrays: Mapping[str, Any]) -> float:
+    key = next((k for k in RATES if arrays.get(k) is not None), None)
+    if key is None:
+        raise RecordingError(f"recording {path}: 'mocap_framerate' is missing; add it")
+    try:
+        rate_hz = float(np.asarray(arrays[key]))
+    except (TypeError, ValueError):
+        rate_hz = math.nan
+    check_rate(path, f"'{key}'", rate_hz)
+    return rate_hz
+
+
+def write_amass(path: Path, recording: Recording) -> Written:
+    """Write one person: ``joints`` (32-bit), ``joint_names``, ``mocap_framerate``; NaN: not seen.
+
+    There are no parameters of a body model in it.
+    """
+    frames = frames_of_one(recording)
+    joints: Floats = frames.positions[:, 0]
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            joints=joints.astype(np.float32),
+            joint_names=np.array(frames.joints),
+            mocap_framerate=np.float64(frames.rate_hz),
+        )
+    return frames.written

@@ -1,0 +1,155 @@
+"""Writes BVH: the canonical skeleton under the names that rigs use, with rigid bones.
+
+A BVH holds rotations of one hierarchy for one person. So the joints become the canonical ones, bone
+lengths become constant, and a joint that was not observed stays where it was seen last.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.errors import ConfigError
+from hri_predict.joint_map import axes_rotation
+from hri_predict.recording.formats.rigid import Bones, follow, zxy_degrees
+from hri_predict.recording.frames import Written, frames_of_one
+from hri_predict.recording.naming import check_known
+from hri_predict.recording.recording import Recording
+from hri_predict.skeleton import JOINTS, PARENTS
+
+AXES = ("z", "x", "y")  # forward, left, up
+CM_PER_M = 100.0
+NAMES = {"waist": "Hips", "torso": "Spine", "neck": "Neck", "head": "Head", "head_top": "HeadTop"}
+for _side, _long in (("l_", "Left"), ("r_", "Right")):
+    for _joint, _name in (
+        ("shoulder", "Arm"), ("elbow", "ForeArm"), ("wrist", "Hand"), ("hand", "HandMiddle1"),
+        ("hip", "UpLeg"), ("knee", "Leg"), ("ankle", "Foot"), ("foot", "ToeBase"),
+    ):  # fmt: skip
+        NAMES[_side + _joint] = _long + _name
+HELPERS = {
+    "torso": "LowerBack", "head": "Neck1", "l_shoulder": "LeftShoulder",
+    "r_shoulder": "RightShoulder", "l_hip": "LHipJoint", "r_hip": "RHipJoint",
+}  # fmt: skip
+"""Where a joint has several bones, each has its own helper there, which turns only that bone."""
+_REST = {"knee": (0, -1, 0), "ankle": (0, -1, 0), "foot": (0, 0, 1)}  # y up, left is +x
+_SIDE = {"l_": (1, 0, 0), "r_": (-1, 0, 0)}
+
+
+def write_bvh(path: Path, recording: Recording) -> Written:
+    """Write one person, centimetres with y up.
+
+    Raises:
+        ConfigError: the names of the joints are not known, so nothing says what hangs on what; or
+            fewer than two canonical joints are ever observed.
+    """
+    check_known(recording.joint_map)
+    frames = frames_of_one(recording)
+    source = frames.positions[:, 0]
+    mapped, seen = recording.joint_map.map(source, np.isfinite(source[..., 0]))
+    ever: Bools = np.asarray(seen.any(axis=0))
+    if np.count_nonzero(ever) < 2:
+        raise ConfigError("BVH: fewer than two joints of a body are ever observed")
+    names, parents, joints = _hierarchy(ever)
+    held = _held(mapped, seen) @ axes_rotation(AXES)
+    bones = follow(held[:, joints], parents, _rest(names, joints))
+    path.write_text(_text(names, parents, bones, frames.rate_hz), encoding="utf-8", newline="\n")
+
+    written = frames.written
+    written.dropped["joints that are none of the canonical ones"] += int(
+        np.count_nonzero(~(recording.joint_map.weights > 0).any(axis=0))
+    )
+    used = sorted(set(joints))
+    unseen = int(np.count_nonzero(~seen[:, used]))
+    written.dropped["joint positions that were not observed"] += unseen
+    if unseen:
+        written.notes.append("a BVH knows no missing joints: they stay where they were seen last")
+    _measure(written, bones.positions, held[:, joints], seen[:, joints])
+    return written
+
+
+def _measure(written: Written, ours: Floats, true: Floats, seen: Bools) -> None:
+    off = np.linalg.norm(ours - true, axis=-1)[seen] * 1000
+    written.notes.append(
+        f"rigid bones and rotations: the joints are {off.mean():.1f} mm off on average, "
+        f"{off.max():.1f} mm at most"
+    )
+
+
+def _held(mapped: Floats, seen: Bools) -> Floats:
+    """(F, J, 3) with every joint where it was last seen, or before that where it is first seen."""
+    index = np.where(seen, np.arange(len(seen))[:, None], -1)
+    index = np.maximum.accumulate(index, axis=0)
+    index = np.where(index < 0, np.argmax(seen, axis=0), index)
+    held: Floats = np.take_along_axis(mapped, index[..., None], axis=0)
+    return held
+
+
+def _hierarchy(ever: Bools) -> tuple[list[str], list[int], list[int]]:
+    """Names, parents and canonical joints (a helper's is its parent's), depth first."""
+    kept = [j for j in range(len(JOINTS)) if ever[j]]
+
+    def above(j: int) -> int:
+        parent = PARENTS[j]
+        while parent >= 0 and not ever[parent]:
+            parent = PARENTS[parent]
+        return parent if parent >= 0 else kept[0]
+
+    names: list[str] = []
+    parents: list[int] = []
+    joints: list[int] = []
+
+    def visit(j: int, parent: int) -> None:
+        children = [k for k in kept if k != kept[0] and above(k) == j]
+        here = len(names)
+        names.append(NAMES[JOINTS[j]])
+        parents.append(parent)
+        joints.append(j)
+        for child in children:
+            hangs_on = here
+            if len(children) > 1:
+                hangs_on = len(names)
+                names.append(HELPERS.get(JOINTS[child], f"To{NAMES[JOINTS[child]]}"))
+                parents.append(here)
+                joints.append(j)
+            visit(child, hangs_on)
+
+    visit(kept[0], -1)
+    return names, parents, joints
+
+
+def _rest(names: list[str], joints: list[int]) -> Floats:
+    """(J, 3) directions of the bones of a person who stands with arms out to the sides."""
+    rest = []
+    for j in joints:
+        side, part = JOINTS[j][:2], JOINTS[j][2:]
+        rest.append(_REST.get(part, _SIDE[side]) if side in _SIDE else (0, 1, 0))
+    return np.array(rest, dtype=np.float64)
+
+
+def _text(names: list[str], parents: list[int], bones: Bones, rate_hz: float) -> str:
+    lines = ["HIERARCHY"]
+
+    def joint(j: int, depth: int) -> None:
+        pad = "\t" * depth
+        lines.extend([f"{pad}{'JOINT' if j else 'ROOT'} {names[j]}", f"{pad}{{"])
+        lines.append(f"{pad}\tOFFSET {_numbers(bones.offsets[j] * CM_PER_M)}")
+        position = "" if j else "Xposition Yposition Zposition "
+        turn = "Zrotation Xrotation Yrotation"
+        lines.append(f"{pad}\tCHANNELS {3 if j else 6} {position}{turn}")
+        children = [k for k, parent in enumerate(parents) if parent == j]
+        for child in children:
+            joint(child, depth + 1)
+        if not children:
+            lines.extend([f"{pad}\tEnd Site", f"{pad}\t{{", f"{pad}\t\tOFFSET 0 0 0", f"{pad}\t}}"])
+        lines.append(f"{pad}}}")
+
+    joint(0, 0)
+    angles = zxy_degrees(bones.rotations).reshape(len(bones.rotations), -1)
+    values = np.concatenate([bones.positions[:, 0] * CM_PER_M, angles], axis=1)
+    lines += ["MOTION", f"Frames: {len(values)}", f"Frame Time: {1 / rate_hz:.12g}"]
+    lines += [_numbers(row) for row in values]
+    return "\n".join(lines) + "\n"
+
+
+def _numbers(values: Floats) -> str:
+    return " ".join(f"{v:.6f}" for v in values.tolist())

@@ -1,0 +1,238 @@
+"""C3D files of optical motion capture: their 3D points; the residual marks those not seen.
+
+After the C3D User Guide (Motion Lab Systems, c3d.org): blocks of 512 bytes; a header; parameters
+in groups; then for each frame the points (x, y, z and a word of cameras and residual, below 0 where
+the point was not reconstructed) and the analog samples, which are passed over. Integers or floats,
+of Intel, DEC (VAX F_floating) or MIPS machines.
+
+Our own reader: the C++ library for these files crashes, or never returns, on damaged ones, which a
+process that watches a robot cannot have. The tests hold it against that library.
+"""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.recording.bounded import check_joints, read_bounded
+from hri_predict.recording.formats.c3d_parameters import (
+    BLOCK,
+    MAGIC,
+    Damaged,
+    Parameters,
+    pack_parameters,
+    read_parameters,
+)
+from hri_predict.recording.frames import Written, frames_of
+from hri_predict.recording.labels import joined_labels, split_labels
+from hri_predict.recording.naming import map_of_names
+from hri_predict.recording.recording import Recording, check_rate, noted, recording_of
+
+MM_PER_M = 1000.0
+MAX_POINTS, MAX_LABEL = 65535, 127
+MAX_BLOCK = 65536  # at which the points may start
+MAX_COUNT = 65535  # frames that the header can count
+MAX_FRAMES = 2**31  # more than any file has
+PER_PARAMETER = 255  # labels: a dimension is one byte
+NO_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")  # labels of model outputs
+# Axes that are forward, left and up, where POINT:Y_SCREEN (the screen's vertical) is ...
+_AXES = {"Z": ("x", "y", "z"), "Y": ("z", "x", "y"), "X": ("y", "z", "x")}
+_AXES |= {"-Z": ("x", "-y", "-z"), "-Y": ("z", "-x", "-y"), "-X": ("y", "-z", "-x")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Layout:
+    """Where the frames are: bytes, and numbers of each frame."""
+
+    start: int
+    frames: int
+    points: int
+    analog: int
+    scale: float
+
+    @property
+    def word(self) -> int:
+        return 4 if self.scale < 0 else 2
+
+    @property
+    def frame_bytes(self) -> int:
+        return (4 * self.points + self.analog) * self.word
+
+
+def read_c3d(
+    path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
+) -> Recording:
+    """Read the points of a C3D file; ``Anna:LWrist`` is a marker of the person Anna.
+
+    Args:
+        path: the file.
+        person: id of the first person whose labels give no number.
+        unit_m: metres per unit; default: as POINT:UNITS says.
+        axes: the file's axes that are forward, left and up; default: up is POINT:Y_SCREEN, z where
+            that is not said.
+
+    Raises:
+        RecordingError: not C3D, truncated, damaged, or without points.
+        ConfigError: impossible units or axes; labels that name nobody, or too many people.
+    """
+    data = read_bounded(path)
+    if len(data) < 2 * BLOCK or data[1] != MAGIC:
+        raise RecordingError(f"recording {path}: not a C3D file, or truncated; export it again")
+    try:
+        parameters = read_parameters(data)
+        layout = _layout(path, data, parameters)
+    except Damaged as error:
+        raise RecordingError(
+            f"recording {path}: its C3D parameters are damaged ({error}); export it again"
+        ) from error
+    labels = parameters.texts("POINT", "LABELS")[: layout.points]
+    labels += [f"*{k + 1}" for k in range(len(labels), layout.points)]
+    markers = split_labels(
+        labels,
+        person,
+        [label for kind in NO_POSITIONS for label in parameters.texts("POINT", kind)],
+    )
+    check_joints(path, layout.frames, *markers.columns.shape)
+    rate_hz = parameters.number("POINT", "RATE", parameters.header_float(data, 20))
+    check_rate(path, "POINT:RATE", rate_hz)
+    unit_m = _unit(path, parameters) if unit_m is None else unit_m
+    axes = _axes(parameters) if axes is None else axes
+    joint_map = map_of_names(markers.joints).with_units(unit_m).with_axes(axes)
+    points = markers.people(_points(data, parameters, layout))
+    recording = recording_of(
+        path=path, kind="c3d", joint_map=joint_map, raw=points, rate_hz=rate_hz, ids=markers.ids
+    )
+    return noted(recording, markers.note)
+
+
+def _layout(path: Path, data: bytes, parameters: Parameters) -> _Layout:
+    """The layout; where header and parameters differ, the parameters count."""
+    word = parameters.header_word
+    frames = word(data, 8) - word(data, 6) + 1
+    start = parameters.words("TRIAL", "ACTUAL_START_FIELD")
+    end = parameters.words("TRIAL", "ACTUAL_END_FIELD")
+    if len(start) == len(end) == 2:  # as two words, for more than 65535 frames
+        frames = (end[0] + (end[1] << 16)) - (start[0] + (start[1] << 16)) + 1
+    else:
+        for name in ("FRAMES", "LONG_FRAMES"):  # or as a float; the latter counts
+            said = parameters.number("POINT", name, 0.0)
+            frames = int(said) if MAX_COUNT < said < MAX_FRAMES else frames
+    block = parameters.number("POINT", "DATA_START", word(data, 16))
+    layout = _Layout(
+        start=(int(block) - 1) * BLOCK if 0 < block < MAX_BLOCK else 0,
+        frames=frames,
+        points=word(data, 2),
+        analog=word(data, 4),
+        scale=parameters.number("POINT", "SCALE", parameters.header_float(data, 12)),
+    )
+    if layout.points == 0 or layout.frames < 1:
+        raise RecordingError(
+            f"recording {path}: is empty ({layout.points} points, {max(layout.frames, 0)} frames)"
+        )
+    if layout.start < 2 * BLOCK or not abs(layout.scale) <= 1e6 or layout.scale == 0:
+        raise Damaged("where the points start, or their scale")
+    there = max(0, (len(data) - layout.start) // layout.frame_bytes)
+    if there < layout.frames:
+        raise RecordingError(
+            f"recording {path}: truncated: {there} of {layout.frames} frames are there; "
+            f"export it again"
+        )
+    return layout
+
+
+def _points(data: bytes, parameters: Parameters, layout: _Layout) -> Floats:
+    """(F, points, 3) in the file's units and axes; NaN where a point was not seen."""
+    count = layout.frames * layout.frame_bytes // layout.word
+    floats = layout.word == 4
+    values = parameters.array(data, layout.start, count, floats=floats).reshape(layout.frames, -1)
+    words = values[:, : 4 * layout.points].reshape(layout.frames, layout.points, 4)
+    points = np.array(words[..., :3], dtype=np.float64)
+    if not floats:
+        points *= layout.scale
+    with np.errstate(invalid="ignore"):
+        points[~(words[..., 3] >= 0)] = np.nan
+    return points
+
+
+def _unit(path: Path, parameters: Parameters) -> float:
+    name = (parameters.texts("POINT", "UNITS") or ["mm"])[0].lower()
+    if name not in METRES_PER_UNIT:
+        raise RecordingError(
+            f"recording {path}: POINT:UNITS are {name[:20]!r}; expected one of "
+            f"{', '.join(METRES_PER_UNIT)}; give them with --units"
+        )
+    return METRES_PER_UNIT[name]
+
+
+def _axes(parameters: Parameters) -> Sequence[str]:
+    up = (parameters.texts("POINT", "Y_SCREEN") or ["+Z"])[0].upper().removeprefix("+")
+    return _AXES.get(up, _AXES["Z"])
+
+
+def write_c3d(path: Path, recording: Recording) -> Written:
+    """Write all people as points: 32-bit floats, millimetres, z up, residual -1 where not seen.
+
+    Raises:
+        ConfigError: too many points for the format, or a joint's name that it cannot hold.
+    """
+    frames = frames_of(recording)
+    labels = joined_labels(frames.ids, frames.joints)
+    number = frames.written.frames
+    if len(labels) > MAX_POINTS:
+        raise ConfigError(f"C3D holds {MAX_POINTS} points, not {len(labels)}; choose with --person")
+    if any(not label.isascii() or len(label) > MAX_LABEL for label in labels):
+        raise ConfigError(
+            f"C3D: a joint's name is not ASCII, or longer than {MAX_LABEL}; rename it"
+        )
+    points: NDArray[np.float32] = np.zeros((number, len(labels), 4), dtype="<f4")
+    xyz = frames.positions.reshape(number, len(labels), 3) * MM_PER_M
+    points[..., :3] = np.nan_to_num(xyz)
+    points[..., 3] = np.where(np.isnan(xyz).any(axis=-1), -1.0, 0.0)
+    parameters = _parameters(labels, number, frames.rate_hz)
+    header = struct.pack(
+        "<BBHHHHHfHHf", 2, MAGIC, len(labels), 0, 1, min(number, MAX_COUNT), 0, -1.0,
+        parameters.data_start, 0, frames.rate_hz,
+    )  # fmt: skip
+    path.write_bytes(header.ljust(BLOCK, b"\0") + parameters.packed + points.tobytes())
+    return frames.written
+
+
+@dataclass(frozen=True)
+class _Packed:
+    packed: bytes
+    data_start: int
+
+
+def _parameters(labels: Sequence[str], frames: int, rate_hz: float) -> _Packed:
+    """The section of parameters, and the number of the block that follows it."""
+    point: dict[str, object] = {
+        "USED": len(labels),
+        "SCALE": -1.0,
+        "RATE": rate_hz,
+        "DATA_START": 0,
+        "FRAMES": min(frames, MAX_COUNT),
+        "UNITS": "mm",
+        "X_SCREEN": "+X",
+        "Y_SCREEN": "+Z",
+    }
+    for k in range(0, len(labels), PER_PARAMETER):
+        name = "LABELS" if k == 0 else f"LABELS{k // PER_PARAMETER + 1}"
+        point[name] = list(labels[k : k + PER_PARAMETER])
+    groups: dict[str, dict[str, object]] = {
+        "POINT": point,
+        "ANALOG": {"USED": 0, "GEN_SCALE": 1.0, "RATE": rate_hz},
+        "TRIAL": {
+            "ACTUAL_START_FIELD": (1, 0),
+            "ACTUAL_END_FIELD": (frames & 0xFFFF, frames >> 16),
+        },
+    }
+    point["DATA_START"] = 2 + len(pack_parameters(groups)) // BLOCK
+    if int(str(point["DATA_START"])) > 255 + 2:
+        raise ConfigError(f"C3D: {len(labels)} names of points are too long; choose with --person")
+    return _Packed(pack_parameters(groups), int(str(point["DATA_START"])))

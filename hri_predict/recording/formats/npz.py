@@ -1,0 +1,216 @@
+"""Motion recordings as NumPy archives: whole-body (CMU, 38 joints) and arms of a seated person.
+
+Keys, units and axes as the data pack documents them: ``positions_world`` (F, 38, 3) metres, y up,
+``fps`` 120, ``world_ok``, ``floor_height`` and ``rest_pose_frames``; or ``positions`` (F, 6, 3)
+metres in the camera's frame, NaN where missing, with ``joint_names`` and ``fps``.
+"""
+
+import lzma
+import math
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.recording.frames import Written, frames_of_one
+from hri_predict.recording.recording import Recording, check_rate, recording_of_one
+
+# What a damaged archive or header can raise.
+_BROKEN: tuple[type[Exception], ...] = (OSError, EOFError, ValueError, KeyError, SyntaxError)
+_BROKEN += (OverflowError, RuntimeError, MemoryError, tokenize.TokenError)
+_BROKEN += (zipfile.BadZipFile, zlib.error, lzma.LZMAError)
+
+_KEYS = {"positions_world", "world_ok", "floor_height", "rest_pose_frames"}
+_KEYS |= {"positions", "joint_names", "fps"}
+MAX_BYTES = 2**30  # unpacked; two hours of 38 joints at 120 frames per second
+
+
+def read_npz(path: Path, person: int) -> Recording:
+    """Read a recording in one of the two layouts.
+
+    A frame whose ``world_ok`` is false (the root's rotation is an artefact there) becomes a scene
+    in which the person's joints are all unobserved: somebody is there, and where is not known.
+
+    Raises:
+        RecordingError: truncated, empty, or of another layout.
+    """
+    arrays = read_arrays(path, _KEYS)
+    if "positions_world" in arrays:
+        return _whole_body(path, arrays, person)
+    if "positions" in arrays:
+        return _arms(path, arrays, person)
+    raise RecordingError(
+        f"recording {path}: holds {', '.join(sorted(arrays)) or 'nothing'}; expected "
+        f"'positions_world' (38 joints) or 'positions' with 'joint_names' (arms)"
+    )
+
+
+def read_arrays(path: Path, keys: Collection[str]) -> dict[str, Any]:
+    """The arrays of an archive with one of ``keys``; without any, its names without values.
+
+    Raises:
+        RecordingError: not an archive, damaged, or larger than ``MAX_BYTES`` when unpacked.
+    """
+    try:
+        with path.open("rb") as file:
+            return _unpacked(path, np.load(file, allow_pickle=False), keys)
+    except _BROKEN as error:
+        raise RecordingError(
+            f"recording {path}: truncated or not a NumPy archive; copy it again"
+        ) from error
+
+
+def _unpacked(path: Path, archive: Any, keys: Collection[str]) -> dict[str, Any]:
+    if not isinstance(archive, np.lib.npyio.NpzFile):
+        raise RecordingError(
+            f"recording {path}: is a single array, not an .npz archive; save it with "
+            f"numpy.savez and the documented keys"
+        )
+    with archive:
+        _check_size(path, archive.zip, keys)
+        arrays = {key: archive[key] for key in archive.files if key in keys}
+        if not all(isinstance(array, np.ndarray) for array in arrays.values()):
+            raise ValueError("an entry without NumPy's header comes as bytes")
+        return arrays or dict.fromkeys(archive.files)
+
+
+def _check_size(path: Path, archive: zipfile.ZipFile | None, keys: Collection[str]) -> None:
+    """Refuse an archive that would fill the memory; what is not read does not count."""
+    entries = [] if archive is None else archive.infolist()
+    size = sum(e.file_size for e in entries if e.filename.removesuffix(".npy") in keys)
+    if size > MAX_BYTES:
+        raise RecordingError(
+            f"recording {path}: {size / 2**30:.3g} GiB when unpacked, at most "
+            f"{MAX_BYTES / 2**30:g} GiB are read; cut it into parts"
+        )
+
+
+def _whole_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
+    joint_map = load_joint_map("cmu38")
+    positions = _positions(path, arrays["positions_world"], len(joint_map.source_joints))
+    first = _number(path, arrays, "rest_pose_frames", 0.0)  # a pose, not motion
+    if first < 0 or first % 1 != 0:
+        raise RecordingError(
+            f"recording {path}: 'rest_pose_frames' is {first:g}; it must be a whole number from 0"
+        )
+    ok = np.asarray(arrays.get("world_ok", np.ones(len(positions), dtype=bool)))
+    if ok.shape != (len(positions),) or ok.dtype.kind not in "biu":
+        raise RecordingError(
+            f"recording {path}: 'world_ok' is {ok.dtype} of shape {ok.shape}; expected one truth "
+            f"value for each of the {len(positions)} frames"
+        )
+    positions[..., 1] -= _number(path, arrays, "floor_height", 0.0)  # y is up
+    positions[ok == 0] = np.nan
+    begin = min(int(first), len(positions))
+    return _recording(
+        path=path,
+        kind="cmu",
+        joint_map=joint_map,
+        positions=positions[begin:],
+        arrays=arrays,
+        person=person,
+    )
+
+
+def _arms(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
+    joint_map = load_joint_map("assembly_arms")
+    names = [str(n) for n in np.atleast_1d(arrays.get("joint_names", joint_map.source_joints))]
+    unknown = [n for n in names if n not in joint_map.source_joints]
+    missing = [n for n in joint_map.source_joints if n not in names]
+    if unknown or missing:
+        wrong = f"unknown: {', '.join(unknown)}" if unknown else f"missing: {', '.join(missing)}"
+        raise RecordingError(
+            f"recording {path}: 'joint_names' do not fit ({wrong}); "
+            f"expected {', '.join(joint_map.source_joints)}"
+        )
+    positions = _positions(path, arrays["positions"], len(names))
+    positions = positions[:, [names.index(n) for n in joint_map.source_joints]]
+    return _recording(
+        path=path,
+        kind="assembly",
+        joint_map=joint_map,
+        positions=positions,
+        arrays=arrays,
+        person=person,
+    )
+
+
+def _recording(
+    *,
+    path: Path,
+    kind: str,
+    joint_map: JointMap,
+    positions: Floats,
+    arrays: Mapping[str, Any],
+    person: int,
+) -> Recording:
+    if len(positions) == 0:
+        raise RecordingError(f"recording {path}: is empty (no frames); choose another")
+    rate_hz = _number(path, arrays, "fps", None)
+    check_rate(path, "'fps'", rate_hz)
+    return recording_of_one(
+        path=path, kind=kind, joint_map=joint_map, raw=positions, rate_hz=rate_hz, person=person
+    )
+
+
+def _positions(path: Path, array: Any, joints: int) -> Floats:
+    array = np.asarray(array)
+    if array.ndim != 3 or array.shape[1:] != (joints, 3) or array.dtype.kind not in "fiu":
+        raise RecordingError(
+            f"recording {path}: positions are {array.dtype} of shape {array.shape}; "
+            f"expected numbers of shape (frames, {joints}, 3)"
+        )
+    return array.astype(np.float64)
+
+
+def _number(path: Path, arrays: Mapping[str, Any], key: str, default: float | None) -> float:
+    if key not in arrays:
+        if default is None:
+            raise RecordingError(f"recording {path}: '{key}' is missing; add it")
+        return default
+    try:
+        value = float(np.asarray(arrays[key]))
+    except (TypeError, ValueError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise RecordingError(f"recording {path}: '{key}' is not one finite number")
+    return value
+
+
+def write_pack(path: Path, recording: Recording) -> Written:
+    """Write one person in one of the two layouts, by the names of the joints, in any order.
+
+    Raises:
+        ConfigError: the joints are those of neither layout.
+    """
+    frames = frames_of_one(recording)
+    names = [name for name in ("cmu38", "assembly_arms") if _same(name, frames.joints)]
+    if not names:
+        raise ConfigError(
+            "the data pack's layouts hold the 38 joints of cmu38 or the 6 of assembly_arms, not "
+            f"{', '.join(frames.joints[:4])}, ...; take --to amass, which holds any"
+        )
+    joint_map = load_joint_map(names[0])
+    order = [frames.joints.index(joint) for joint in joint_map.source_joints]
+    positions = (frames.positions[:, 0, order] @ joint_map.rotation).astype(np.float32)
+    fps = np.float32(frames.rate_hz)
+    arrays: dict[str, Any]
+    if names[0] == "cmu38":
+        ok = ~np.isnan(positions).all(axis=(1, 2))
+        arrays = {"positions_world": positions, "world_ok": ok, "floor_height": np.array(0.0)}
+    else:
+        arrays = {"positions": positions, "joint_names": np.array(joint_map.source_joints)}
+    with path.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, fps=fps, **arrays)
+    return frames.written
+
+
+def _same(map_name: str, joints: Collection[str]) -> bool:
+    return sorted(joints) == sorted(load_joint_map(map_name).source_joints)

@@ -1,0 +1,167 @@
+"""Reads the node's own recordings back, the cut ones up to the cut."""
+
+import json
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import zstandard
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.records import Channel, Chunk, Footer, Message, Metadata
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+
+from hri_predict.errors import RecordingError
+from hri_predict.link import Received
+from hri_predict.recording.mcap.format import (
+    METADATA,
+    RecordingInfo,
+    received_from_dict,
+    scene_from_dict,
+    whole,
+)
+from hri_predict.recording.recording import Recording, check_gaps
+from hri_predict.scene import Scene
+
+_RECORD_LIMIT = 64 * 1024 * 1024  # ours are of 64 KiB; a damaged length must not fill the memory
+# What a cut or damaged file can raise.
+_CUT: tuple[type[Exception], ...] = (EndOfFile, EOFError, McapError, CRCValidationError)
+_CUT += (struct.error, zlib.error, zstandard.ZstdError, ValueError, IndexError, KeyError)
+_CUT += (OverflowError, RuntimeError, MemoryError, TypeError)
+
+
+def read_mcap(path: Path) -> Recording:
+    """Read a recording of the node's own.
+
+    A file that was cut (the node was killed, the disk was full) gives what stands before the cut;
+    ``note`` says so.
+
+    Raises:
+        RecordingError: not MCAP, not recorded by this node, no scene in it, or damaged messages.
+    """
+    info: RecordingInfo | None = None
+    scenes: list[Scene] = []
+    arrivals: list[int] = []
+    received: list[tuple[str, Received]] = []
+    topics: dict[int, str] = {}
+    note = ""
+    with path.open("rb") as file:
+        records = _records(file)
+        while True:
+            try:
+                record = next(records, None)
+            except InvalidMagic as error:
+                if info is None:
+                    raise RecordingError(f"recording {path}: not an MCAP file") from error
+                note = _cut_note(arrivals)
+                break
+            except _CUT:
+                note = _cut_note(arrivals)
+                break
+            if record is None or isinstance(record, Footer):
+                break
+            if isinstance(record, Metadata) and record.name == METADATA and info is None:
+                info = _info(path, record)
+            elif isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message) and info is not None:
+                _take(
+                    path=path,
+                    topic=topics.get(record.channel_id),
+                    record=record,
+                    info=info,
+                    scenes=scenes,
+                    arrivals=arrivals,
+                    received=received,
+                )
+    if info is None:
+        raise RecordingError(
+            f"recording {path}: {'truncated' if note else 'was not recorded by hri-predict'}; "
+            f"an .mcap to replay comes from 'run --record' or 'replay --record'"
+        )
+    if not scenes:
+        how = "truncated before its first scene" if note else "is empty (no scenes)"
+        raise RecordingError(f"recording {path}: {how}; record it again")
+    check_gaps(path, arrivals)
+    return Recording(
+        path=path,
+        kind="mcap",
+        joint_map=info.joint_map,
+        rate_hz=info.rate_hz,
+        scenes=scenes,
+        arrival_ns=arrivals,
+        declares_noise=info.declares_noise,
+        received=received,
+        note=note,
+        config=info.config,
+    )
+
+
+def _records(file: Any) -> Iterator[Any]:
+    reader = StreamReader(
+        file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_LIMIT
+    )
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            _check_unpacked(record)
+            yield from breakup_chunk(record, validate_crc=True)
+        else:
+            yield record
+
+
+def _check_unpacked(chunk: Chunk) -> None:
+    """Refuse what would fill the memory: a few bytes may unpack to any number.
+
+    Raises:
+        ValueError, zstandard.ZstdError: too large when unpacked, or not packed as ours are.
+    """
+    sizes = [chunk.uncompressed_size]
+    if chunk.compression == "zstd":
+        said = zstandard.get_frame_parameters(chunk.data).content_size
+        sizes += [said] if said != zstandard.CONTENTSIZE_UNKNOWN else []
+    elif chunk.compression:
+        raise ValueError(f"compression {chunk.compression[:20]!r}")
+    if max(sizes) > _RECORD_LIMIT:
+        raise ValueError(f"a chunk of {max(sizes)} bytes when unpacked")
+
+
+def _cut_note(arrivals: list[int]) -> str:
+    seconds = (arrivals[-1] - arrivals[0]) * 1e-9 if arrivals else 0.0
+    return f"cut or damaged after {seconds:.1f} s ({len(arrivals)} scenes); what follows is lost"
+
+
+def _info(path: Path, record: Metadata) -> RecordingInfo:
+    try:
+        return RecordingInfo.from_metadata(record.metadata)
+    except RecordingError as error:
+        raise RecordingError(f"recording {path}: {error}") from error
+
+
+def _take(
+    *,
+    path: Path,
+    topic: str | None,
+    record: Message,
+    info: RecordingInfo,
+    scenes: list[Scene],
+    arrivals: list[int],
+    received: list[tuple[str, Received]],
+) -> None:
+    """Keep a message that a replay needs."""
+    if topic not in ("/scene", "/received"):
+        return
+    try:
+        data = json.loads(record.data)
+        if topic == "/scene":
+            scene, arrival_ns = scene_from_dict(data, len(info.joint_map.source_joints))
+            scenes.append(scene)
+            arrivals.append(arrival_ns)
+        else:
+            message, received_ns = received_from_dict(data), whole(data["received_ns"])
+            if message is not None:
+                received.append((str(data["link"]), Received(message, received_ns)))
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise RecordingError(
+            f"recording {path}: a message on {topic} is damaged ({error}); record it again"
+        ) from error

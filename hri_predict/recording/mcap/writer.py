@@ -1,0 +1,41 @@
+"""Writes a recording as the node's own MCAP; ``replay`` treats it as recorded by a node."""
+
+from collections import deque
+from pathlib import Path
+
+from hri_predict.errors import RecordingError
+from hri_predict.recording.cutting import people_of
+from hri_predict.recording.frames import Written
+from hri_predict.recording.mcap.format import RecordingInfo
+from hri_predict.recording.mcap.recorder import Recorder
+from hri_predict.recording.recording import Recording
+
+
+def write_mcap(path: Path, recording: Recording) -> Written:
+    """Write every scene as it arrived, exactly, and what controllers sent.
+
+    Raises:
+        RecordingError: it cannot be written.
+    """
+    info = RecordingInfo(
+        joint_map=recording.joint_map,
+        rate_hz=recording.rate_hz,
+        declares_noise=recording.declares_noise,
+        config=recording.config,
+    )
+    written = Written(len(recording.scenes), people_of(recording))
+    told = deque(sorted(recording.received, key=lambda r: r[1].received_ns))
+    with Recorder(path, info, threaded=False) as recorder:
+        for scene, arrival_ns in zip(recording.scenes, recording.arrival_ns, strict=True):
+            while told and told[0][1].received_ns <= arrival_ns:
+                recorder.on_received(*told.popleft())
+            recorder.on_scene(scene, arrival_ns)
+        for link, received in told:
+            recorder.on_received(link, received)
+    if recorder.error is not None or recorder.dropped:
+        raise RecordingError(
+            f"recording {path}: cannot be written: {recorder.error or 'a scene is no JSON'}"
+        )
+    if recording.kind == "mcap":
+        written.notes.append("what the node computed and sent is left out: a replay computes it")
+    return written

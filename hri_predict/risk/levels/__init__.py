@@ -1,0 +1,1 @@
+"""Levels: from what was found to what each robot is advised."""

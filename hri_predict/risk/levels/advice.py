@@ -1,0 +1,214 @@
+"""The levels stage: from what was found to what each robot is advised, and why.
+
+The only memory is one ``LevelMachine`` per robot.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hri_predict.arrays import Ints
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.protocol.messages import Advice
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.areas import NamedZone
+from hri_predict.risk.levels.demand import Demand, combined, demand_of
+from hri_predict.risk.levels.machine import LevelMachine
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.stage import Findings, RobotFindings
+from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.types import NamedZoneState
+from hri_predict.risk.zones.body_zones import BodyZones
+
+MAX_LATCH_ID = 65_000
+"""Latch ids wrap here: they are 16 bits on the wire."""
+
+
+class Levels:
+    """The stage: call it with findings.
+
+    Args:
+        settings: see ``RiskSettings``.
+        robots: R of them.
+        named: the user's zones.
+        horizon_s: a breach later than this after now is left out of the advice.
+        segment_index: index in the skeleton of each of the zones' segments.
+    """
+
+    def __init__(
+        self,
+        *,
+        settings: RiskSettings,
+        robots: Sequence[RobotConstants],
+        named: Sequence[NamedZone],
+        horizon_s: float,
+        segment_index: Ints,
+    ) -> None:
+        self._robots = robots
+        self._named = named
+        self._horizon_s = horizon_s
+        self._segment_index = segment_index
+        self._next_latch = 0
+        self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, self._latch) for r in robots)
+
+    def __call__(
+        self, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings
+    ) -> tuple[Advice, ...]:
+        """Advise every robot.
+
+        Args:
+            snapshot: of this tick; its time and its number of captures count.
+            bodies: what the findings rest on.
+            findings: see ``Separation``.
+        """
+        return tuple(
+            self._advise(robot, snapshot, bodies, findings) for robot in range(len(self._robots))
+        )
+
+    def acknowledge(self, latch_id: int) -> bool:
+        """Release the latched stop ``latch_id`` if its cause has cleared. Return whether it was."""
+        return any(machine.acknowledge(latch_id) for machine in self._machines)
+
+    def reset(self) -> None:
+        """Forget everything that supports a release: a tick has failed."""
+        for machine in self._machines:
+            machine.reset()
+
+    def _advise(
+        self, robot: int, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings
+    ) -> Advice:
+        demand, people = self._demand(robot, bodies, findings)
+        advised = self._machines[robot].update(demand, snapshot.captures, snapshot.now_ns)
+        reason = advised.reason
+        if reason is Reason.NONE and bodies.speeds.fast.any():
+            reason = Reason.PERSON_FAST
+        elif reason is Reason.NONE and bodies.reasons:
+            reason = bodies.reasons[0]
+        who = people if people is not None and _decided_by_people(demand) else None
+        return Advice(
+            robot=robot,
+            level=advised.level,
+            reason=reason,
+            latch_id=advised.latch_id,
+            separation_m=None if people is None else _wire_m(people.separation_m),
+            predicted_separation_m=None if people is None else _wire_m(people.predicted_m),
+            time_to_breach_s=self._breach_s(people),
+            speed_limit_m_s=advised.limit_m_s,
+            body_part=None if who is None else int(self._segment_index[who.segment]),
+            robot_link=None if who is None else who.link,
+            capture_ns=bodies.capture_ns,
+            detail=_detail(
+                self._robots[robot],
+                bodies,
+                findings.named,
+                demand=demand,
+                reason=reason,
+                who=who,
+            ),
+        )
+
+    def _demand(
+        self, robot: int, bodies: BodyZones, findings: Findings
+    ) -> tuple[Demand, Finding | None]:
+        """What this tick asks of a robot, and the finding about people that it rests on."""
+        constants, found = self._robots[robot], findings.robots[robot]
+        demand, people = asked_of(constants, found, bodies)
+        if found.unknown:
+            return demand, people
+        by_zones = [
+            zone.demand(state, constants.name, constants.max_speed_m_s)
+            for zone, state in zip(self._named, findings.named, strict=True)
+        ]
+        return combined([demand, *by_zones], constants.max_speed_m_s), people
+
+    def _breach_s(self, people: Finding | None) -> float | None:
+        if people is None or people.breach_s > self._horizon_s:
+            return None
+        return people.breach_s
+
+    def _latch(self) -> int:
+        self._next_latch = self._next_latch % MAX_LATCH_ID + 1
+        return self._next_latch
+
+
+def asked_of(
+    robot: RobotConstants, found: RobotFindings, bodies: BodyZones
+) -> tuple[Demand, Finding | None]:
+    """What people and unseen places ask of a robot, and the finding about people that decides.
+
+    Mode ``predictive`` asks for the milder of two: what the zones over time ask for, and what the
+    standard's separation does. Either keeps the robot away, as long as its assumptions hold.
+    """
+    risk, max_speed_m_s = robot.risk, robot.max_speed_m_s
+    if found.unknown:
+        return combined([Demand.unknown(r) for r in found.unknown], max_speed_m_s), None
+
+    def asked(finding: Finding) -> Demand:
+        return demand_of(finding, risk, max_speed_m_s, _reason(finding, bodies))
+
+    people, demand = found.people, Demand.nothing(max_speed_m_s)
+    if people is not None:
+        demand = asked(people)
+        if found.standard is not None:
+            by_zones, demand = demand, demand.milder(asked(found.standard))
+            if (demand.level, demand.limit_m_s) != (by_zones.level, by_zones.limit_m_s):
+                people = found.standard
+    if found.unseen is not None:
+        demand = demand | demand_of(found.unseen, risk, max_speed_m_s, Reason.OUT_OF_VIEW)
+    return demand, people
+
+
+def _reason(finding: Finding, bodies: BodyZones) -> Reason:
+    if bodies.lost[finding.person]:
+        return Reason.PERSON_LOST
+    return Reason.PERSON_NEAR if finding.near else Reason.PERSON_APPROACHING
+
+
+def _decided_by_people(demand: Demand) -> bool:
+    return demand.reason in (Reason.PERSON_NEAR, Reason.PERSON_APPROACHING, Reason.PERSON_LOST)
+
+
+def _wire_m(distance_m: float) -> float:
+    """A distance for the wire: never below 0, and 0 if it is not finite."""
+    return max(0.0, distance_m) if math.isfinite(distance_m) else 0.0
+
+
+def _detail(
+    robot: RobotConstants,
+    bodies: BodyZones,
+    named: Sequence[NamedZoneState],
+    *,
+    demand: Demand,
+    reason: Reason,
+    who: Finding | None,
+) -> str:
+    """What is wrong and what would clear it, in words."""
+    if reason is Reason.NONE:
+        return ""
+    ids, speeds = bodies.zones.ids, bodies.speeds
+    parts = [f"{robot.name}: {reason.text}"]
+    if demand.reason not in (Reason.NONE, reason):
+        parts.append(demand.reason.text)
+    if who is not None:
+        segment = bodies.zones.segments[who.segment]
+        parts.append(f"person {ids[who.person]}, {segment}, {where(robot, who)}")
+        if who.slack_m < 0:
+            parts.append(f"{-who.slack_m:.2f} m too near at its present speed")
+    for i in np.flatnonzero(speeds.fast):
+        fast_m_s = f"trunk {speeds.trunk[i]:.1f} m/s, hand {speeds.hand[i]:.1f} m/s"
+        parts.append(f"person {ids[i]} is fast: {fast_m_s}")
+    if demand.reason in (Reason.ZONE_OCCUPIED, Reason.ZONE_ENTRY_PREDICTED):
+        inside = demand.reason is Reason.ZONE_OCCUPIED
+        names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]
+        parts.append("zone " + ", ".join(names))
+    return f"{'; '.join(parts)}; clears when {reason.clears_when}"
+
+
+def where(robot: RobotConstants, people: Finding) -> str:
+    """How far away the deciding person is, and from what, in words."""
+    if robot.risk.mode == "fixed":
+        return f"{max(people.slack_m + robot.fixed_radius_m, 0.0):.2f} m from the base's axis"
+    link = robot.model.capsule_names[people.link]
+    return f"{max(people.separation_m, 0.0):.2f} m from {link}"

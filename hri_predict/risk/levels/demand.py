@@ -1,0 +1,127 @@
+"""Demands: what one tick asks of one robot, and how several demands combine."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hri_predict.protocol.messages import Level
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.settings import RiskSettings
+
+_SEVERITY = {
+    Level.CLEAR: 0,
+    Level.WARN: 1,
+    Level.SLOW: 2,
+    Level.STOP: 3,
+    Level.UNKNOWN: 3,
+    Level.FAULT: 3,
+}
+
+
+def severity(level: Level) -> int:
+    """How much a level asks; *unknown* and *fault* ask for a stop."""
+    return _SEVERITY[level]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Demand:
+    """What one tick asks of one robot.
+
+    Attributes:
+        level: what it asks now.
+        release: what it would ask if everything were nearer by the band. A release may go no
+            further; it is never milder than ``level``.
+        limit_m_s: speed limit now.
+        release_limit_m_s: the speed limit may rise up to this.
+        reason: of ``level``.
+    """
+
+    level: Level
+    release: Level
+    limit_m_s: float
+    release_limit_m_s: float
+    reason: Reason
+
+    @classmethod
+    def nothing(cls, max_speed_m_s: float) -> "Demand":
+        """Nobody is near."""
+        return cls(
+            level=Level.CLEAR,
+            release=Level.CLEAR,
+            limit_m_s=max_speed_m_s,
+            release_limit_m_s=max_speed_m_s,
+            reason=Reason.NONE,
+        )
+
+    @classmethod
+    def unknown(cls, reason: Reason) -> "Demand":
+        """The situation is unknown, for ``reason``."""
+        return cls(
+            level=Level.UNKNOWN,
+            release=Level.UNKNOWN,
+            limit_m_s=0.0,
+            release_limit_m_s=0.0,
+            reason=reason,
+        )
+
+    def milder(self, other: "Demand") -> "Demand":
+        """What either demand permits, if one is enough: the lower levels, the higher limits."""
+        rank, other_rank = severity(self.level), severity(other.level)
+        mild = other if (other_rank, self.limit_m_s) < (rank, other.limit_m_s) else self
+        return Demand(
+            level=mild.level,
+            release=min(self.release, other.release, key=severity),
+            limit_m_s=max(self.limit_m_s, other.limit_m_s),
+            release_limit_m_s=max(self.release_limit_m_s, other.release_limit_m_s),
+            reason=mild.reason,
+        )
+
+    def __or__(self, other: "Demand") -> "Demand":
+        """Both demands: the severer level with its reason, the lower limits."""
+        rank, other_rank = severity(self.level), severity(other.level)
+        worse = other if (other_rank, self.limit_m_s) > (rank, other.limit_m_s) else self
+        release = max(self.release, other.release, key=severity)
+        return Demand(
+            level=worse.level,
+            release=release,
+            limit_m_s=min(self.limit_m_s, other.limit_m_s),
+            release_limit_m_s=min(self.release_limit_m_s, other.release_limit_m_s),
+            reason=worse.reason,
+        )
+
+
+def demand_of(
+    finding: Finding, settings: RiskSettings, max_speed_m_s: float, reason: Reason
+) -> Demand:
+    """Level and limits of one finding, whose ``limits`` are for ``settings.margins_m``.
+
+    stop: the separation is violated at the present speed, or the limit is below ``min_speed_m_s``.
+    slow: the limit is below the robot's highest speed. warn: the limit would be below it if the
+    hazard were nearer by ``warn_margin_m``.
+    """
+    slow, slow_band, warn, warn_band = finding.limits
+
+    def level(slack_m: float, slow_limit: float, warn_limit: float) -> Level:
+        if not slack_m >= 0 or slow_limit < settings.min_speed_m_s:
+            return Level.STOP
+        if slow_limit < max_speed_m_s:
+            return Level.SLOW
+        return Level.WARN if warn_limit < max_speed_m_s else Level.CLEAR
+
+    now = level(finding.slack_m, slow, warn)
+    release = level(finding.slack_m - settings.band_m, slow_band, warn_band)
+    return Demand(
+        level=now,
+        release=max(now, release, key=severity),
+        limit_m_s=0.0 if now is Level.STOP else slow,
+        release_limit_m_s=0.0 if release is Level.STOP else slow_band,
+        reason=reason if now is not Level.CLEAR else Reason.NONE,
+    )
+
+
+def combined(demands: Sequence[Demand], max_speed_m_s: float) -> Demand:
+    """All demands at once."""
+    result = Demand.nothing(max_speed_m_s)
+    for demand in demands:
+        result = result | demand
+    return result

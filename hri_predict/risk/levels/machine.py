@@ -1,0 +1,145 @@
+"""The level machine: from this tick's demand to the advised level, with memory.
+
+Levels become severer at once: one capture is enough, and the speed limit falls without delay. They
+become milder slowly: a milder level needs its condition, plus a band, for a number of *distinct*
+captures, and the speed limit rises at a limited rate. A latched stop also needs an acknowledgement;
+the acknowledgement alone starts nothing.
+
+A stop also removes its own cause: a person who is too near for a moving robot is not too near for a
+standing one. So a stop is released only if the new speed can last: if the permitted speed falls
+while captures are counted, it must suffice for as many captures more.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hri_predict.protocol.messages import Level
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.risk.settings import RiskSettings
+
+_MAX_STEP_S = 1.0
+"""A pause between ticks counts for at most this long when the speed limit rises."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advised:
+    """What is advised: level, reason, speed limit, id of the latched stop (0: none)."""
+
+    level: Level
+    reason: Reason
+    limit_m_s: float
+    latch_id: int
+
+
+class LevelMachine:
+    """The memory of one robot's advice.
+
+    It begins at *unknown*, so nothing moves before ``release_captures`` captures have come.
+
+    Args:
+        settings: band, counts, rates.
+        max_speed_m_s: of the robot.
+        next_latch_id: gives a new id for a latched stop, never 0.
+    """
+
+    def __init__(
+        self, settings: RiskSettings, max_speed_m_s: float, next_latch_id: Callable[[], int]
+    ) -> None:
+        self._settings = settings
+        self._max_speed = max_speed_m_s
+        self._next_latch_id = next_latch_id
+        self._level = Level.UNKNOWN
+        self._limit = 0.0
+        self._latch_id = 0
+        self._cause_cleared = False
+        self._agreed = 0
+        self._counted_from = 0.0  # the permitted speed when counting began
+        self._last_capture: int | None = None
+        self._last_ns: int | None = None
+
+    @property
+    def latch_id(self) -> int:
+        """Id of the latched stop; 0 if none is latched."""
+        return self._latch_id
+
+    def reset(self) -> None:
+        """Forget everything that supports a release, after a failed tick; a latch stays."""
+        self._level = Level.UNKNOWN
+        self._limit = 0.0
+        self._agreed = 0
+        self._cause_cleared = False
+
+    def update(self, demand: Demand, captures: int, now_ns: int) -> Advised:
+        """Advance by one tick.
+
+        Args:
+            demand: of this tick.
+            captures: number of distinct captures so far.
+            now_ns: the tick's time.
+        """
+        seconds = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
+        self._last_ns = now_ns
+        self._cause_cleared = severity(demand.release) < severity(Level.STOP)
+        pending = self._advance(demand, captures)
+        self._last_capture = captures
+        self._move_limit(demand, min(max(seconds, 0.0), _MAX_STEP_S))
+        return Advised(self._level, pending or demand.reason, self._limit, self._latch_id)
+
+    def acknowledge(self, latch_id: int) -> bool:
+        """Release the latch if ``latch_id`` is the present one and its cause has cleared.
+
+        The captures that a release needs count from here on.
+        """
+        if latch_id == 0 or latch_id != self._latch_id or not self._cause_cleared:
+            return False
+        self._latch_id = 0
+        self._agreed = 0
+        return True
+
+    def _advance(self, demand: Demand, captures: int) -> Reason | None:
+        """Change the level. Return why it is severer than the demand, or ``None`` if it is not."""
+        if severity(demand.level) >= severity(self._level):
+            self._agreed = 0
+            self._level = demand.level
+            if demand.level is Level.STOP and self._settings.latch_stop and not self._latch_id:
+                self._latch_id = self._next_latch_id()
+            return None
+        if self._latch_id:
+            self._agreed = 0
+            self._level = Level.STOP
+            return Reason.LATCHED if self._cause_cleared else Reason.RELEASE_PENDING
+        release = demand.release
+        rising = self._limit < self._max_speed  # a robot that is not yet at full speed is slowed
+        if rising:
+            release = max(release, Level.SLOW, key=severity)
+        if severity(release) >= severity(self._level):  # within the band, or still rising
+            self._agreed = 0
+            if severity(release) == severity(self._level):
+                self._level = release  # what was unknown is known now
+            within = severity(demand.release) >= severity(self._level)
+            return demand.reason if within and demand.reason else Reason.RELEASE_PENDING
+        if captures != self._last_capture:
+            if self._agreed == 0:
+                self._counted_from = demand.release_limit_m_s
+            self._agreed += 1
+        if self._agreed < self._settings.release_captures:
+            return Reason.RELEASE_PENDING
+        self._agreed = 0
+        if not self._lasts(demand):
+            return Reason.RELEASE_PENDING
+        self._level = release
+        return None if severity(release) == severity(demand.level) else Reason.RELEASE_PENDING
+
+    def _lasts(self, demand: Demand) -> bool:
+        """Whether the speed would suffice for as many captures more if it keeps falling so."""
+        then = 2 * demand.release_limit_m_s - self._counted_from
+        return severity(self._level) < severity(Level.STOP) or then >= self._settings.min_speed_m_s
+
+    def _move_limit(self, demand: Demand, seconds: float) -> None:
+        if severity(self._level) >= severity(Level.STOP):
+            self._limit = 0.0
+            return
+        rising = self._limit + self._settings.speed_rise_m_s2 * seconds
+        allowed = max(self._limit, min(rising, demand.release_limit_m_s))
+        self._limit = min(allowed, demand.limit_m_s, self._max_speed)

@@ -1,0 +1,120 @@
+"""What the risk stage needs to know about one robot. None of it changes between ticks."""
+
+from dataclasses import dataclass
+from typing import Self
+
+from hri_predict.errors import ConfigError
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.separation.terms import ProtectiveDistance, protective_distance
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.robots.model import RobotModel, RobotSettings
+from hri_predict.robots.plan import Plan
+from hri_predict.robots.stopping import StoppingCurve
+from hri_predict.robots.tracker import RobotTracker
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RobotConstants:
+    """One robot as the risk stage knows it.
+
+    Attributes:
+        robot: its entry in the configuration.
+        risk: see ``RiskSettings``.
+        model: its geometry and stopping.
+        plan: the path that it follows; ``None`` if unknown.
+        curve: T_s and S_s over its speed.
+        budget: the delays.
+        until_braking_s: from now until it begins to brake.
+        fixed_radius_m: radius of mode ``fixed``: as set, or the robot's reach plus S_p at worst.
+    """
+
+    robot: RobotSettings
+    risk: RiskSettings
+    model: RobotModel
+    plan: Plan | None
+    curve: StoppingCurve
+    budget: DelayBudget
+    until_braking_s: float
+    fixed_radius_m: float
+
+    @classmethod
+    def of(
+        cls, tracker: RobotTracker, risk: RiskSettings, budget: DelayBudget, horizon_s: float
+    ) -> Self:
+        """The constants of the robot that ``tracker`` follows.
+
+        Args:
+            tracker: of the robot.
+            risk: see ``RiskSettings``.
+            budget: the delays.
+            horizon_s: the forecast's last step after the capture.
+
+        Raises:
+            ConfigError: T_r + T_s goes past the horizon, or the circle of mode ``fixed`` is smaller
+                than the robot.
+        """
+        robot, model = tracker.settings, tracker.model
+        curve = StoppingCurve.of(model.stopping, robot.max_speed_m_s)
+        budget.check(robot.name, float(curve.time_s[-1]), horizon_s, risk.beyond_horizon)
+        needed_m = worst_distance(risk, robot, model, budget).total
+        radius_m = risk.fixed_radius_m or model.reach_m + needed_m
+        if risk.mode == "fixed" and radius_m < model.reach_m:
+            raise ConfigError(
+                f"risk.fixed_radius_m: {radius_m:g} m is less than the reach of robot"
+                f" {robot.name}, {model.reach_m:.2f} m; give more, or leave it out"
+            )
+        return cls(
+            robot=robot,
+            risk=risk,
+            model=model,
+            plan=tracker.plan,
+            curve=curve,
+            budget=budget,
+            until_braking_s=budget.after_now_s(robot.name),
+            fixed_radius_m=radius_m,
+        )
+
+    @property
+    def name(self) -> str:
+        """The robot's name in the configuration."""
+        return self.robot.name
+
+    @property
+    def max_speed_m_s(self) -> float:
+        """The robot's highest speed in production."""
+        return self.robot.max_speed_m_s
+
+    @property
+    def longest_s(self) -> float:
+        """T_r + T_s at worst, seconds: input almost stale, highest speed."""
+        return self.reaction_s(self.budget.stale_s) + float(self.curve.time_s[-1])
+
+    def reaction_s(self, age_s: float) -> float:
+        """T_r, seconds, for advice that rests on a capture of ``age_s``."""
+        return age_s + self.until_braking_s
+
+    def needed_m(self, human_m_s: float = 0.0) -> float:
+        """S_p at the highest speed and the longest delay, metres."""
+        return worst_distance(
+            self.risk, self.robot, self.model, self.budget, human_m_s=human_m_s
+        ).total
+
+
+def worst_distance(
+    settings: RiskSettings,
+    robot: RobotSettings,
+    model: RobotModel,
+    budget: DelayBudget,
+    *,
+    human_m_s: float = 0.0,
+) -> ProtectiveDistance:
+    """S_p at a robot's highest speed and the longest delay, term by term."""
+    return protective_distance(
+        robot.max_speed_m_s,
+        budget.reaction_s(budget.stale_s, robot.name),
+        *model.stopping(robot.max_speed_m_s),
+        intrusion_m=settings.intrusion_m,
+        person_uncertainty_m=settings.person_uncertainty_m,
+        robot_uncertainty_m=settings.robot_uncertainty_m,
+        human_m_s=human_m_s,
+    )

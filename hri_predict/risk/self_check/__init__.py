@@ -1,0 +1,1 @@
+"""The live self-check: past forecasts against what people did."""

@@ -1,0 +1,1 @@
+"""Separation: how far people and robots are apart, and how far they must be."""

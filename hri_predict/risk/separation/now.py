@@ -1,0 +1,277 @@
+"""Separation judged by where body and robot are now: modes ``iso`` and ``fixed``."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import Capsules, horizontal_distance
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.nearest import NearestInTime, nearest_in_time
+from hri_predict.risk.separation.receding import receding_steps
+from hri_predict.risk.separation.terms import (
+    Finding,
+    closing_s,
+    directed_limit,
+    person_travel,
+    protective_distance,
+    required_m,
+    speed_levels,
+    speed_limits,
+    worst_of,
+)
+from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.motion import RobotMotion
+from hri_predict.robots.stopping import StoppingCurve
+
+
+def judge_iso(
+    *,
+    distance_m: float,
+    speed_m_s: float,
+    stopping: tuple[float, float],
+    curve: StoppingCurve,
+    reaction_s: float,
+    clearance_m: float,
+    margins_m: Sequence[float],
+    who: tuple[int, int, int] = (-1, -1, -1),
+    human_m_s: float = 0.0,
+) -> Finding:
+    """Judge one distance by the protective separation distance.
+
+    Args:
+        distance_m: between body as captured and robot now.
+        speed_m_s: of the robot's fastest point now.
+        stopping: T_s and S_s at that speed.
+        curve: the robot's stopping curve.
+        reaction_s: T_r from the capture.
+        clearance_m: C + Z_d + Z_r.
+        margins_m: for the limits.
+        who: person, segment and robot capsule of that distance.
+        human_m_s: speed of a person who is faster than the standard assumes; else 0.
+    """
+    needed = protective_distance(
+        speed_m_s, reaction_s, *stopping, intrusion_m=clearance_m, human_m_s=human_m_s
+    ).total
+    slack = distance_m - needed
+    assumed = required_m(curve, reaction_s, clearance_m)
+    required = required_m(curve, reaction_s, clearance_m, human_m_s) if human_m_s else assumed
+    limits = speed_limits(curve, [distance_m - m for m in margins_m], required)
+    return Finding(
+        separation_m=distance_m,
+        predicted_m=distance_m - (needed - clearance_m),
+        slack_m=slack,
+        near=distance_m < float(assumed[0]),
+        breach_s=closing_s(slack, speed_m_s),
+        limits=limits,
+        person=who[0],
+        segment=who[1],
+        link=who[2],
+    )
+
+
+def judge_receding(
+    *,
+    found: Finding,
+    recedes: Callable[[Floats], Bools],
+    speed_m_s: float,
+    stopping_s: float,
+    curve: StoppingCurve,
+    reaction_s: float,
+    clearance_m: float,
+    margins_m: Sequence[float],
+    human_m_s: float = 0.0,
+) -> Finding:
+    """Let a robot that recedes from everybody be as fast as the people alone permit.
+
+    If every link's distance to every person grows until the robot stands, the robot moves towards
+    nobody: S_r and S_s are 0, and S_h + C + Z_d + Z_r must fit. As in ``TimeByTime``, a speed is
+    permitted only together with every slower one, and warnings regard any direction.
+
+    Args:
+        found: as ``judge_iso`` found it.
+        recedes: (L,) speeds -> (L,) whether the robot recedes until it stands.
+        speed_m_s, stopping_s: of the robot now, T_s.
+        curve, reaction_s, clearance_m, margins_m, human_m_s: as for ``judge_iso``.
+    """
+    levels = speed_levels(curve.max_speed_m_s, min(found.limits[:2]))
+    away = recedes(np.append(speed_m_s, levels))
+    if not away.any():
+        return found
+    times = reaction_s + np.append(stopping_s, np.interp(levels, curve.speed_m_s, curve.time_s))
+    come = person_travel(times, clearance_m, human_m_s)
+    left = np.where(away, found.separation_m - come, -np.inf)
+    limits = [
+        directed_limit(levels, left[1:], clearance_m + margin, limit)
+        for margin, limit in zip(margins_m[:2], found.limits[:2], strict=True)
+    ]
+    result = replace(found, limits=(*limits, *found.limits[2:]))
+    if not away[0]:
+        return result
+    slack = float(left[0]) - clearance_m
+    return replace(
+        result,
+        predicted_m=float(left[0]),
+        slack_m=slack,
+        breach_s=closing_s(slack, speed_m_s),
+    )
+
+
+def judge_fixed(
+    *,
+    found: Finding,
+    from_base_m: float,
+    radius_m: float,
+    max_speed_m_s: float,
+    margins_m: Sequence[float],
+    speed_m_s: float,
+) -> Finding:
+    """Judge a circle around the robot's base: a person inside stops it; else it runs at full speed.
+
+    Args:
+        found: the separation, as ``judge_iso`` found it; its distances are kept.
+        from_base_m: horizontal distance of the nearest body's surface from the base's axis.
+        radius_m: of the circle.
+        max_speed_m_s: of the robot.
+        margins_m: for the limits. The first one is the circle's edge, because a robot without a
+            slow speed has nothing to slow down for.
+        speed_m_s: of the robot's fastest point now.
+    """
+    slack = from_base_m - radius_m
+    beyond = [slack - (margin - margins_m[0]) for margin in margins_m]
+    return replace(
+        found,
+        slack_m=slack,
+        near=slack < 0,
+        breach_s=closing_s(slack, speed_m_s),
+        limits=tuple(max_speed_m_s if left >= 0 else 0.0 for left in beyond),
+    )
+
+
+# -- one robot and everybody -----------------------------------------------------------------------
+
+
+def by_standard(
+    robot: RobotConstants,
+    motion: RobotMotion,
+    bodies: BodyZones,
+    standing: NearestInTime | None = None,
+) -> Finding:
+    """By the protective separation distance: everybody together, and each fast person alone.
+
+    Args:
+        robot, motion: the robot and how it moves.
+        bodies: the people, one at least.
+        standing: the distances of zones over time to the robot where it is now; ``None``: the mode
+            does not use them. Only then a receding robot is looked for: zones over time take its
+            motion into account already.
+    """
+    zones, human_m_s = bodies.zones.capsules, bodies.speeds.beyond_standard_m_s
+    found = []
+    for fast in (None, *np.flatnonzero(human_m_s > 0)):
+        who = slice(None) if fast is None else slice(fast, fast + 1)
+        near = standing
+        if near is None or fast is not None:
+            near = _nearest_now(zones, motion, who)
+        alone = at_distance(
+            robot,
+            motion,
+            float(near.distance[0]),
+            bodies.age_s,
+            who=(int(near.person[0]) + (fast or 0), int(near.segment[0]), int(near.link[0])),
+            human_m_s=0.0 if fast is None else float(human_m_s[fast]),
+        )
+        if standing is None:
+            speed_m_s = 0.0 if fast is None else float(human_m_s[fast])
+            alone = _receding(robot, motion, bodies, alone, human_m_s=speed_m_s)
+        found.append(alone)
+    return worst_of(found)
+
+
+def by_circle(robot: RobotConstants, motion: RobotMotion, bodies: BodyZones) -> Finding:
+    """By the circle around the base, for the person nearest to it; it is wider for fast people."""
+    zones, human_m_s = bodies.zones.capsules, bodies.speeds.beyond_standard_m_s
+    near = _nearest_now(zones, motion)
+    who = int(near.person[0]), int(near.segment[0]), int(near.link[0])
+    found = at_distance(robot, motion, float(near.distance[0]), bodies.age_s, who=who)
+    now = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
+    from_base = horizontal_distance(now, robot.model.base)  # (P, S)
+    worst_m = robot.needed_m()
+    wider_m = [robot.needed_m(float(v)) - worst_m if v > 0 else 0.0 for v in human_m_s]
+    from_base[: len(human_m_s)] -= np.array(wider_m)[:, None]
+    person, segment = np.unravel_index(int(from_base.argmin()), from_base.shape)
+    return judge_fixed(
+        found=replace(found, person=int(person), segment=int(segment), link=0),
+        from_base_m=float(from_base[person, segment]),
+        radius_m=robot.fixed_radius_m,
+        max_speed_m_s=robot.max_speed_m_s,
+        margins_m=robot.risk.margins_m,
+        speed_m_s=motion.speed_m_s,
+    )
+
+
+def at_distance(
+    robot: RobotConstants,
+    motion: RobotMotion,
+    distance_m: float,
+    age_s: float,
+    *,
+    who: tuple[int, int, int] = (-1, -1, -1),
+    human_m_s: float = 0.0,
+) -> Finding:
+    """``judge_iso`` of one robot and one distance, by a capture of ``age_s``."""
+    return judge_iso(
+        distance_m=distance_m,
+        speed_m_s=motion.speed_m_s,
+        stopping=(motion.stopping_s, motion.stopping_m),
+        curve=robot.curve,
+        reaction_s=robot.reaction_s(age_s),
+        clearance_m=motion.clearance_m,
+        margins_m=robot.risk.margins_m,
+        who=who,
+        human_m_s=human_m_s,
+    )
+
+
+def _receding(
+    robot: RobotConstants,
+    motion: RobotMotion,
+    bodies: BodyZones,
+    found: Finding,
+    *,
+    human_m_s: float,
+) -> Finding:
+    """The same, where the robot recedes from everybody while it goes on and stops."""
+    is_free = found.slack_m >= 0 and min(found.limits[:2]) >= robot.max_speed_m_s
+    if is_free or not motion.is_foreseen:
+        return found
+    zones = bodies.zones.capsules
+    people = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
+
+    def recedes(speeds_m_s: Floats) -> Bools:
+        ends = motion.ends_at(speeds_m_s)
+        farthest_end = float(ends.max())
+        steps = receding_steps(people, motion.at_places(farthest_end, len(motion.times_s)))
+        part = steps / (len(motion.times_s) - 1)
+        until = motion.place + part * (farthest_end - motion.place)
+        return ends <= until + 1e-12
+
+    return judge_receding(
+        found=found,
+        recedes=recedes,
+        speed_m_s=motion.speed_m_s,
+        stopping_s=motion.stopping_s,
+        curve=robot.curve,
+        reaction_s=robot.reaction_s(bodies.age_s),
+        clearance_m=motion.clearance_m,
+        margins_m=robot.risk.margins_m,
+        human_m_s=human_m_s,
+    )
+
+
+def _nearest_now(zones: Capsules, motion: RobotMotion, who: slice = slice(None)) -> NearestInTime:
+    """The nearest pair of people and robot as captured."""
+    people = Capsules(zones.a[who, :1], zones.b[who, :1], zones.radius[who, :1])
+    robot = motion.capsules
+    return nearest_in_time(people, Capsules(robot.a[None], robot.b[None], robot.radius[None]))

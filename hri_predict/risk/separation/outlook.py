@@ -1,0 +1,59 @@
+"""What the zones over time mean for each robot; the distances of all robots are found together."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hri_predict.risk.separation.in_time import TimeByTime
+from hri_predict.risk.separation.nearest import BodiesInTime, Courses, NearestInTime
+from hri_predict.risk.separation.terms import Finding
+from hri_predict.robots.motion import RobotMotion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlook:
+    """What the zones over time mean for one robot.
+
+    Attributes:
+        standing: (K+1,) distances to the robot where it is now; entry 0 as captured.
+        finding: judged time by time.
+    """
+
+    standing: NearestInTime
+    finding: Finding
+
+
+def outlooks(
+    motions: Sequence[RobotMotion], judging: Sequence[TimeByTime], bodies: BodiesInTime
+) -> list[Outlook]:
+    """The outlooks of one or more robots in two searches.
+
+    The first search takes all robots where they are now. The second takes those that are not free
+    in any direction, as they move on. One search for two robots costs about as much as for one.
+    """
+    standing = bodies.standing([m.capsules for m in motions], [len(m.times_s) for m in motions])
+    later = [_later(near) for near in standing]
+    ways = [
+        each.any_way(near, motion.is_foreseen)
+        for each, near, motion in zip(judging, later, motions, strict=True)
+    ]
+    tried = [robot for robot, way in enumerate(ways) if len(way.speeds_m_s)]
+    courses = [
+        Courses(*motions[robot].stopping_at(ways[robot].speeds_m_s), ways[robot].enough_m)
+        for robot in tried
+    ]
+    ahead = dict(zip(tried, bodies.least(courses), strict=True)) if tried else {}
+    findings = [
+        each.finding(float(near.distance[0]), later[robot], ways[robot], ahead.get(robot))
+        for robot, (each, near) in enumerate(zip(judging, standing, strict=True))
+    ]
+    return [Outlook(*each) for each in zip(standing, findings, strict=True)]
+
+
+def _later(nearest: NearestInTime) -> NearestInTime:
+    """Without entry 0, the bodies as captured."""
+    return NearestInTime(
+        nearest.distance[..., 1:],
+        nearest.person[..., 1:],
+        nearest.segment[..., 1:],
+        nearest.link[..., 1:],
+    )

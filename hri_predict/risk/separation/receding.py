@@ -1,0 +1,54 @@
+"""How far along its path a robot recedes from everybody with every part of itself.
+
+In ISO/TS 15066, v_r is the robot's speed *towards* the person. A robot whose tool recedes while its
+elbow swings out does not recede. So each link's distance to each person is followed separately, and
+the first that falls ends it.
+"""
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.geometry import Capsules, capsule_distance
+
+FALLS_M = 1e-9
+"""A smaller change counts as none: a link may turn about its own axis."""
+
+
+def receding_steps(people: Capsules, robot: Capsules) -> int:
+    """The number of steps of a path during which no distance between link and person falls.
+
+    Args:
+        people: (P, S) capsules, as captured.
+        robot: (K, C) capsules at instants along the path, K >= 2; the first is now.
+
+    Returns:
+        0..K-1. Distances are compared at the instants, not in between. A distance that is not
+        finite ends it.
+    """
+    steps = len(robot.radius)
+    before = link_distances(people, _part(robot, 0, 1))
+    done = 0
+    for until in (2, steps):  # most approaching links show it in the first step
+        after = link_distances(people, _part(robot, done + 1, until))
+        grows = np.diff(after, axis=0, prepend=before) >= -FALLS_M
+        falls = np.flatnonzero(~grows.all(axis=(1, 2)))
+        if falls.size:
+            return done + int(falls[0])
+        done, before = until - 1, after[-1:]
+        if done == steps - 1:
+            break
+    return done
+
+
+def link_distances(people: Capsules, robot: Capsules) -> Floats:
+    """(K, C, P) distance of each robot capsule (K, C) to each person (P, S)."""
+    a = Capsules(people.a, people.b, people.radius)
+    b = Capsules(
+        robot.a[:, :, None, None], robot.b[:, :, None, None], robot.radius[:, :, None, None]
+    )
+    distance: Floats = capsule_distance(a, b).min(-1)
+    return distance
+
+
+def _part(robot: Capsules, start: int, stop: int) -> Capsules:
+    return Capsules(robot.a[start:stop], robot.b[start:stop], robot.radius[start:stop])

@@ -1,0 +1,222 @@
+"""The separation stage: how far people and robots are apart, and what that permits each robot.
+
+It is a pure function of this tick's bodies and robots, and has no memory. It only measures:
+``levels`` turns its findings into advice.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.areas import FieldOfView, NamedZone
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.in_time import TimeByTime, farthest
+from hri_predict.risk.separation.nearest import BodiesInTime
+from hri_predict.risk.separation.now import by_circle, by_standard
+from hri_predict.risk.separation.outlook import outlooks
+from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.separation.unseen import beside_view
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.types import NamedZoneState
+from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.motion import RobotMotion
+from hri_predict.robots.tracker import RobotNow
+
+
+@dataclass(frozen=True, slots=True)
+class RobotFindings:
+    """What one tick's bodies mean for one robot.
+
+    Attributes:
+        unknown: why the situation is unknown; the other fields are then ``None``.
+        people: about the people, as the mode judges them; ``None`` if nobody is here.
+        standard: in mode ``predictive``, the same by the standard's separation, if the zones do not
+            permit the highest speed. The milder of the two counts.
+        unseen: about the space that the sensor does not see; ``None`` if it sees everything.
+    """
+
+    unknown: tuple[Reason, ...] = ()
+    people: Finding | None = None
+    standard: Finding | None = None
+    unseen: Finding | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What the separation stage found in one tick: by robot, and by named zone of the user's."""
+
+    robots: tuple[RobotFindings, ...]
+    named: tuple[NamedZoneState, ...]
+
+
+_AboutPeople = tuple[Finding, Finding | None]
+"""``people`` and ``standard`` of ``RobotFindings``."""
+
+
+class Separation:
+    """The stage: call it with bodies and robots.
+
+    Args:
+        settings: see ``RiskSettings``.
+        robots: R of them.
+        named: the user's zones.
+        view: what the sensor sees; ``None``: everything.
+        times_s: (K+1,) the zones' times, see ``Zones``.
+        horizon_s: the forecast's last step after the capture.
+    """
+
+    def __init__(
+        self,
+        *,
+        settings: RiskSettings,
+        robots: Sequence[RobotConstants],
+        named: Sequence[NamedZone],
+        view: FieldOfView | None,
+        times_s: Floats,
+        horizon_s: float,
+    ) -> None:
+        self._settings = settings
+        self._robots = robots
+        self._named = named
+        self._view = view
+        self._times_s = times_s
+        self._horizon_s = horizon_s
+        self._farthest_m = [farthest(r.curve, times_s, r.until_braking_s) for r in robots]
+
+    def __call__(self, bodies: BodyZones, robots: Sequence[RobotNow]) -> Findings:
+        """Compare all bodies with all robots.
+
+        Args:
+            bodies: everybody. If ``bodies.untrusted``, people may be anywhere: every robot's
+                situation is unknown, and every named zone counts as occupied.
+            robots: R, where each robot is now.
+        """
+        if bodies.untrusted:
+            return Findings(
+                robots=tuple(RobotFindings((*bodies.untrusted, *r.reasons)) for r in robots),
+                named=tuple(NamedZoneState(z.settings.name, True, 0.0) for z in self._named),
+            )
+        named = tuple(zone.state(bodies) for zone in self._named)
+        motions = [self._motion(i, now, bodies) for i, now in enumerate(robots)]
+        known = {i: motion for i, motion in enumerate(motions) if isinstance(motion, RobotMotion)}
+        about_people: dict[int, _AboutPeople] = {}
+        if known and len(bodies.zones.ids):
+            judge = {"iso": self._iso, "fixed": self._fixed}.get(
+                self._settings.mode, self._over_time
+            )
+            about_people = dict(zip(known, judge(known, bodies), strict=True))
+        found = [
+            self._found(i, motion, bodies, about_people.get(i, (None, None)))
+            for i, motion in enumerate(motions)
+        ]
+        return Findings(tuple(found), named)
+
+    def _found(
+        self,
+        robot: int,
+        motion: RobotMotion | tuple[Reason, ...],
+        bodies: BodyZones,
+        about_people: tuple[Finding | None, Finding | None],
+    ) -> RobotFindings:
+        if not isinstance(motion, RobotMotion):
+            return RobotFindings(unknown=motion)
+        people, standard = about_people
+        unseen = self._unseen(robot, motion, bodies)
+        return RobotFindings(people=people, standard=standard, unseen=unseen)
+
+    def _motion(
+        self, robot: int, now: RobotNow, bodies: BodyZones
+    ) -> RobotMotion | tuple[Reason, ...]:
+        """How the robot moves, or why that is unknown."""
+        if now.reasons:
+            return now.reasons
+        if not _is_known(now):
+            return (Reason.ROBOT_STATE_INVALID,)
+        constants, times_s = self._robots[robot], self._times_s
+        stopping = constants.model.stopping(now.speed_m_s)
+        if self._settings.judges_over_time:
+            stop_s = max(stopping[0], float(constants.curve.time_s[-1]))
+            end_s = constants.until_braking_s + stop_s
+            reach_s = float(times_s[-1])
+            if not self._settings.beyond_horizon:
+                reach_s = min(reach_s, self._horizon_s - bodies.age_s)
+            if end_s > reach_s + 1e-9:
+                return (Reason.HORIZON_TOO_SHORT,)
+            times_s = times_s[: int(np.searchsorted(times_s, end_s)) + 1]
+        return RobotMotion.of(
+            now,
+            stopping=stopping,
+            model=constants.model,
+            curve=constants.curve,
+            plan=constants.plan,
+            clearance_m=self._settings.clearance_m,
+            times_s=times_s,
+            until_braking_s=constants.until_braking_s,
+        )
+
+    def _iso(self, motions: Mapping[int, RobotMotion], bodies: BodyZones) -> list[_AboutPeople]:
+        return [
+            (by_standard(self._robots[i], motion, bodies), None) for i, motion in motions.items()
+        ]
+
+    def _fixed(self, motions: Mapping[int, RobotMotion], bodies: BodyZones) -> list[_AboutPeople]:
+        return [(by_circle(self._robots[i], m, bodies), None) for i, m in motions.items()]
+
+    def _over_time(
+        self, motions: Mapping[int, RobotMotion], bodies: BodyZones
+    ) -> list[_AboutPeople]:
+        """All robots together; also by the standard, if that may permit more."""
+        judging = [self._time_by_time(i, motion) for i, motion in motions.items()]
+        found = outlooks(list(motions.values()), judging, BodiesInTime(bodies.zones.capsules))
+        return [
+            (
+                outlook.finding,
+                by_standard(self._robots[i], motion, bodies, outlook.standing)
+                if self._may_permit_more(self._robots[i], outlook.finding)
+                else None,
+            )
+            for (i, motion), outlook in zip(motions.items(), found, strict=True)
+        ]
+
+    def _may_permit_more(self, robot: RobotConstants, found: Finding) -> bool:
+        """Whether the standard's separation may permit more than the zones do.
+
+        Zones that are not finite are a fault: the distance must not replace them.
+        """
+        if self._settings.mode != "predictive" or not np.isfinite(found.slack_m):
+            return False
+        is_free = min(found.limits) >= robot.max_speed_m_s
+        return not (is_free and found.slack_m >= self._settings.band_m)
+
+    def _unseen(self, robot: int, motion: RobotMotion, bodies: BodyZones) -> Finding | None:
+        if self._view is None:
+            return None
+        judging = None
+        if self._settings.judges_over_time:
+            judging = self._time_by_time(robot, motion)
+        return beside_view(
+            self._robots[robot], motion, self._view, age_s=bodies.age_s, judging=judging
+        )
+
+    def _time_by_time(self, robot: int, motion: RobotMotion) -> TimeByTime:
+        constants = self._robots[robot]
+        return TimeByTime(
+            times_s=motion.times_s,
+            speed_m_s=motion.speed_m_s,
+            stopping=(motion.stopping_s, motion.stopping_m),
+            curve=constants.curve,
+            reaction_s=constants.until_braking_s,
+            clearance_m=motion.clearance_m,
+            margins_m=self._settings.margins_m,
+            farthest_m=self._farthest_m[robot][: len(motion.times_s) - 1],
+        )
+
+
+def _is_known(now: RobotNow) -> bool:
+    if now.q is None or now.qd is None:
+        return False
+    values = (now.q, now.qd, now.speed_m_s, now.uncertainty_m)
+    return all(bool(np.isfinite(v).all()) for v in values) and now.speed_m_s >= 0

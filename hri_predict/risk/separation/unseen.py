@@ -1,0 +1,49 @@
+"""What the sensor does not see: somebody may stand just outside its field of view and come in."""
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.risk.areas import FieldOfView, approach_m
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.in_time import Course, TimeByTime
+from hri_predict.risk.separation.nearest import NearestInTime
+from hri_predict.risk.separation.now import at_distance
+from hri_predict.risk.separation.terms import Finding
+from hri_predict.robots.motion import RobotMotion
+
+
+def beside_view(
+    robot: RobotConstants,
+    motion: RobotMotion,
+    view: FieldOfView,
+    *,
+    age_s: float,
+    judging: TimeByTime | None = None,
+) -> Finding:
+    """The finding about a person who may stand just outside the field of view since the capture.
+
+    Args:
+        robot, motion: the robot and how it moves.
+        view: what the sensor sees.
+        age_s: of that capture.
+        judging: how distances over time are judged; ``None``: only the distance now counts.
+    """
+    distance_m = float(view.distance_outside(motion.capsules).min())
+    if judging is None:
+        return at_distance(robot, motion, distance_m, age_s)
+    come_m = approach_m(motion.times_s[1:] + age_s)
+
+    def at_speeds(speeds_m_s: Floats, enough_m: Floats) -> NearestInTime:
+        capsules, until = motion.stopping_at(speeds_m_s)
+        outside = view.distance_outside(capsules).min(-1)[:, 1:] - come_m
+        counts = np.arange(1, len(come_m) + 1) <= until[:, None]
+        return _nobody(np.minimum(np.where(counts, outside, np.inf).min(1), enough_m))
+
+    ahead = at_speeds if motion.is_foreseen else None
+    return judging.judged(Course(distance_m, _nobody(distance_m - come_m), ahead))
+
+
+def _nobody(distance_m: Floats) -> NearestInTime:
+    """Distances to nobody in particular."""
+    unknown = np.full(len(distance_m), -1)
+    return NearestInTime(distance_m, unknown, unknown, unknown)

@@ -1,0 +1,1 @@
+"""Zones: where every body segment may be, and how large that is."""

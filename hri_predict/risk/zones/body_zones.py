@@ -1,0 +1,186 @@
+"""Zones: where each body segment of each person may be, interval by interval.
+
+``joint_zones`` states where each joint may be. A capsule between the two joints of a segment, with
+the larger of their spheres' radii plus the segment's own, holds the segment. The skeleton's reach
+from the nearest observed joint bounds a segment that was never observed.
+
+Zones do not contain the position uncertainty Z_d: ``separation`` adds it, once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.errors import ConfigError
+from hri_predict.geometry import Capsules
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.base import Forecast
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.self_check.self_check import Trust
+from hri_predict.risk.settings import HumanLimits
+from hri_predict.risk.types import Zones
+from hri_predict.risk.zones.human_speed import (
+    NOBODY,
+    HumanSpeeds,
+    Velocities,
+    measure_people,
+    velocities_in,
+)
+from hri_predict.risk.zones.joint_zones import FRESH_S, JointZones
+from hri_predict.risk.zones.radii import Radii
+from hri_predict.skeleton import Skeleton
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class BodyZones:
+    """The zones of one tick, and what else the risk stage needs to know about these bodies.
+
+    Attributes:
+        zones: people in the order of the snapshot, then the lost ones; see ``Zones``. Entry 0 is
+            the body as captured (a lost person's has grown until that capture), entry k >= 1 holds
+            the body during the whole of ``[times_s[k-1], times_s[k]]`` after ``now_ns``.
+        paths: the same for the forecast bodies, without growth.
+        lost: (P,) whether a person is lost.
+        age_s: seconds from the oldest capture that the zones rest on to now; 0 without people.
+        capture_ns: that capture; without people, the newest good one.
+        reasons: why the zones are no better than they are.
+        claimed: see ``JointSpheres``.
+        speeds: of the people who are here, in the order of the snapshot.
+        untrusted: why the scene cannot be trusted; the zones then mean nothing.
+    """
+
+    zones: Zones
+    paths: Capsules
+    lost: Bools
+    age_s: float
+    capture_ns: int | None
+    reasons: tuple[Reason, ...] = ()
+    claimed: Floats | None = None
+    speeds: HumanSpeeds = NOBODY
+    untrusted: tuple[Reason, ...] = ()
+
+
+class ZoneBuilder:
+    """Builds zones from a snapshot and its forecast, everything in one batch.
+
+    Args:
+        skeleton: the joints' order and the segments.
+        absent_parts: missing parts of the body (a seated person's legs).
+        limits: see ``HumanLimits``.
+        rate_hz: steps per second of the forecast and of the zones.
+        horizon_steps: H of the forecast.
+        steps: number of steps of zones after now; defaults to ``horizon_steps``.
+        radii: calibrated radii; ``None``: the predictor is not calibrated.
+        with_paths: whether to build ``paths``; otherwise they are the zones.
+
+    Attributes:
+        joints: see ``JointZones``.
+        times_s: (K+1,) the zones' times, see ``Zones``.
+
+    Raises:
+        ConfigError: an absent part is unknown, or nothing is left.
+    """
+
+    def __init__(
+        self,
+        *,
+        skeleton: Skeleton,
+        absent_parts: Sequence[str],
+        limits: HumanLimits,
+        rate_hz: float,
+        horizon_steps: int,
+        steps: int | None = None,
+        radii: Radii | None = None,
+        with_paths: bool = True,
+    ) -> None:
+        self._skeleton = skeleton
+        self._rate_hz = rate_hz
+        self._with_paths = with_paths
+        self.limits = limits
+        self.horizon_steps = horizon_steps
+        kept = skeleton.without(absent_parts)
+        if not kept:
+            raise ConfigError(
+                "people.absent_parts leaves no segment of the body; declare fewer parts absent"
+            )
+        segments = [skeleton.segments[i] for i in kept]
+        self.segment_index: Ints = np.array(kept, dtype=np.intp)
+        self.segment_names = tuple(s.name for s in segments)
+        self._a: Ints = np.array([s.joint_a for s in segments], dtype=np.intp)
+        self._b: Ints = np.array([s.joint_b for s in segments], dtype=np.intp)
+        self._radius: Floats = np.array([s.radius for s in segments])
+        # (S, J): a sphere of this size about joint k holds the whole of segment s
+        self._reach: Floats = np.maximum(skeleton.reach[self._a], skeleton.reach[self._b])
+        self.times_s: Floats = np.arange(1 + (steps or horizon_steps)) / rate_hz
+        self.joints = JointZones(
+            skeleton=skeleton,
+            limits=limits,
+            rate_hz=rate_hz,
+            horizon_steps=horizon_steps,
+            times_s=self.times_s,
+            radii=radii,
+        )
+
+    def build(
+        self,
+        snapshot: PeopleSnapshot,
+        forecast: Forecast | None,
+        *,
+        trust: Trust | None = None,
+        velocities: Velocities | None = None,
+    ) -> BodyZones:
+        """Zones of everybody in ``snapshot``.
+
+        Args:
+            snapshot: people at this tick.
+            forecast: of the same people in the same order, or ``None``: physical limits alone.
+            trust: from the live self-check; calibrated radii need it.
+            velocities: of the joints in ``snapshot``; ``None``: they are measured here.
+        """
+        capture_ns = _oldest_capture(snapshot)
+        if velocities is None:
+            velocities = velocities_in(snapshot, self._rate_hz)
+        joints = self.joints.build(
+            snapshot, forecast, capture_ns=capture_ns, trust=trust, velocities=velocities
+        )
+        zones = self._segments(joints.mid, joints.radius, joints.joint_age)
+        paths = zones
+        if self._with_paths:
+            paths = self._segments(joints.path, joints.inflation, joints.joint_age)
+        ids = snapshot.ids + tuple(person.id for person in snapshot.lost)
+        return BodyZones(
+            zones=Zones(ids, self.segment_names, self.times_s, zones),
+            paths=paths,
+            lost=np.arange(len(ids)) >= len(snapshot.ids),
+            age_s=0.0 if capture_ns is None else max(0.0, (snapshot.now_ns - capture_ns) * 1e-9),
+            capture_ns=capture_ns,
+            claimed=joints.claimed,
+            speeds=measure_people(velocities, self._skeleton, self.limits),
+        )
+
+    def _segments(self, mid: Floats, around: Floats, joint_age: Floats) -> Capsules:
+        """Joints' centres and radii to capsules (P, K+1, S)."""
+        a, b = mid.take(self._a, axis=2), mid.take(self._b, axis=2)
+        radius = np.maximum(around.take(self._a, axis=2), around.take(self._b, axis=2))
+        if (joint_age > FRESH_S).any():
+            unseen = joint_age * self.limits.physical_speed_m_s  # (P, J)
+            spheres = self._reach + unseen[:, None, :]  # (P, S, J)
+            nearest = spheres.argmin(-1)  # (P, S)
+            ends = np.maximum(unseen[:, self._a], unseen[:, self._b])
+            bounded = (spheres.min(-1) < ends)[:, None, :]
+            person = np.arange(len(mid))[:, None]
+            centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
+            about = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1)
+            reach = self._reach[np.arange(len(self._radius)), nearest][:, None, :]
+            a = np.where(bounded[..., None], centre, a)
+            b = np.where(bounded[..., None], centre, b)
+            radius = np.where(bounded, about + reach, radius)
+        return Capsules(a, b, radius + self._radius)
+
+
+def _oldest_capture(snapshot: PeopleSnapshot) -> int | None:
+    if len(snapshot.ids):
+        return int(snapshot.capture_ns.min())
+    return snapshot.newest_capture_ns

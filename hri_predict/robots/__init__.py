@@ -1,0 +1,1 @@
+"""Robots: their files, kinematics, present motion and plans, and how they stop."""

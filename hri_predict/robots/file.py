@@ -1,0 +1,226 @@
+"""The robot file: a kinematic chain, its capsules and its stopping table, in YAML.
+
+``configs/robots/ur5e.yaml`` is the example to copy.
+"""
+
+import os
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from hri_predict.errors import ConfigError, RobotError, nearest
+from hri_predict.files import data_path, read_yaml
+from hri_predict.robots.kinematics import Joint, dh_joint, origin_joint
+from hri_predict.settings import Metres, Settings, Vector3, validated
+
+MAX_JOINTS = 7  # what RobotState carries
+
+Name = Annotated[str, Field(min_length=1, max_length=64)]
+
+
+Stopping = Annotated[float, Field(le=100)]  # seconds, metres, m/s: no robot needs more
+
+
+class DhRow(Settings):
+    """Classic (distal) Denavit-Hartenberg row: Rz(theta + q) Tz(d) Tx(a) Rx(alpha); m, rad."""
+
+    a: Metres
+    alpha: float
+    d: Metres
+    theta: float = 0.0
+
+
+class Origin(Settings):
+    """As in URDF: where the joint sits in its parent link; metres, fixed-axis roll pitch yaw."""
+
+    xyz: Vector3
+    rpy: Vector3 = [0.0, 0.0, 0.0]
+
+
+class JointFile(Settings):
+    """One joint: what it connects, where (``dh``, or ``origin`` and ``axis``), and its limits."""
+
+    name: Name
+    type: Literal["revolute"] = "revolute"
+    parent: Name
+    child: Name
+    dh: DhRow | None = None
+    origin: Origin | None = None
+    axis: Vector3 | None = None
+    position: Annotated[list[float], Field(min_length=2, max_length=2)]
+    velocity: float = Field(gt=0, le=1000)
+
+    @model_validator(mode="after")
+    def _placed_once(self) -> Self:
+        if (self.dh is None) == (self.origin is None):
+            raise ValueError(f"joint '{self.name}': give either dh or origin, not both or neither")
+        if (self.origin is None) != (self.axis is None):
+            raise ValueError(f"joint '{self.name}': axis belongs to origin (dh turns about z)")
+        if self.axis is not None and not 0.99 < float(np.linalg.norm(self.axis)) < 1.01:
+            raise ValueError(f"joint '{self.name}': axis must have length 1")
+        if not self.position[0] < self.position[1]:
+            raise ValueError(f"joint '{self.name}': position must be [lower, upper]")
+        return self
+
+    def joint(self) -> Joint:
+        """The joint for the kinematics."""
+        if self.dh is not None:
+            return dh_joint(self.dh.a, self.dh.alpha, self.dh.d, self.dh.theta)
+        assert self.origin is not None  # the validator saw to it
+        assert self.axis is not None
+        xyz, rpy, axis = (np.array(v) for v in (self.origin.xyz, self.origin.rpy, self.axis))
+        return origin_joint(xyz, rpy, axis)
+
+
+class CapsuleFile(Settings):
+    """A capsule fixed to a link: ends in the link's frame, metres. Equal ends make a sphere."""
+
+    name: Name
+    a: Vector3
+    b: Vector3
+    radius: float = Field(gt=0, le=10)
+
+
+class LinkCapsuleFile(CapsuleFile):
+    """A capsule that names its link."""
+
+    link: Name
+
+
+class StoppingRow(Settings):
+    """Stopping time and distance by speed, for loads up to ``payload_kg``."""
+
+    payload_kg: float = Field(ge=0)
+    time_s: Annotated[list[Stopping], Field(min_length=1)]
+    distance_m: Annotated[list[Stopping], Field(min_length=1)]
+
+
+class StoppingFile(Settings):
+    """How long and how far the robot moves once its brake or ramp has begun.
+
+    ``speed_m_s`` is that of the robot's fastest point; each row has a value for every speed.
+    """
+
+    source: str = Field(min_length=1)
+    speed_m_s: Annotated[list[Stopping], Field(min_length=1)]
+    rows: Annotated[list[StoppingRow], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _monotone(self) -> Self:
+        speed = np.array(self.speed_m_s)
+        if speed[0] <= 0 or np.any(np.diff(speed) <= 0):
+            raise ValueError("speed_m_s must increase from above 0")
+        if np.any(np.diff([row.payload_kg for row in self.rows]) <= 0):
+            raise ValueError("rows must be in order of increasing payload_kg")
+        lighter = np.zeros((2, len(speed)))
+        for row in self.rows:
+            where = f"row of {row.payload_kg:g} kg"
+            if not len(row.time_s) == len(row.distance_m) == len(speed):
+                raise ValueError(f"{where}: give one time_s and distance_m for every speed_m_s")
+            table = np.array([row.time_s, row.distance_m])
+            if np.any(table <= 0) or np.any(np.diff(table, axis=1) < 0):
+                raise ValueError(f"{where}: time_s and distance_m must not fall as the speed rises")
+            if np.any(table < lighter):
+                raise ValueError(f"{where}: a heavier payload must not stop sooner than a lighter")
+            if np.any(table[1] > speed * table[0] * (1 + 1e-9)):
+                raise ValueError(f"{where}: distance_m exceeds speed x time_s; check the units")
+            lighter = table
+        return self
+
+
+class RobotFile(Settings):
+    """A robot: joints from the base outwards, capsules of every link, tool and payload."""
+
+    name: Name
+    source: str = Field(min_length=1, description="where the kinematic parameters come from")
+    base: Name
+    joints: Annotated[list[JointFile], Field(min_length=1, max_length=MAX_JOINTS)]
+    capsules: list[LinkCapsuleFile]
+    tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
+    payload: list[CapsuleFile] = Field([], description="likewise, of what the robot carries")
+    stopping: StoppingFile
+
+    def links(self) -> list[str]:
+        """Link names in the order of the chain."""
+        return [self.base, *(joint.child for joint in self.joints)]
+
+
+def read_robot_file(model: str, base_dir: Path | None) -> RobotFile:
+    """Read and check a robot by a shipped name ("ur5e") or the path of a YAML file.
+
+    Args:
+        model: a name under ``configs/robots``, or a path ending in .yaml.
+        base_dir: base of relative paths.
+
+    Raises:
+        RobotError: one line with the file, what is wrong in it, and the remedy.
+    """
+    path = _find(model, base_dir)
+    try:
+        robot = validated(RobotFile, read_yaml(path, "robot file"), f"robot file {path}")
+    except ConfigError as error:
+        raise RobotError(str(error)) from error
+    problem = _chain_problem(robot) or _capsule_problem(robot)
+    if problem:
+        raise RobotError(f"robot file {path}: {problem}")
+    return robot
+
+
+def _find(model: str, base_dir: Path | None) -> Path:
+    if Path(model).suffix in (".yaml", ".yml"):
+        return (base_dir or Path()) / model
+    path = data_path("robots", f"{model}.yaml")
+    if not os.path.isfile(path):  # bears a name that is too long
+        shipped = sorted(p.stem for p in data_path("robots").glob("*.yaml"))
+        raise RobotError(
+            f"unknown robot model '{model}'{nearest(model, shipped)}; "
+            f"there are: {', '.join(shipped)}; or give the path of a .yaml file"
+        )
+    return path
+
+
+def _chain_problem(robot: RobotFile) -> str:
+    """Why the joints do not form one chain from the base outwards, in their order; or ""."""
+    seen = [robot.base]
+    children = robot.links()
+    names = [joint.name for joint in robot.joints]
+    for joint in robot.joints:
+        if names.count(joint.name) > 1:
+            return f"joint name '{joint.name}' is used twice; rename one"
+        if joint.parent not in children:
+            return (
+                f"joint '{joint.name}': broken chain: its parent link '{joint.parent}' does not "
+                f"exist; correct it, or add the joint that leads there"
+                f"{nearest(joint.parent, children)}"
+            )
+        if joint.child in seen:
+            return (
+                f"joint '{joint.name}': broken chain: its child link '{joint.child}' already hangs "
+                f"on the chain, so the joints form a loop; give each joint a child of its own"
+            )
+        if joint.parent != seen[-1]:
+            return (
+                f"joint '{joint.name}': broken chain: its parent link is '{joint.parent}', but the "
+                f"chain has come to '{seen[-1]}'; list the joints from the base outwards, "
+                f"each on the one before"
+            )
+        seen.append(joint.child)
+    return ""
+
+
+def _capsule_problem(robot: RobotFile) -> str:
+    links = robot.links()
+    for capsule in robot.capsules:
+        if capsule.link not in links:
+            return (
+                f"capsule '{capsule.name}': there is no link '{capsule.link}'"
+                f"{nearest(capsule.link, links)}"
+            )
+    bare = [link for link in links if link not in {c.link for c in robot.capsules}]
+    if bare:
+        return f"link '{bare[0]}' has no capsule, so nobody would be kept clear of it; add one"
+    names = [c.name for c in (*robot.capsules, *robot.tool, *robot.payload)]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    return f"capsule name '{twice}' is used twice; rename one" if twice else ""

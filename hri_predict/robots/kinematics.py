@@ -1,0 +1,135 @@
+"""Forward kinematics of a serial chain of revolute joints, vectorised over configurations.
+
+Each joint turns its child link about a fixed axis of its parent:
+``T_parent_child(q) = pre . Rot(axis, q) . post``. A URDF joint is ``pre = origin, post = 1``; a row
+of classic (distal) Denavit-Hartenberg parameters is ``pre = 1, axis = z,
+post = Rz(theta) Tz(d) Tx(a) Rx(alpha)`` (J. J. Craig, "Introduction to Robotics", names the other,
+modified, convention; Universal Robots publish the classic one).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.geometry import cross
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """One revolute joint: (4, 4) transforms before and after the turn, and a unit (3,) axis."""
+
+    pre: Floats
+    axis: Floats
+    post: Floats
+
+
+def dh_joint(a: float, alpha: float, d: float, theta: float) -> Joint:
+    """A joint from a classic DH row: metres and radians; ``theta`` is added to the joint angle."""
+    z_turn, x_turn = np.eye(4), np.eye(4)
+    z_turn[:3, :3] = _turn(np.array([0.0, 0.0, 1.0]), theta)
+    z_turn[2, 3] = d
+    x_turn[:3, :3] = _turn(np.array([1.0, 0.0, 0.0]), alpha)
+    x_turn[0, 3] = a
+    return Joint(np.eye(4), np.array([0.0, 0.0, 1.0]), z_turn @ x_turn)
+
+
+def origin_joint(xyz: Floats, rpy: Floats, axis: Floats) -> Joint:
+    """A joint as in URDF: origin in the parent (metres; fixed-axis roll, pitch, yaw) and axis."""
+    pre = np.eye(4)
+    turns = [_turn(np.eye(3)[i], rpy[i]) for i in range(3)]
+    pre[:3, :3] = turns[2] @ turns[1] @ turns[0]
+    pre[:3, 3] = xyz
+    return Joint(pre, np.asarray(axis, float) / np.linalg.norm(axis), np.eye(4))
+
+
+def _skew(v: Floats) -> Floats:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def _turn(axis: Floats, angle: float) -> Floats:
+    k = _skew(axis)
+    rotation: Floats = np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * k @ k
+    return rotation
+
+
+class Chain:
+    """A serial chain of N joints on a fixed base; link 0 is the base, link i moves with joint i.
+
+    Args:
+        base: (4, 4) pose of the base in the frame that results are wanted in.
+        joints: N joints from the base outwards.
+
+    Attributes:
+        dof: N.
+    """
+
+    def __init__(self, base: Floats, joints: list[Joint]) -> None:
+        self.dof = len(joints)
+        self._base = base
+        self._joints = joints
+        # pre Rot(q) post is linear in 1, sin q and cos q (Rodrigues): three constant 4 x 4 blocks
+        # per joint, so that all joints' local transforms are one product: (N, 3, 16).
+        blocks = np.zeros((self.dof, 3, 4, 4))
+        for i, joint in enumerate(joints):
+            along = np.outer(joint.axis, joint.axis)
+            for k, rotation in enumerate((along, _skew(joint.axis), np.eye(3) - along)):
+                blocks[i, k, :3] = joint.pre[:3, :3] @ rotation @ joint.post[:3]
+            blocks[i, 0, :3, 3] += joint.pre[:3, 3]
+            blocks[i, 0, 3, 3] = 1.0
+        self._blocks = blocks.reshape(self.dof, 3, 16)
+        # (N, 3, 2) each joint's axis and its origin, in the parent's frame
+        self._axis_and_origin = np.array(
+            [np.column_stack([j.pre[:3, :3] @ j.axis, j.pre[:3, 3]]) for j in joints]
+        )
+
+    def links(self, q: Floats) -> Floats:
+        """(N+1, ..., 3, 4) rotation and position of every link at configurations q (..., N)."""
+        q = np.asarray(q, dtype=np.float64)
+        flat = q.reshape(-1, self.dof).T
+        terms = np.ones((*flat.shape, 3))
+        np.sin(flat, out=terms[..., 1])
+        np.cos(flat, out=terms[..., 2])
+        local = np.matmul(terms, self._blocks).reshape(*flat.shape, 4, 4)  # (N, R, 4, 4)
+        links = np.empty((self.dof + 1, flat.shape[1], 3, 4))
+        links[0] = self._base[:3]
+        for i in range(self.dof):
+            np.matmul(links[i], local[i], out=links[i + 1])
+        result: Floats = links.reshape(self.dof + 1, *q.shape[:-1], 3, 4)
+        return result
+
+    def twists(self, links: Floats, qd: Floats) -> tuple[Floats, Floats]:
+        """Angular and linear velocity of every link as one moving frame through the origin.
+
+        Args:
+            links: as ``links`` gave them.
+            qd: (..., N) rad/s.
+
+        Returns:
+            ``omega, v0``, each (N+1, ..., 3): a point x of link i moves at ``v0 + omega x x``.
+        """
+        parent = links[:-1]
+        qd = np.asarray(qd)
+        axis_and_origin = self._axis_and_origin.reshape(self.dof, *(1,) * (qd.ndim - 1), 3, 2)
+        turned = np.matmul(parent[..., :3], axis_and_origin)  # (N, ..., 3, 2)
+        axis, on_axis = turned[..., 0], turned[..., 1] + parent[..., 3]
+        turn = axis * np.moveaxis(qd, -1, 0)[..., None]
+        omega, v0 = np.zeros((2, *links.shape[:-2], 3))
+        np.cumsum(turn, axis=0, out=omega[1:])
+        np.cumsum(cross(on_axis, turn), axis=0, out=v0[1:])
+        return omega, v0
+
+    def arms(self, link: int, point: Floats) -> Floats:
+        """(N,) lengths of the rigid pieces between the joint axes, from joint 1 to a point.
+
+        Piece i is fixed to link i + 1: from a point on that link's own axis to one on the next
+        axis, or to ``point`` (3,) of ``link``. Pieces beyond it are 0. A point of the link is no
+        farther from axis j than the sum of the pieces from j on, whatever the configuration.
+        """
+        lengths = np.zeros(self.dof)
+        for i in range(link):
+            post = self._joints[i].post
+            start = -post[:3, :3].T @ post[:3, 3]  # the axis' point in the child's frame
+            end = point if i == link - 1 else self._joints[i + 1].pre[:3, 3]
+            lengths[i] = np.linalg.norm(end - start)
+        return lengths

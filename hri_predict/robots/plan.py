@@ -1,0 +1,165 @@
+"""A robot on its planned path: where it is on the path, and how it moves on and stops.
+
+The path is a ``Trajectory``; a *phase* is a place on it, in seconds at full speed. A controller
+with a speed limit runs the path at the rate that keeps its fastest point below the limit. A
+controller that has to stop brakes on the path (a stop of category 2 of IEC 60204-1: controlled,
+power kept), with the times and distances of the robot's stopping table.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.geometry import Capsules
+from hri_predict.robots.model import RobotModel
+from hri_predict.robots.trajectory import Trajectory
+
+GRID_S = 0.01
+"""Step of the table of the path, in seconds at full speed."""
+JOINT_TOLERANCE_RAD = 0.02
+"""Joints farther than this from the path are not on it. Smaller deviations enlarge the robot."""
+VELOCITY_TOLERANCE_RAD_S = 0.05
+"""Likewise for their velocities, plus ``VELOCITY_TOLERANCE`` of the fastest."""
+VELOCITY_TOLERANCE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class OnPlan:
+    """A robot's place on its plan.
+
+    Attributes:
+        phase_s: seconds at full speed along the cycle.
+        rate: phase per second, 1 at full speed.
+        off_m: how far any point of the robot may be from its place on the path.
+    """
+
+    phase_s: float
+    rate: float
+    off_m: float = 0.0
+
+
+class Plan:
+    """A trajectory and the robot that follows it.
+
+    Args:
+        trajectory: the path.
+        model: the robot.
+    """
+
+    def __init__(self, trajectory: Trajectory, model: RobotModel) -> None:
+        self.trajectory = trajectory
+        self._model = model
+        count = max(4, math.ceil(trajectory.duration_s / GRID_S))
+        self._step_s = trajectory.duration_s / count
+        self._phases: Floats = np.arange(count, dtype=np.float64) * self._step_s
+        self._q, self._dq = trajectory.at(self._phases)
+        self._dq_square = np.maximum((self._dq**2).sum(1), 1e-12)
+        speed = model.tip_speed(self._q, self._dq)
+        self._speed: Floats = np.append(speed, speed[0])  # closed
+        self._closed: Floats = np.append(self._phases, trajectory.duration_s)
+        # how far from the nearest of the table's places a place on the path may be
+        self._gap = np.abs(self._dq).max(0) * self._step_s
+
+    def locate(self, q: Floats, qd: Floats, expected_s: float | None) -> OnPlan | None:
+        """The place on the path of a robot at ``q`` (N,) rad, ``qd`` (N,) rad/s; ``None``: not on
+        it.
+
+        Joints must agree within ``JOINT_TOLERANCE_RAD``, and velocities with those of the path at
+        some rate from 0 to 1. Of several places the nearest to ``expected_s`` counts. Without it,
+        the place whose joints agree best counts, but no place of a standing robot: it may go either
+        way.
+        """
+        if not (np.isfinite(q).all() and np.isfinite(qd).all()):
+            return None
+        off = np.abs(self._q - q)
+        close = (off <= JOINT_TOLERANCE_RAD + self._gap).all(1)
+        rate = np.clip((self._dq @ qd) / self._dq_square, 0.0, 1.0)
+        fastest = float(np.abs(qd).max())
+        tolerance = VELOCITY_TOLERANCE_RAD_S + VELOCITY_TOLERANCE * fastest
+        close &= (np.abs(rate[:, None] * self._dq - qd) <= tolerance).all(1)
+        cost = np.where(close, (off**2).sum(1), np.inf)
+        best = close & (cost <= np.roll(cost, 1)) & (cost <= np.roll(cost, -1))
+        places = np.flatnonzero(best)
+        if not len(places) or (expected_s is None and fastest <= VELOCITY_TOLERANCE_RAD_S):
+            return None
+        if expected_s is None:
+            place = int(places[cost[places].argmin()])
+        else:
+            away = self._phases[places] - expected_s
+            around = self.trajectory.duration_s
+            place = int(places[np.abs(away - around * np.round(away / around)).argmin()])
+        return self._refined(place, q, qd)
+
+    def _refined(self, place: int, q: Floats, qd: Floats) -> OnPlan | None:
+        """The place near entry ``place`` of the table whose joints are nearest to ``q``."""
+        along = (np.roll(self._q, -1, 0)[place] - np.roll(self._q, 1, 0)[place]) / 2
+        part = (q - self._q[place]) @ along / max(float(along @ along), 1e-12)
+        phase = float(self._phases[place] + np.clip(part, -1.0, 1.0) * self._step_s)
+        on_path, dq = self.trajectory.at(phase)
+        off = np.abs(q - on_path)
+        if not (off <= JOINT_TOLERANCE_RAD).all():
+            return None
+        rate = float(np.clip(dq @ qd / max(float(dq @ dq), 1e-12), 0.0, 1.0))
+        return OnPlan(phase % self.trajectory.duration_s, rate, self._model.shift_m(off))
+
+    def stopping_capsules(
+        self, start: OnPlan, speeds_m_s: Floats, times_s: Floats, reaction_s: float
+    ) -> tuple[Capsules, Floats]:
+        """The robot as it follows its path and stops on it, for several speeds.
+
+        Until ``reaction_s`` it follows the path with its fastest point at the given speed, or at
+        full speed if the path is slower. Then it brakes on the path, for the time and along the
+        distance of the stopping table at its speed.
+
+        Args:
+            start: where it is at time 0.
+            speeds_m_s: (L,) of the fastest point.
+            times_s: (K,) seconds, from 0, not falling.
+            reaction_s: until braking begins.
+
+        Returns:
+            (L, K, C) capsules; entry k contains the robot during the whole of
+            [times_s[k-1], times_s[k]], entry 0 at the instant times_s[0] (the proof is at
+            ``RobotModel.swept_capsules``). And (L,) seconds from time 0 until it stands.
+        """
+        phases, stands_s = self.phases(start.phase_s, speeds_m_s, times_s, reaction_s)
+        before = np.concatenate([phases[:, :1], phases[:, :-1]], axis=1)
+        q, dq = self.trajectory.at(phases)
+        rate = np.abs(dq)
+        bend = self.trajectory.acceleration_most(before, phases)
+        half = (phases - before) / 2
+        # no place of a stretch is farther than half of it from one of its ends
+        fastest = np.maximum(rate, np.concatenate([rate[:, :1], rate[:, :-1]], axis=1))
+        swept = self._model.swept_capsules(q, fastest + half[..., None] * bend, bend, half)
+        return Capsules(swept.a, swept.b, swept.radius + start.off_m), stands_s
+
+    def phases(
+        self, start_s: float, speeds_m_s: Floats, times_s: Floats, reaction_s: float
+    ) -> tuple[Floats, Floats]:
+        """(L, K) phases of ``stopping_capsules`` at the times, and (L,) when the robot stands."""
+        cells = math.ceil(reaction_s / self._step_s) + 1
+        at: Floats = start_s + np.arange(cells + 1, dtype=np.float64) * self._step_s
+        rates = self._rates(speeds_m_s[:, None], at[:-1] + self._step_s / 2)
+        passed = np.zeros((len(speeds_m_s), cells + 1))
+        np.cumsum(self._step_s / np.maximum(rates, 1e-9), axis=1, out=passed[:, 1:])
+        follows = np.append(np.minimum(times_s, reaction_s), reaction_s)
+        followed = np.array([np.interp(follows, when, at) for when in passed])
+        phases, brakes = followed[:, :-1], followed[:, -1]
+        rate = self._rates(speeds_m_s, brakes)
+        speed = rate * self._speed_at(brakes)
+        stopping_s = self._model.stopping_times(speed)
+        after = np.maximum(times_s - reaction_s, 0.0)
+        travel = self._model.travel_s(speed[:, None], after, 0.0, stopping_s[:, None])
+        return phases + rate[:, None] * travel, reaction_s + stopping_s
+
+    def _rates(self, speeds_m_s: Floats, phases_s: Floats) -> Floats:
+        """Phase per second at which the fastest point has the speed, at most 1."""
+        return np.minimum(1.0, speeds_m_s / np.maximum(self._speed_at(phases_s), 1e-9))
+
+    def _speed_at(self, phases_s: Floats) -> Floats:
+        """Speed of the fastest point at full speed."""
+        phases = np.asarray(phases_s) % self.trajectory.duration_s
+        speed: Floats = np.interp(phases, self._closed, self._speed)
+        return speed

@@ -1,0 +1,255 @@
+"""Where a robot is now, or why that is unknown."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import RobotError
+from hri_predict.geometry import Capsules
+from hri_predict.protocol.messages import RobotMode, RobotState
+from hri_predict.protocol.reasons import Reason
+from hri_predict.robots.model import (
+    RobotModel,
+    RobotSettings,
+    StandingMotion,
+    StateMotion,
+    TrajectoryMotion,
+)
+from hri_predict.robots.plan import OnPlan, Plan
+from hri_predict.robots.trajectory import load_trajectory
+
+POSITION_TOLERANCE_RAD = 0.01
+"""How far beyond a limit a reported position may lie: sensor noise and the wire's rounding."""
+
+VELOCITY_TOLERANCE = 0.1
+"""Likewise for velocities, as a fraction of the limit: a servo overshoots for a moment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RobotNow:
+    """A robot at one moment.
+
+    Attributes:
+        q: (N,) rad; ``None`` if unknown (no state yet, or an impossible one).
+        qd: (N,) rad/s; ``None`` with ``q``.
+        speed_m_s: of the fastest point (upper bound at ``q``, ``qd``); 0 if unknown.
+        reasons: why it cannot be trusted; empty if it can.
+        uncertainty_m: how far any point may be from where ``q`` puts it because the arm changed its
+            speed since RobotState came: acceleration x age^2 / 2. Add it to Z_r.
+        age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
+        capsules: (C,) of the model at ``q``, if they were computed with the speed.
+        on_plan: its place on the tracker's ``plan``; ``None`` if it is not found there.
+    """
+
+    q: Floats | None
+    qd: Floats | None
+    speed_m_s: float
+    reasons: tuple[Reason, ...] = ()
+    uncertainty_m: float = 0.0
+    age_s: float | None = 0.0
+    capsules: Capsules | None = None
+    on_plan: OnPlan | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Received:
+    """The newest acceptable RobotState."""
+
+    q: Floats
+    qd: Floats
+    mode: RobotMode
+    received_ns: int
+
+
+class RobotTracker:
+    """Follows one robot by its RobotState, its trajectory file, or standing still.
+
+    Args:
+        settings: the robot's entry in the configuration.
+        model: its model.
+        base_dir: base of relative paths of trajectory files.
+        start_ns: when a trajectory starts; ``None`` means at the first ``at``.
+
+    Attributes:
+        settings, model: as given.
+        plan: the path that it follows; ``None`` if unknown.
+        counters: states ``accepted``, ``repeated`` (same counter, so not fresh) and ``invalid``.
+
+    Raises:
+        RobotError: the trajectory or the standing position does not fit the robot.
+    """
+
+    def __init__(
+        self,
+        settings: RobotSettings,
+        model: RobotModel,
+        base_dir: Path | None = None,
+        start_ns: int | None = None,
+    ) -> None:
+        self.settings = settings
+        self.model = model
+        self.counters = {"accepted": 0, "repeated": 0, "invalid": 0}
+        self._start_ns = start_ns
+        self._state: _Received | None = None
+        self._invalid = False
+        self._last_counter: dict[str, int] = {}
+        self._bounds = list(
+            zip(
+                (model.position_min - POSITION_TOLERANCE_RAD).tolist(),
+                (model.position_max + POSITION_TOLERANCE_RAD).tolist(),
+                (model.velocity_max * (1 + VELOCITY_TOLERANCE)).tolist(),
+                strict=True,
+            )
+        )
+        self.plan: Plan | None = None
+        self._on_plan: OnPlan | None = None
+        self._located_ns = 0
+        motion = settings.motion
+        if isinstance(motion, StandingMotion):
+            self._standing = self._checked_standing(motion)
+        elif isinstance(motion, TrajectoryMotion):
+            self.plan = self._planned(motion.file, base_dir)
+        elif motion.plan is not None:
+            self.plan = self._planned(motion.plan, base_dir)
+
+    def update(self, state: RobotState, received_ns: int, link: str = "") -> None:
+        """Take a RobotState.
+
+        A counter that repeats on its link refreshes nothing: a frozen sender ages out. An
+        impossible state (joint count, NaN, limits) makes the position unknown until a good one
+        comes.
+
+        Args:
+            state: as received.
+            received_ns: time of receipt, node's clock.
+            link: the link it came on; each link has its own counter.
+        """
+        if self._last_counter.get(link) == state.counter:
+            self.counters["repeated"] += 1
+            return
+        self._last_counter[link] = state.counter
+        if not self._possible(state):
+            self.counters["invalid"] += 1
+            self._invalid = True
+            return
+        self.counters["accepted"] += 1
+        self._invalid = False
+        self._state = _Received(
+            np.array(state.positions), np.array(state.velocities), state.mode, received_ns
+        )
+
+    def at(self, now_ns: int) -> RobotNow:
+        """Where the robot is at ``now_ns``, node's clock.
+
+        With RobotState, the joints move on at their reported velocity over the state's age (its
+        link's delay plus at most ``stale_s`` since its receipt), but not past their limits.
+        ``uncertainty_m`` bounds the effect of a change of speed since then.
+        """
+        motion = self.settings.motion
+        if isinstance(motion, StateMotion):
+            return self._by_state(motion, now_ns)
+        if isinstance(motion, StandingMotion):
+            return RobotNow(q=self._standing, qd=np.zeros(self.model.dof), speed_m_s=0.0)
+        assert self.plan is not None  # __init__ loaded it
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        phase_s = (now_ns - self._start_ns) * 1e-9 + motion.start_s
+        q, qd = self.plan.trajectory.at(phase_s)
+        capsules, speed = self.model.moving(q, qd)
+        return RobotNow(
+            q=q, qd=qd, speed_m_s=float(speed), capsules=capsules, on_plan=OnPlan(phase_s, 1.0)
+        )
+
+    def _by_state(self, motion: StateMotion, now_ns: int) -> RobotNow:
+        if self._invalid:
+            return RobotNow(
+                q=None, qd=None, speed_m_s=0.0, reasons=(Reason.ROBOT_STATE_INVALID,), age_s=None
+            )
+        state = self._state
+        if state is None:
+            return RobotNow(
+                q=None, qd=None, speed_m_s=0.0, reasons=(Reason.ROBOT_STATE_STALE,), age_s=None
+            )
+        age_s = max((now_ns - state.received_ns) * 1e-9, 0.0)
+        reasons = []
+        if age_s > motion.stale_s:
+            reasons.append(Reason.ROBOT_STATE_STALE)
+        if state.mode != RobotMode.AUTOMATIC:
+            reasons.append(Reason.ROBOT_NOT_AUTOMATIC)
+        ahead_s = min(age_s, motion.stale_s) + motion.delay_s
+        lowest = np.minimum(self.model.position_min, state.q)
+        highest = np.maximum(self.model.position_max, state.q)
+        q = np.minimum(np.maximum(state.q + state.qd * ahead_s, lowest), highest)
+        capsules, speed = self.model.moving(q, state.qd)
+        return RobotNow(
+            q=q,
+            qd=state.qd,
+            speed_m_s=float(speed),
+            reasons=tuple(reasons),
+            uncertainty_m=motion.acceleration_m_s2 * ahead_s**2 / 2,
+            age_s=age_s,
+            capsules=capsules,
+            on_plan=self._along_plan(state, ahead_s),
+        )
+
+    def _along_plan(self, state: _Received, ahead_s: float) -> OnPlan | None:
+        """The place of a state on the plan, moved on for ``ahead_s`` at its rate."""
+        if self.plan is None:
+            return None
+        expected_s = None
+        if self._on_plan is not None:
+            since_s = (state.received_ns - self._located_ns) * 1e-9
+            expected_s = self._on_plan.phase_s + self._on_plan.rate * since_s
+        if state.received_ns != self._located_ns or self._on_plan is None:
+            self._on_plan = self.plan.locate(state.q, state.qd, expected_s)
+            self._located_ns = state.received_ns
+        found = self._on_plan
+        return (
+            None if found is None else replace(found, phase_s=found.phase_s + found.rate * ahead_s)
+        )
+
+    def _planned(self, file: str, base_dir: Path | None) -> Plan:
+        trajectory = load_trajectory(file, self.model, base_dir)
+        peak = trajectory.peak_tip_speed(self.model)
+        if peak > self.settings.max_speed_m_s:
+            raise RobotError(
+                f"robot '{self.settings.name}': its fastest point reaches {peak:.3g} m/s on "
+                f"trajectory '{file}', above max_speed_m_s "
+                f"{self.settings.max_speed_m_s:g}; raise that, or slow the trajectory"
+            )
+        return Plan(trajectory, self.model)
+
+    def _possible(self, state: RobotState) -> bool:
+        model = self.model
+        if len(state.positions) != model.dof or len(state.velocities) != model.dof:
+            return False
+        try:  # plain numbers: for so few an array costs more than the comparison
+            # Written so that NaN, which compares false with everything, is refused.
+            return all(
+                low <= q <= high and -most <= qd <= most
+                for q, qd, (low, high, most) in zip(
+                    state.positions, state.velocities, self._bounds, strict=True
+                )
+            )
+        except TypeError:  # a field that is "not available"
+            return False
+
+    def _checked_standing(self, motion: StandingMotion) -> Floats:
+        model, name = self.model, self.settings.name
+        if len(motion.positions) != model.dof:
+            raise RobotError(
+                f"robot '{name}': motion.positions has {len(motion.positions)} values, but "
+                f"'{self.settings.model}' has {model.dof} joints; give one for each of "
+                f"{', '.join(model.joint_names)}"
+            )
+        q = np.array(motion.positions)
+        outside = np.flatnonzero((q < model.position_min) | (q > model.position_max))
+        if outside.size:
+            j = outside[0]
+            raise RobotError(
+                f"robot '{name}': motion.positions: joint '{model.joint_names[j]}' at {q[j]:g} rad "
+                f"is outside {model.position_min[j]:g} .. {model.position_max[j]:g}"
+            )
+        return q

@@ -1,0 +1,173 @@
+"""A cyclic joint trajectory from YAML: minimum-jerk moves between waypoints.
+
+Between two waypoints every joint follows ``s(x) = 10 x^3 - 15 x^4 + 6 x^5`` (T. Flash, N. Hogan,
+"The coordination of arm movements", J. Neuroscience 5 (1985) 1688-1703): position, velocity and
+acceleration are continuous and the arm rests at each waypoint. Within a move, positions stay
+between its ends and the greatest velocity is 15/8 of the mean, so limits are checked exactly.
+"""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import ConfigError, RobotError, nearest
+from hri_predict.files import data_path, read_yaml
+from hri_predict.robots.model import RobotModel
+from hri_predict.settings import Settings, validated
+
+PEAK = 15 / 8
+"""Greatest velocity of a minimum-jerk move over its mean velocity."""
+
+
+class Waypoint(Settings):
+    """Where the joints are (rad) at a time within the cycle (s)."""
+
+    time_s: float = Field(ge=0, le=86_400)
+    positions: Annotated[list[float], Field(min_length=1)]
+
+
+class TrajectoryFile(Settings):
+    """A trajectory: the first waypoint at 0 s, the last one repeats it and ends the cycle."""
+
+    waypoints: Annotated[list[Waypoint], Field(min_length=2)]
+
+
+class Trajectory:
+    """A cyclic trajectory of N joints.
+
+    Args:
+        times_s: (M,) increasing from 0.
+        positions: (M, N) rad; the last row equals the first.
+
+    Attributes:
+        duration_s: of one cycle.
+    """
+
+    def __init__(self, times_s: Floats, positions: Floats) -> None:
+        self.duration_s = float(times_s[-1])
+        self._times = times_s
+        self._positions = positions
+        span = np.diff(times_s)[:, None]
+        self._acceleration = 10 / np.sqrt(3) * np.abs(np.diff(positions, axis=0)) / span**2
+
+    def at(self, t_s: float | Floats) -> tuple[Floats, Floats]:
+        """Positions and velocities (..., N), rad and rad/s, at times ``t_s`` (...) since start."""
+        return self.at_phase(t_s, 1.0)
+
+    def at_phase(self, phase_s: float | Floats, rate: float | Floats) -> tuple[Floats, Floats]:
+        """Positions and velocities (..., N) of an arm that runs the path at another speed.
+
+        Args:
+            phase_s: (...) how far along the cycle, in seconds at full speed; any size.
+            rate: (...) phase per second: 1 is full speed, 0 standing.
+        """
+        phase = np.asarray(phase_s, dtype=np.float64) % self.duration_s
+        i = self._move_of(phase)
+        span = (self._times[i + 1] - self._times[i])[..., None]
+        x = (phase - self._times[i])[..., None] / span
+        start = self._positions[i]
+        move = self._positions[i + 1] - start
+        q: Floats = start + move * (x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
+        qd = move * (30.0 * x * x * (1.0 - x) ** 2) / span * np.asarray(rate)[..., None]
+        return q, qd
+
+    def acceleration_most(self, from_s: Floats, to_s: Floats) -> Floats:
+        """(..., N) bound of each joint's acceleration, rad/s2 at full speed, between two phases.
+
+        A move's greatest is 10 / sqrt(3) x move / time^2, where ``s''(x) = 60 x - 180 x^2 + 120
+        x^3`` has its extremes (x = 1/2 -+ 1/sqrt(12)). Moves before and after both count; where
+        more than two are passed, all do.
+        """
+        first, last = self._move_of(from_s), self._move_of(to_s)
+        most = np.maximum(self._acceleration[first], self._acceleration[last])
+        moves = len(self._acceleration)
+        many = (to_s - from_s > self._times[-1] / 2) | ((last - first) % moves > 1)
+        return np.where(many[..., None], self._acceleration.max(0), most)
+
+    def _move_of(self, phase_s: Floats) -> NDArray[np.intp]:
+        phase = np.asarray(phase_s, dtype=np.float64) % self.duration_s
+        i = np.searchsorted(self._times, phase, side="right") - 1
+        return np.minimum(i, len(self._times) - 2)
+
+    def peak_tip_speed(self, model: RobotModel, samples: int = 2000) -> float:
+        """Speed (m/s) of the fastest point of ``model`` over one cycle, sampled."""
+        q, qd = self.at(np.linspace(0.0, self.duration_s, samples))
+        return float(np.max(model.tip_speed(q, qd)))
+
+
+def load_trajectory(file: str, model: RobotModel, base_dir: Path | None) -> Trajectory:
+    """Read a trajectory by a shipped name ("pick_and_place") or the path of a YAML file.
+
+    Args:
+        file: a name under ``configs/trajectories``, or a path ending in .yaml.
+        model: the robot that is to follow it.
+        base_dir: base of relative paths.
+
+    Raises:
+        RobotError: not readable, wrong joint count, outside the joints' limits, not cyclic.
+    """
+    path = _find(file, base_dir)
+    try:
+        data = validated(
+            TrajectoryFile, read_yaml(path, "trajectory file"), f"trajectory file {path}"
+        )
+    except ConfigError as error:
+        raise RobotError(str(error)) from error
+    problem = _problem(data.waypoints, model)
+    if problem:
+        raise RobotError(f"trajectory file {path}: {problem}")
+    times = np.array([w.time_s for w in data.waypoints])
+    return Trajectory(times, np.array([w.positions for w in data.waypoints]))
+
+
+def _find(file: str, base_dir: Path | None) -> Path:
+    if Path(file).suffix in (".yaml", ".yml"):
+        return (base_dir or Path()) / file
+    path = data_path("trajectories", f"{file}.yaml")
+    if not os.path.isfile(path):  # bears a name that is too long
+        shipped = sorted(p.stem for p in data_path("trajectories").glob("*.yaml"))
+        raise RobotError(
+            f"unknown trajectory '{file}'{nearest(file, shipped)}; "
+            f"there are: {', '.join(shipped)}; or give the path of a .yaml file"
+        )
+    return path
+
+
+def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
+    """What is wrong with the waypoints for this robot, and the remedy; or ""."""
+    for i, w in enumerate(waypoints):
+        if len(w.positions) != model.dof:
+            return (
+                f"waypoints.{i}: {len(w.positions)} positions, but robot '{model.name}' has "
+                f"{model.dof} joints; give one for each of {', '.join(model.joint_names)}"
+            )
+    times = np.array([w.time_s for w in waypoints])
+    positions = np.array([w.positions for w in waypoints])
+    if times[0] != 0:
+        return f"waypoints.0: time_s is {times[0]:g}; the first waypoint must be at 0"
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        return f"waypoints.{late[0] + 1}: time_s must be later than that of the waypoint before"
+    if not np.array_equal(positions[0], positions[-1]):
+        return "the last waypoint must repeat the first one's positions, to close the cycle"
+    outside = np.argwhere((positions < model.position_min) | (positions > model.position_max))
+    if outside.size:
+        i, j = outside[0]
+        return (
+            f"waypoints.{i}: joint '{model.joint_names[j]}' at {positions[i, j]:g} rad is outside "
+            f"{model.position_min[j]:g} .. {model.position_max[j]:g}"
+        )
+    peak = PEAK * np.abs(np.diff(positions, axis=0)) / np.diff(times)[:, None]
+    fast = np.argwhere(peak > model.velocity_max)
+    if fast.size:
+        i, j = fast[0]
+        return (
+            f"waypoints.{i + 1}: joint '{model.joint_names[j]}' would reach "
+            f"{peak[i, j]:.3g} rad/s, above its {model.velocity_max[j]:g}; give the move more time"
+        )
+    return ""

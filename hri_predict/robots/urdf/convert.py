@@ -1,0 +1,174 @@
+"""Make a robot file from a URDF: ``hri-predict urdf --help``.
+
+Rigidly fixed links are merged, and each URDF link with a shape gets a capsule that contains it
+(``capsule_fit``). A URDF does not say how a robot stops; the user must.
+"""
+
+import os
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hri_predict.errors import ConfigError, RobotError
+from hri_predict.files import atomic_write
+from hri_predict.robots.file import RobotFile, StoppingFile, read_robot_file
+from hri_predict.robots.urdf.capsule_fit import fit_capsule, needed_radius
+from hri_predict.robots.urdf.model import read_model
+from hri_predict.robots.urdf.tree import read_chain
+from hri_predict.settings import validated
+
+SPEEDS_M_S = [0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0]
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """A robot file from a URDF.
+
+    Attributes:
+        data: its contents, valid as ``RobotFile``.
+        needed: radius (m) that each capsule needs to contain its link, without the margin.
+        omitted: links of the URDF with a shape that no capsule covers.
+    """
+
+    data: dict[str, Any]
+    needed: dict[str, float]
+    omitted: list[str]
+
+
+def convert(
+    urdf: Path,
+    *,
+    base: str,
+    tip: str,
+    stopping: dict[str, Any],
+    name: str | None = None,
+    left_out: list[str] | None = None,
+    packages: list[Path] | None = None,
+    margin_m: float = 0.005,
+) -> Converted:
+    """A robot file's contents from a URDF.
+
+    Args:
+        urdf, base, tip, left_out, packages: as ``read_chain`` takes them.
+        stopping: the file's ``stopping``, see ``StoppingFile``.
+        name: name of the robot; default: the URDF's.
+        margin_m: added to each capsule's needed radius, for cables and paint.
+
+    Raises:
+        RobotError: one line that names the file, what is wrong in it, and the remedy.
+    """
+    chain = read_chain(urdf, base, tip, left_out=left_out or [], packages=packages or [])
+    try:
+        joints, bodies = read_model(chain, base)
+    except RobotError as error:
+        raise RobotError(f"URDF file {urdf}: {error}") from None
+    capsules, needed = [], {}
+    for link, body in bodies.items():
+        fit = fit_capsule(body.points, body.radii)
+        a, b = np.round(fit.a, 4) + 0.0, np.round(fit.b, 4) + 0.0  # + 0: no -0.0
+        needed[link] = needed_radius(body.points, body.radii, a, b)
+        radius = float(np.ceil((needed[link] + margin_m) * 1000) / 1000)
+        ends = {"a": a.tolist(), "b": b.tolist()}
+        capsules.append({"name": link, "link": body.carrier, **ends, "radius": radius})
+    data = {
+        "name": name or chain.name,
+        "source": f"converted from the URDF {urdf.name}, chain {base} to {tip}",
+        "base": base,
+        "joints": joints,
+        "capsules": capsules,
+        "stopping": stopping,
+    }
+    try:
+        validated(RobotFile, data, f"URDF file {urdf}")
+    except ConfigError as error:
+        raise RobotError(str(error)) from None
+    return Converted(data, needed, chain.omitted)
+
+
+def copied_stopping(robot: str) -> dict[str, Any]:
+    """The stopping table of another robot file, with a source that says so.
+
+    Raises:
+        ConfigError: there is no such robot file, or it is broken.
+    """
+    table = read_robot_file(robot, None).stopping.model_dump()
+    table["source"] = f"COPIED FROM {robot}, NOT MEASURED ON THIS ROBOT. {table['source']}"
+    return table
+
+
+def decelerated(deceleration: float, delay_s: float, payload_kg: float) -> dict[str, Any]:
+    """The stopping table of full speed v for a delay T and then uniform deceleration d: time
+    ``T + v / d``, distance ``v T + v^2 / (2 d)``; both rounded up.
+
+    Args:
+        deceleration: deceleration of the fastest point, m/s^2, 0.05 to 100.
+        delay_s: from the brake command until the brakes bite, 0 to 10 s.
+        payload_kg: heaviest load with which the robot reaches this deceleration.
+
+    Raises:
+        RobotError: a value is out of range.
+    """
+    for what, value, low, high in (
+        ("--deceleration", deceleration, 0.05, 100),
+        ("--brake-delay", delay_s, 0, 10),
+        ("--payload-kg", payload_kg, 0, 100_000),
+    ):
+        if not low <= value <= high:
+            raise RobotError(f"{what} must be {low:g} to {high:g}; got {value:g}")
+    speed = np.array(SPEEDS_M_S)
+    time_s = delay_s + speed / deceleration
+    distance_m = speed * delay_s + speed**2 / (2 * deceleration)
+    table = {
+        "source": (
+            f"MODEL, NOT MEASURED: full speed for {delay_s:g} s (brake build-up), "
+            f"then uniform deceleration of {deceleration:g} m/s2, as given by whoever converted "
+            f"the URDF. Measure your own robot, with its own load, before relying on any of it."
+        ),
+        "speed_m_s": SPEEDS_M_S,
+        "rows": [
+            {
+                "payload_kg": payload_kg,
+                "time_s": (np.ceil(time_s * 1e4) / 1e4).tolist(),
+                "distance_m": (np.ceil(distance_m * 1e4) / 1e4).tolist(),
+            }
+        ],
+    }
+    try:
+        validated(StoppingFile, table, "--deceleration and --brake-delay")
+    except ConfigError as error:
+        raise RobotError(str(error)) from None
+    return table
+
+
+def write(found: Converted, out: Path, margin_m: float) -> None:
+    """Write the robot file; ``margin_m`` is named in its remarks.
+
+    Raises:
+        RobotError: ``out`` exists already, or cannot be written.
+    """
+    if os.path.lexists(out):
+        raise RobotError(f"--out {out}: exists already; name another, or remove it")
+    try:
+        atomic_write(out, _text(found, 1000 * margin_m).encode())
+    except OSError as error:
+        raise RobotError(f"--out {out}: cannot be written: {error.strerror}") from error
+
+
+def _text(found: Converted, margin_mm: float) -> str:
+    """The robot file, with a remark on its capsules for the reader."""
+    radii = ", ".join(f"{link} {1000 * radius:.1f}" for link, radius in found.needed.items())
+    about = (
+        f"One capsule for each link with a shape, fitted to hold all of it: its collision geometry "
+        f"or, where it has no other, its visual one. Radii needed, in mm: {radii}; {margin_mm:g} "
+        f"mm were added, rounded up to a whole millimetre. Not covered: "
+        f"{', '.join(found.omitted) or 'nothing'}. Are these shapes as large as the robot with its "
+        f"cables? What it holds belongs under tool: and payload: (configs/robots/ur5e.yaml shows "
+        f"how), in the frame of the last link."
+    )
+    lines = textwrap.fill(about, 98, initial_indent="# ", subsequent_indent="# ")
+    body = yaml.safe_dump(found.data, sort_keys=False, default_flow_style=None, width=100)
+    return f"# Metres, radians, kilograms, seconds.\n{lines}\n{body}"

@@ -1,0 +1,200 @@
+"""What Pinocchio reads from a URDF's chain: joints, and collision geometry as spheres.
+
+Pinocchio (J. Carpentier et al., "The Pinocchio C++ library", SII 2019) merges rigidly fixed links
+and places all geometry; its mesh loader is Assimp.
+"""
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import RobotError
+from hri_predict.robots.urdf.tree import UrdfChain
+from hri_predict.settings import MAX_COORDINATE_M
+
+CONTINUOUS_RAD = 8.0  # for a joint without limits: about the range of RobotState on CAN
+CIRCLE = 48  # corners of the polygon around a cylinder's circle: 0.2 % wider
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A URDF link's collision geometry, as spheres whose convex hull contains it.
+
+    Attributes:
+        carrier: the moving link that it is fixed to.
+        points: (N, 3) centres in the carrier's frame, metres.
+        radii: (N,), 0 for the corners of meshes and boxes.
+    """
+
+    carrier: str
+    points: Floats
+    radii: Floats
+
+
+def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[str, Body]]:
+    """The joints in a robot file's form, and every URDF link with collision geometry.
+
+    Raises:
+        RobotError: Pinocchio is not installed or refuses the file, a limit is missing, a number is
+            not finite, a moving link has no geometry.
+    """
+    try:
+        import pinocchio
+    except ImportError as error:
+        raise RobotError("reading it needs Pinocchio: pip install 'hri-predict[robot]'") from error
+    with _kept_quiet() as printed:
+        try:
+            model = pinocchio.buildModelFromXML(chain.text)
+            collision = pinocchio.GeometryType.COLLISION
+            geometry = pinocchio.buildGeomFromUrdfString(model, chain.text, collision)
+        except (ValueError, RuntimeError) as error:
+            raise RobotError(_reason(printed(), str(error))) from None
+    joints, carriers = [], {0: base}
+    for element in chain.joints:
+        name, child = element.get("name", ""), element.find("child")
+        assert child is not None  # the tree was checked
+        link = child.get("link", "")
+        index = model.getJointId(name)
+        joints.append(
+            {"name": name, "parent": [*carriers.values()][-1], "child": link}
+            | _origin(model.jointPlacements[index], pinocchio, name)
+            | {"axis": _axis(element, name)}
+            | _limits(element, name)
+        )
+        carriers[index] = link
+    read = [model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    for body in ElementTree.fromstring(chain.text).findall("link"):
+        if len(body.findall("collision")) != read.count(body.get("name", "")):
+            raise RobotError(
+                f"link '{body.get('name')}': a <collision> or <visual> has no shape that "
+                f"URDF knows (box, cylinder, sphere, mesh); correct it"
+            )
+    return joints, _bodies(model, geometry, carriers)
+
+
+def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Body]:
+    """Geometry by URDF link; ``carriers``: the link that each of Pinocchio's joints moves."""
+    bodies: dict[str, Body] = {}
+    for item in geometry.geometryObjects:
+        name = model.frames[item.parentFrame].name
+        points, radii = _spheres(item.geometry, name)
+        points = points @ item.placement.rotation.T + item.placement.translation
+        sound = np.abs(points).max() <= MAX_COORDINATE_M and radii.min() >= 0
+        if not (sound and radii.max() <= MAX_COORDINATE_M):
+            raise RobotError(
+                f"link '{name}': collision geometry is negative, beyond {MAX_COORDINATE_M:g} m, or "
+                f"not a number; correct it"
+            )
+        if name in bodies:
+            points = np.vstack([bodies[name].points, points])
+            radii = np.concatenate([bodies[name].radii, radii])
+        bodies[name] = Body(carriers[item.parentJoint], points, radii)
+    covered = {body.carrier for body in bodies.values()}
+    bare = [link for link in carriers.values() if link not in covered]
+    if bare:
+        raise RobotError(
+            f"link '{bare[0]}' has no shape, so nobody would be kept clear of it; "
+            f"add a <collision>, a small sphere where there is next to nothing"
+        )
+    return bodies
+
+
+def _origin(placement: Any, pinocchio: Any, joint: str) -> dict[str, Any]:
+    rpy = pinocchio.rpy.matrixToRpy(placement.rotation)
+    if not (np.isfinite(rpy).all() and np.abs(placement.translation).max() <= MAX_COORDINATE_M):
+        raise RobotError(
+            f"joint '{joint}': its origin, or one it hangs on, is beyond {MAX_COORDINATE_M:g} m or "
+            f"not a number; correct it"
+        )
+    xyz, rpy = (np.round(v, 12) + 0.0 for v in (placement.translation, rpy))
+    return {"origin": {"xyz": xyz.tolist(), "rpy": rpy.tolist()}}
+
+
+def _axis(joint: ElementTree.Element, name: str) -> list[float]:
+    element = joint.find("axis")
+    text = "1 0 0" if element is None else element.get("xyz", "1 0 0")  # URDF's default
+    axis = np.array([_number(word, f"joint '{name}': axis") for word in text.split()])
+    if axis.shape != (3,) or not 1e-6 < np.abs(axis).max() < 1e6:
+        raise RobotError(f"joint '{name}': axis '{text}' is no direction; give three numbers")
+    return [round(float(v), 15) for v in axis / np.linalg.norm(axis)]
+
+
+def _limits(joint: ElementTree.Element, name: str) -> dict[str, Any]:
+    limit = joint.find("limit")
+    given = {} if limit is None else limit.attrib
+    velocity = _number(given.get("velocity", "0"), f"joint '{name}': velocity")
+    if not 0 < velocity <= 1000:
+        raise RobotError(
+            f"joint '{name}': <limit velocity> must be above 0 (and up to 1000) rad/s, "
+            f"as the robot's data sheet says; got {velocity:g}"
+        )
+    position = [-CONTINUOUS_RAD, CONTINUOUS_RAD]
+    if joint.get("type") == "revolute":
+        position = [_number(given.get(k, "0"), f"joint '{name}': {k}") for k in ("lower", "upper")]
+    return {"position": position, "velocity": velocity}
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise RobotError(f"{where} '{text}' is not a finite number; correct it")
+    return value
+
+
+def _spheres(shape: Any, link: str) -> tuple[Floats, Floats]:
+    """Spheres (N, 3), (N,) in the shape's own frame whose convex hull contains the shape."""
+    kind = type(shape).__name__
+    if kind.startswith("BVHModel") or kind == "Convex":
+        points = np.array(shape.vertices() if kind.startswith("BVH") else shape.points(), float)
+        return points, np.zeros(len(points))
+    if kind == "Box":
+        corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+        return corners * shape.halfSide, np.zeros(8)
+    if kind == "Sphere":
+        return np.zeros((1, 3)), np.array([shape.radius])
+    if kind == "Capsule":
+        return np.array([[0, 0, s * shape.halfLength] for s in (-1, 1)]), np.full(2, shape.radius)
+    if kind == "Cylinder":
+        angle = np.arange(CIRCLE) * 2 * np.pi / CIRCLE
+        radius = shape.radius / np.cos(np.pi / CIRCLE)  # the polygon is around the circle
+        circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        ends = [np.column_stack([circle, np.full(CIRCLE, s * shape.halfLength)]) for s in (-1, 1)]
+        return np.vstack(ends), np.zeros(2 * CIRCLE)
+    raise RobotError(f"link '{link}': collision geometry {kind} is not known; use a mesh")
+
+
+@contextlib.contextmanager
+def _kept_quiet() -> Iterator[Callable[[], str]]:
+    """Capture what C++ libraries print to standard error; yields a function that returns it."""
+    with tempfile.TemporaryFile() as file:
+        kept = os.dup(2)
+        os.dup2(file.fileno(), 2)
+        try:
+
+            def printed() -> str:
+                file.seek(0)
+                return file.read().decode(errors="replace")
+
+            yield printed
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+def _reason(printed: str, raised: str) -> str:
+    """One line of Pinocchio's message, without its own file names."""
+    lines = [line.strip() for line in printed.splitlines() if line.strip().startswith("Error:")]
+    if lines:
+        return lines[0].removeprefix("Error:").strip()
+    lines = raised.partition("message: ")[2].splitlines() or raised.splitlines() or ["unreadable"]
+    return " ".join(line.strip() for line in lines if not line.startswith("Hint"))

@@ -1,0 +1,1 @@
+"""One run of the node: configuration, assembly, loop and session."""

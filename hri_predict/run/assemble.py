@@ -1,0 +1,254 @@
+"""Builds a node and everything connected to it from a validated configuration."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hri_predict import registry
+from hri_predict.clock import Clock
+from hri_predict.errors import ConfigError, PredictorError, RobotError
+from hri_predict.link import Link, LinkSettings, Simulatable, Transport, check_load
+from hri_predict.node.node import Listener, Node
+from hri_predict.node.publisher import Publisher
+from hri_predict.people.people import People
+from hri_predict.predictors.base import Predictor, PredictorSettings, refuse_unsound
+from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.recording.played_link import played_links
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.engine import RiskEngine
+from hri_predict.risk.settings import CoverageSettings
+from hri_predict.risk.zones.radii import Calibration, calibration_for
+from hri_predict.robots.model import RobotModel, load_robot
+from hri_predict.robots.tracker import RobotTracker
+from hri_predict.run.config import Config
+from hri_predict.source import Source
+
+LATE_FRACTION = 0.5  # of a cycle: a prediction that takes longer is late
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assembly:
+    """A node and what it is connected to, built but not started."""
+
+    config: Config
+    clock: Clock
+    source: Source
+    links: tuple[Link, ...]
+    prediction: PredictionRunner
+    robots: tuple[RobotModel, ...]
+    trackers: tuple[RobotTracker, ...]
+    node: Node
+
+
+def build_source(config: Config, with_faults: bool = True) -> Source:
+    """Build the configured source, wrapped in the configured faults."""
+    cls = registry.load("sources", config.source.kind)
+    with registry.building(f"source '{config.source.kind}'"):
+        source = cls(config.source, config.base_dir)
+    if config.source.faults and with_faults:
+        return registry.load("faults", "source")(source, config.source.faults, seed=0)
+    return source
+
+
+def build_predictor(config: Config) -> Predictor:
+    """Build the configured predictor."""
+    return predictor_of(config.predictor.resolved(config.base_dir))
+
+
+def predictor_of(settings: PredictorSettings) -> Predictor:
+    """Build a predictor from validated settings with resolved paths.
+
+    Raises:
+        HriPredictError: it cannot be built; one line with the remedy.
+    """
+    cls = registry.load("predictors", settings.name)
+    with registry.building(f"predictor '{settings.name}'"):
+        predictor = cls(settings)
+    try:
+        refuse_unsound(predictor)
+    except PredictorError as error:
+        raise PredictorError(f"predictor '{settings.name}': {error}") from error
+    return predictor
+
+
+def build_robots(config: Config) -> tuple[RobotModel, ...]:
+    """Load the robots, in the configuration's order."""
+    robots = []
+    for index, settings in enumerate(config.node.robots):
+        try:
+            robots.append(load_robot(settings, config.base_dir))
+        except RobotError as error:
+            raise RobotError(f"{config.path}: robots.{index}.{error}") from error
+    return tuple(robots)
+
+
+def build_people(config: Config, source: Source, predictor: Predictor) -> People:
+    """Build the stage that follows the people in the source's scenes."""
+    return People(
+        settings=config.node.people,
+        joint_map=source.joint_map,
+        source_settings=config.source,
+        rate_hz_source=source.rate_hz,
+        declares_noise=source.declares_noise,
+        history_steps=predictor.history_steps,
+        rate_hz_predictor=predictor.rate_hz,
+    )
+
+
+def build_risk(
+    config: Config, source: Source, predictor: Predictor, trackers: Sequence[RobotTracker]
+) -> RiskEngine:
+    """Build the risk stage for these robots and the forecasts of ``predictor``."""
+    return RiskEngine(
+        settings=config.node.risk,
+        robots=trackers,
+        skeleton=predictor.skeleton,
+        absent_parts=config.node.people.absent_parts,
+        named_zones=config.node.zones,
+        field_of_view=config.source.field_of_view,
+        budget=build_budget(config, source),
+        forecast_rate_hz=predictor.rate_hz,
+        horizon_steps=predictor.horizon_steps,
+        calibration=build_calibration(config),
+    )
+
+
+def build_calibration(config: Config) -> Calibration | None:
+    """Load the calibration that the zones use; ``None`` if there is none or the mode needs none."""
+    if config.node.risk.mode != "predictive":
+        return None
+    settings = config.predictor.resolved(config.base_dir)
+    return calibration_for(settings, config.node.risk.coverage, config.base_dir)
+
+
+def unused_coverage(config: Config) -> str:
+    """Return a warning if ``risk.coverage`` is set and the mode does not use it, otherwise ""."""
+    risk = config.node.risk
+    if risk.mode == "predictive" or risk.coverage == CoverageSettings():
+        return ""
+    return (
+        f"risk.coverage has no effect: mode {risk.mode} uses no forecast; "
+        f"set mode: predictive, or leave it out"
+    )
+
+
+def advised_on_links(config: Config) -> list[frozenset[int]]:
+    """Return, for each opened link, the indices of the robots whose advice it carries."""
+    return [frozenset(_advised(config, settings)) for settings in config.opened_links]
+
+
+def build_budget(config: Config, source: Source) -> DelayBudget:
+    """Return the delay budget of the slowest link."""
+    stale_s = config.source.stale_after_s(source.rate_hz)
+    return DelayBudget.from_settings(config.node.rate_hz, config.links, stale_s)
+
+
+def build_link(
+    *,
+    settings: LinkSettings,
+    config: Config,
+    clock: Clock,
+    port: str | None = None,
+    transport: Transport[Any] | None = None,
+) -> Link:
+    """Build one link; ``port`` replaces the configured port, ``transport`` the whole transport.
+
+    Raises:
+        ConfigError: the link has ``simulate:`` but no simulated controller is running.
+    """
+    cls = registry.load("links", settings.kind)
+    if settings.simulate is not None and port is None and transport is None:
+        raise ConfigError(
+            f"link '{settings.name}' has 'simulate:' but no simulated controller is running; "
+            f"use hri-predict run or demo, or remove 'simulate'"
+        )
+    if port is not None:
+        if not isinstance(cls, Simulatable):
+            raise ConfigError(f"link {settings.name}: kind '{settings.kind}' cannot be simulated")
+        settings = settings.model_copy(update={cls.port_field: port})
+    settings = settings.resolved(config.base_dir)
+    rate_hz, robots = config.node.rate_hz, _advised(config, settings)
+    with registry.building(f"link '{settings.name}'"):
+        check_load(cls.load(settings, rate_hz, robots))
+        if settings.faults:
+            faulty = registry.load("faults", "link")
+            inner = transport if transport is not None else cls.make_transport(settings)
+            transport = faulty(inner=inner, faults=settings.faults, clock=clock, seed=0)
+        return cls(settings, clock, transport, rate_hz=rate_hz, robots=robots)
+
+
+def _advised(config: Config, link: LinkSettings) -> list[int]:
+    """Return the indices of the robots whose advice a link carries."""
+    return [
+        i
+        for i, robot in enumerate(config.node.robots)
+        if not link.robots or robot.name in link.robots
+    ]
+
+
+def build(
+    config: Config,
+    clock: Clock,
+    *,
+    source: Source | None = None,
+    ports: Mapping[str, str] | None = None,
+    transports: Mapping[str, Transport[Any]] | None = None,
+    links: Sequence[Link] | None = None,
+    deadline: bool = True,
+    shadow: bool = False,
+    listeners: Sequence[Listener] = (),
+) -> Assembly:
+    """Build everything, but open and start nothing.
+
+    ``links`` replaces the configured links; each of them carries the advice for every robot.
+    ``listeners`` is kept, not copied: the caller may add more until the first tick.
+
+    Raises:
+        HriPredictError: a part cannot be built; one line with the remedy.
+    """
+    node = config.node
+    source = source or build_source(config)
+    predictor = build_predictor(config)
+    robots = build_robots(config)
+    trackers = tuple(
+        RobotTracker(settings, model, config.base_dir, clock.now_ns())
+        for settings, model in zip(node.robots, robots, strict=True)
+    )
+    people = build_people(config, source, predictor)
+    risk = build_risk(config, source, predictor, trackers)
+    configured: tuple[Link, ...] = tuple(
+        build_link(
+            settings=settings,
+            config=config,
+            clock=clock,
+            port=(ports or {}).get(settings.name),
+            transport=(transports or {}).get(settings.name),
+        )
+        for settings in (config.opened_links if links is None else ())
+    )
+    links = tuple(links or ()) or configured or played_links(source, clock)
+    prediction = PredictionRunner(predictor, LATE_FRACTION / node.rate_hz if deadline else None)
+    everybody = frozenset(range(len(robots)))
+    advised = advised_on_links(config) if configured else [everybody for _ in links]
+    publisher = Publisher(links, advised, predictor, shadow)
+    index = registry.names("predictors").index(config.predictor.name)
+    return Assembly(
+        config=config,
+        clock=clock,
+        source=source,
+        links=links,
+        prediction=prediction,
+        robots=robots,
+        trackers=trackers,
+        node=Node(
+            people=people,
+            prediction=prediction,
+            risk=risk,
+            robots=trackers,
+            links=links,
+            advised=advised,
+            publisher=publisher,
+            predictor_index=index,
+            listeners=listeners,
+        ),
+    )

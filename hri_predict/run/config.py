@@ -1,0 +1,235 @@
+"""The node's YAML configuration, validated before anything starts."""
+
+import contextlib
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from hri_predict import registry
+from hri_predict.discovery.services import DiscoverySettings
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.files import data_path, read_text, read_yaml
+from hri_predict.link import ChecksTogether, LinkSettings
+from hri_predict.monitoring.alerts import AlertSettings
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.predictors.base import PredictorSettings
+from hri_predict.risk.areas import NamedZoneSettings
+from hri_predict.risk.engine import RiskSettings
+from hri_predict.robots.model import RobotSettings
+from hri_predict.settings import Settings, validated
+from hri_predict.source import SourceSettings
+
+MAX_ROBOTS = 8
+MAX_LINKS = 32  # each link has its own thread
+
+
+class NodeSettings(Settings):
+    """The top level of a configuration; ``source``, ``predictor`` and links are checked by kind."""
+
+    rate_hz: float = Field(
+        25.0, ge=10, le=100, description="cycles per second; controllers expect at least 10"
+    )
+    source: dict[str, Any]
+    predictor: dict[str, Any] = {"name": "constant_velocity"}
+    people: PeopleSettings = PeopleSettings()
+    robots: list[RobotSettings] = Field(min_length=1, max_length=MAX_ROBOTS)
+    risk: RiskSettings = RiskSettings()
+    zones: list[NamedZoneSettings] = []
+    links: list[dict[str, Any]] = Field([], max_length=MAX_LINKS)
+    alerts: AlertSettings = AlertSettings()
+    record: str | None = Field(None, min_length=1, description="file to record into (MCAP)")
+    discovery: DiscoverySettings | None = Field(
+        None, description="announce the node by DNS-SD; without it, nothing is announced"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """A validated configuration: each part was checked by its own model.
+
+    Attributes:
+        path: the file that was read.
+        text: the file's text (recordings contain it).
+        node: the parts that every configuration has.
+        source, predictor, links: each validated by the model next to its code.
+        mute: open no link, although ``links`` has some.
+    """
+
+    path: Path
+    text: str
+    node: NodeSettings
+    source: SourceSettings
+    predictor: PredictorSettings
+    links: tuple[LinkSettings, ...]
+    mute: bool = False
+
+    @property
+    def base_dir(self) -> Path:
+        """The folder that relative paths in the configuration start from."""
+        return self.path.parent
+
+    def with_source(self, source: dict[str, Any]) -> "Config":
+        """Return this configuration with another source (``replay`` sets a recording)."""
+        return replace(self, source=_source(source, f"{self.path}: source"))
+
+    def with_predictor(self, name: str, **settings: Any) -> "Config":
+        """Return this configuration with another predictor: its defaults, plus ``settings``."""
+        return replace(self, predictor=predictor_settings({"name": name} | settings, "--predictor"))
+
+    def with_faults(self, faults: list[str]) -> "Config":
+        """Return this configuration with more faults, given as ``[LINK:]kind@start+duration``.
+
+        Raises:
+            ConfigError: a fault's text, kind, time or link is wrong.
+        """
+        parse = registry.load("faults", "parse")
+        at_source = list(self.source.faults)
+        at_links = {link.name: list(link.faults) for link in self.links}
+        for text in faults:
+            name, _, rest = text.partition(":")
+            if name in at_links:
+                at_links[name].append(parse(rest))
+            elif rest and "=" not in re.split("[@:]", rest)[0]:  # no parameter, so a fault
+                raise ConfigError(
+                    f"fault '{text}': no link '{name}'{nearest(name, at_links)}; "
+                    f"there are: {', '.join(at_links) or 'none'}"
+                )
+            else:
+                at_source.append(parse(text))
+        return replace(
+            self,
+            source=self.source.model_copy(update={"faults": at_source}),
+            links=tuple(
+                link.model_copy(update={"faults": at_links[link.name]}) for link in self.links
+            ),
+        )
+
+    def without_links(self) -> "Config":
+        """Return this configuration with all links closed; they still count in the delays."""
+        return replace(self, mute=True)
+
+    @property
+    def opened_links(self) -> tuple[LinkSettings, ...]:
+        """The links to open; closed links count in the delay budget, too."""
+        return () if self.mute else self.links
+
+    def quiet(self) -> "Config":
+        """Return this configuration without alert lines on the terminal, for use with a view."""
+        alerts = self.node.alerts.model_copy(update={"terminal": False})
+        return replace(self, node=self.node.model_copy(update={"alerts": alerts}))
+
+
+def find(path: Path) -> Path:
+    """Return ``path``, or the shipped configuration of that name (``configs/demo.yaml``).
+
+    Raises:
+        ConfigError: neither exists.
+    """
+    if os.path.isdir(path):  # os.path accepts names that are too long; Path raises
+        raise ConfigError(f"configuration {path}: this is a folder; name a YAML file in it")
+    if os.path.exists(path):
+        return path
+    shipped = data_path(path.name)
+    if os.path.isfile(shipped) and path.parent in (Path("."), Path("configs")):
+        return shipped
+    there = [p.name for p in data_path().glob("*.yaml")]
+    raise ConfigError(
+        f"configuration {path}: no such file{nearest(path.name, there)}; "
+        f"shipped ones: {', '.join(sorted(there))}"
+    )
+
+
+def shipped(name: str) -> Path:
+    """Return the path of a configuration that the package contains."""
+    return data_path(name)
+
+
+def load(path: Path) -> Config:
+    """Read and validate a configuration.
+
+    Raises:
+        ConfigError: one line naming the file, the key and the remedy.
+    """
+    path = find(path)
+    data = read_yaml(path, "configuration")
+    node = validated(NodeSettings, data, str(path))
+    config = Config(
+        path=path,
+        text=read_text(path, "configuration"),
+        node=node,
+        source=_source(node.source, f"{path}: source"),
+        predictor=predictor_settings(node.predictor, f"{path}: predictor"),
+        links=tuple(_link(link, f"{path}: links.{i}") for i, link in enumerate(node.links)),
+    )
+    _check_names(config)
+    _check_links(config)
+    return config
+
+
+def _source(data: dict[str, Any], where: str) -> SourceSettings:
+    with _named(data, "kind", "sources", where) as name:
+        cls = registry.load("sources", name)
+    return validated(cls.settings_model, data, where)
+
+
+def predictor_settings(data: dict[str, Any], where: str) -> PredictorSettings:
+    """Validate a ``predictor:`` block with the settings model of the predictor that it names.
+
+    Raises:
+        ConfigError: one line that starts with ``where`` and names the key and the remedy.
+    """
+    with _named(data, "name", "predictors", where) as name:
+        cls = registry.load("predictors", name)
+    return validated(cls.settings_model, data, where)
+
+
+def _link(data: dict[str, Any], where: str) -> LinkSettings:
+    with _named(data, "kind", "links", where) as name:
+        cls = registry.load("links", name)
+    return validated(cls.settings_model, data, where)
+
+
+@contextlib.contextmanager
+def _named(data: dict[str, Any], key: str, kind: registry.PartKind, where: str) -> Iterator[str]:
+    """Give the name under ``key``; an error states where it stands."""
+    name = data.get(key)
+    if not isinstance(name, str):
+        there = ", ".join(registry.names(kind))
+        raise ConfigError(f"{where}.{key}: missing; use one of: {there}")
+    try:
+        yield name
+    except ConfigError as error:
+        raise ConfigError(f"{where}.{key}: {error}") from error
+
+
+def _check_names(config: Config) -> None:
+    """Check that names are unique and that every robot that a link names exists."""
+    robots = [r.name for r in config.node.robots]
+    for key, names in (("robots", robots), ("links", [link.name for link in config.links])):
+        for name in names:
+            if names.count(name) > 1:
+                raise ConfigError(f"{config.path}: {key}: name '{name}' is used twice; rename one")
+    for i, link in enumerate(config.links):
+        for name in link.robots or []:
+            if name not in robots:
+                raise ConfigError(
+                    f"{config.path}: links.{i}.robots: no robot '{name}'{nearest(name, robots)}; "
+                    f"there are: {', '.join(robots)}"
+                )
+
+
+def _check_links(config: Config) -> None:
+    """Check that links of one kind do not disturb each other; the link class knows how."""
+    for kind in dict.fromkeys(link.kind for link in config.links):
+        cls = registry.load("links", kind)
+        if not isinstance(cls, ChecksTogether):
+            continue
+        try:
+            cls.check_together([link for link in config.links if link.kind == kind])
+        except ConfigError as error:
+            raise ConfigError(f"{config.path}: {error}") from error

@@ -1,0 +1,277 @@
+"""Runs an assembled node: in real time, or stepped on the virtual clock.
+
+Both run the same ``Node`` with the same codecs. In real time the loop keeps absolute deadlines: a
+late tick is counted and does not delay the ticks after it. On the virtual clock everything,
+including the mock controllers, runs in one thread in a fixed order, so that two runs give the same
+bytes.
+"""
+
+import contextlib
+import gc
+import logging
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+from hri_predict.clock import VirtualClock
+from hri_predict.link import Link
+from hri_predict.monitoring.pace import Pace
+from hri_predict.protocol.messages import NodeState
+from hri_predict.protocol.reasons import Reason
+from hri_predict.run.assemble import Assembly
+from hri_predict.source import NOT_KNOWN_NS, live_part, wait_for
+
+log = logging.getLogger(__name__)
+
+SOURCE_RETRY_NS = 100_000_000
+SOURCE_IDLE_NS = 1_000_000  # pause before polling again a source that was due but had nothing
+SOURCE_WAIT_NS = 100_000_000  # how long a stop may wait for a live source that receives nothing
+SOURCE_END_S = 1.0  # poll must not block; if a source blocks nevertheless, its thread is abandoned
+SWITCH_INTERVAL_S = 0.0005  # how long a busy Python thread may hold up the loop
+
+
+class Stepped(Protocol):
+    """A simulation that runs beside the node on the virtual clock (the simulated cell)."""
+
+    def next_ns(self) -> int | None:
+        """Return the time of the next step."""
+
+    def step(self, now_ns: int) -> None:
+        """Do everything that is due at ``now_ns``."""
+
+
+def run_real_time(
+    *,
+    assembly: Assembly,
+    stop: threading.Event,
+    duration_s: float | None = None,
+    until_exhausted: bool = False,
+    each_tick: Callable[[int], None] | None = None,
+) -> Pace:
+    """Run until ``stop`` is set, ``duration_s`` has passed, or the source is exhausted.
+
+    Raises:
+        LinkError: a link's device is absent at start.
+    """
+    clock, node, pace = assembly.clock, assembly.node, Pace()
+    started: list[Link] = []
+    try:
+        for link in assembly.links:
+            link.start()
+            started.append(link)
+    except Exception:  # a device is absent: nothing was sent yet, and silence means stop
+        for link in started:
+            link.stop()
+        raise
+    exhausted = threading.Event()
+    feeder = threading.Thread(
+        target=_feed, args=(assembly, pace, stop, exhausted), name="source", daemon=True
+    )
+    try:
+        assembly.prediction.start()
+        node.announce(clock.now_ns(), NodeState.STARTING, Reason.STARTING)
+        with _quiet_collector():  # before the first deadline, because a collection takes long
+            start_ns = clock.now_ns()
+            assembly.source.open(start_ns)
+            feeder.start()
+            _loop(
+                assembly=assembly,
+                pace=pace,
+                stop=stop,
+                start_ns=start_ns,
+                duration_s=duration_s,
+                until_exhausted=until_exhausted,
+                exhausted=exhausted,
+                each_tick=each_tick,
+            )
+    finally:
+        stop.set()
+        with contextlib.suppress(Exception):
+            node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
+        pace.connected = {link.name: link.connected for link in started}
+        for link in started:
+            link.stop()
+        assembly.prediction.stop()
+        if feeder.ident is not None:  # never close a source while its thread still polls it
+            feeder.join(SOURCE_END_S)
+        assembly.source.close()
+    return pace
+
+
+def _loop(
+    *,
+    assembly: Assembly,
+    pace: Pace,
+    stop: threading.Event,
+    start_ns: int,
+    duration_s: float | None,
+    until_exhausted: bool,
+    exhausted: threading.Event,
+    each_tick: Callable[[int], None] | None,
+) -> None:
+    clock, period_ns = assembly.clock, round(1e9 / assembly.config.node.rate_hz)
+    end_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
+    deadline_ns = start_ns
+    while not stop.is_set():
+        clock.wait_until(deadline_ns, stop)
+        now_ns = clock.now_ns()
+        if now_ns < deadline_ns:
+            continue  # woken to stop
+        if end_ns is not None and now_ns >= end_ns:
+            return
+        if until_exhausted and exhausted.is_set():
+            return
+        began = time.perf_counter()
+        assembly.node.tick(now_ns)
+        pace.note(time.perf_counter() - began)
+        if each_tick is not None:
+            each_tick(now_ns)
+        deadline_ns += period_ns
+        behind = (clock.now_ns() - deadline_ns) // period_ns
+        if clock.now_ns() > deadline_ns:
+            pace.late_ticks += 1
+        if behind > 0:  # whole cycles were missed: skip them, keep the phase
+            pace.missed_ticks += behind
+            deadline_ns += behind * period_ns
+
+
+def _feed(
+    assembly: Assembly, pace: Pace, stop: threading.Event, exhausted: threading.Event
+) -> None:
+    """Run the source's thread: deliver scenes as they arrive, poll a failing source again."""
+    source, clock = assembly.source, assembly.clock
+    longest_ns = NOT_KNOWN_NS if live_part(source) is None else SOURCE_WAIT_NS
+    while not stop.is_set():
+        try:
+            due_ns = source.next_ns()
+            if due_ns is None:
+                exhausted.set()
+                return
+            wait_for(source, min(due_ns, clock.now_ns() + longest_ns), clock, stop)
+            delivered = False
+            while not stop.is_set() and (scene := source.poll(clock.now_ns())) is not None:
+                assembly.node.receive(scene, clock.now_ns())
+                delivered = True
+            if not delivered and due_ns <= clock.now_ns():
+                clock.wait_until(clock.now_ns() + SOURCE_IDLE_NS, stop)
+        except Exception:
+            if pace.source_failures == 0:
+                log.exception("the source failed; polling it again")
+            pace.source_failures += 1
+            clock.wait_until(clock.now_ns() + SOURCE_RETRY_NS, stop)
+
+
+def run_virtual(
+    assembly: Assembly,
+    beside: Stepped | None = None,
+    duration_s: float | None = None,
+    each_tick: Callable[[int], None] | None = None,
+) -> Pace:
+    """Step everything on the virtual clock until the source is exhausted or the time is over."""
+    pace = Pace()
+    with _quiet_collector():
+        step_all(
+            assembly=assembly, pace=pace, beside=beside, duration_s=duration_s, each_tick=each_tick
+        )
+    return pace
+
+
+def step_all(
+    *,
+    assembly: Assembly,
+    pace: Pace,
+    beside: Stepped | None = None,
+    duration_s: float | None = None,
+    each_tick: Callable[[int], None] | None = None,
+) -> None:
+    """Do what ``run_virtual`` does, for callers that run many and manage the collector."""
+    _steps(assembly=assembly, pace=pace, beside=beside, duration_s=duration_s, each_tick=each_tick)
+    pace.connected = {link.name: link.connected for link in assembly.links}
+    for link in assembly.links:
+        link.stop()
+    assembly.source.close()
+
+
+def _steps(
+    *,
+    assembly: Assembly,
+    pace: Pace,
+    beside: Stepped | None,
+    duration_s: float | None,
+    each_tick: Callable[[int], None] | None,
+) -> None:
+    clock, node = assembly.clock, assembly.node
+    assert isinstance(clock, VirtualClock)
+    period_ns = round(1e9 / assembly.config.node.rate_hz)
+    start_ns = clock.now_ns()
+    assembly.source.open(start_ns)
+    end_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
+    tick_ns = start_ns
+    node.announce(start_ns, NodeState.STARTING, Reason.STARTING)
+    while True:
+        source_ns = assembly.source.next_ns()
+        if source_ns is None and duration_s is None:
+            break
+        beside_ns = beside.next_ns() if beside is not None else None
+        now_ns = min(t for t in (source_ns, beside_ns, tick_ns) if t is not None)
+        now_ns = max(now_ns, clock.now_ns())
+        if end_ns is not None and now_ns >= end_ns:
+            break
+        clock.advance_to(now_ns)
+        if source_ns is not None and source_ns <= now_ns:
+            while (scene := assembly.source.poll(now_ns)) is not None:
+                node.receive(scene, now_ns)
+            if assembly.source.next_ns() == source_ns:  # no scene: poll again at the next tick
+                clock.advance_to(tick_ns if beside_ns is None else min(tick_ns, beside_ns))
+        if beside is not None and beside_ns is not None and beside_ns <= now_ns:
+            beside.step(now_ns)
+        if tick_ns <= now_ns:
+            for link in assembly.links:
+                link.service(now_ns)
+            began = time.perf_counter()
+            node.tick(now_ns)
+            pace.note(time.perf_counter() - began)
+            for link in assembly.links:
+                link.service(now_ns)
+            if each_tick is not None:
+                each_tick(now_ns)
+            tick_ns += period_ns
+    node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
+
+
+@contextlib.contextmanager
+def _quiet_collector() -> Iterator[None]:
+    """Keep the garbage collector from objects built at start, and busy threads from the loop."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        sys.setswitchinterval(interval)
+
+
+@contextlib.contextmanager
+def stop_on_signals(stop: threading.Event) -> Iterator[None]:
+    """Let SIGINT, SIGTERM and SIGHUP set ``stop``: the node tells the controllers and ends.
+
+    SIGHUP (the terminal was closed) stays ignored if it was ignored before, as under ``nohup``.
+    """
+
+    def handler(_number: int, _frame: object) -> None:
+        stop.set()
+
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+        numbers.remove(signal.SIGHUP)
+    before = {s: signal.signal(s, handler) for s in numbers}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)

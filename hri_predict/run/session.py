@@ -1,0 +1,301 @@
+"""One run from start to end: the node, its links, and the simulated cell if there is one."""
+
+import contextlib
+import logging
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hri_predict import registry
+from hri_predict.clock import Clock, MonotonicClock, VirtualClock
+from hri_predict.discovery.announcer import Announcer, node_properties
+from hri_predict.errors import ConfigError
+from hri_predict.monitoring.alerts import Alerts
+from hri_predict.monitoring.pace import Pace
+from hri_predict.monitoring.source_report import source_report
+from hri_predict.monitoring.summary import LevelCounter, Summary, summarise
+from hri_predict.node.listeners import Listener, Tick
+from hri_predict.peers import Cell, ControllerReport
+from hri_predict.recording import Recorder, RecordingInfo
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
+from hri_predict.source import Source, live_part
+
+VIRTUAL_START_NS = 1_000_000_000
+
+
+class View(Listener):
+    """A listener that shows each tick and needs the assembly for that."""
+
+    def bind(self, assembly: assemble.Assembly) -> None:
+        """Take the assembly; called once, before the first tick."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to run a configuration.
+
+    Attributes:
+        factor: node seconds per wall second; ``None``: as fast as possible on the virtual clock.
+        duration_s: stop after this many node seconds.
+        until_exhausted: stop when the source is exhausted.
+        record: file to record into.
+        shadow: send *unknown* on the links whatever the advice is.
+        view: shows each tick; the loop's thread calls it, so it must be quick.
+    """
+
+    factor: float | None = 1.0
+    duration_s: float | None = None
+    until_exhausted: bool = False
+    record: Path | None = None
+    shadow: bool = False
+    view: View | None = None
+
+
+class _AlertListener(Listener):
+    def __init__(self, alerts: Alerts) -> None:
+        self._alerts = alerts
+
+    def on_tick(self, tick: Tick) -> None:
+        self._alerts.observe(tick.advices)
+        if tick.assessment is not None:
+            self._alerts.observe_zones(tick.assessment.named_zones)
+
+
+def run(config: Config, options: Options, stop: threading.Event | None = None) -> Summary:
+    """Run ``config`` and return the summary.
+
+    Raises:
+        HriPredictError: the run cannot start; one line with the remedy.
+    """
+    virtual = options.factor is None
+    clock: Clock = (
+        VirtualClock(VIRTUAL_START_NS) if virtual else MonotonicClock(options.factor or 1.0)
+    )
+    cell = _cell(config, clock, options)
+    session = _Session(config, options, clock, cell)
+    try:
+        if virtual:
+            return session.run_virtual()
+        stop = stop or threading.Event()
+        if threading.current_thread() is threading.main_thread():
+            with stop_on_signals(stop):
+                return session.run_real_time(stop)
+        return session.run_real_time(stop)
+    finally:
+        session.close()
+
+
+def _cell(config: Config, clock: Clock, options: Options) -> Cell | None:
+    """Build the simulated cell if a link has ``simulate:``, otherwise return ``None``."""
+    simulated = [link for link in config.opened_links if link.simulate is not None]
+    real = [link.name for link in config.opened_links if link.simulate is None]
+    if options.factor is None and real:
+        raise ConfigError(
+            f"link {real[0]} is real hardware, which runs only in real time: use --speed 1, leave "
+            f"the links out (--no-links), or give the link a 'simulate:' block"
+        )
+    if not simulated:
+        return None
+    assemble.build_robots(config)  # so that an error names the robot's key, as without a cell
+    cls = registry.load("cells", "mock")
+    return cls(
+        links=simulated,
+        robots=config.node.robots,
+        base_dir=config.base_dir,
+        clock=clock,
+        factor=options.factor or 1.0,
+    )
+
+
+class _Session:
+    def __init__(self, config: Config, options: Options, clock: Clock, cell: Cell | None) -> None:
+        self.config, self.options, self.clock, self.cell = config, options, clock, cell
+        self.levels = LevelCounter()
+        names = [robot.name for robot in config.node.robots]
+        self.alerts = Alerts(
+            settings=config.node.alerts,
+            robots=names,
+            clock=clock,
+            base_dir=config.base_dir,
+            threaded=options.factor is not None,
+        )
+        self.reports: Sequence[ControllerReport] | None = None
+        self.recorder: Recorder | None = None
+        self.announcer: Announcer | None = None
+        self.referee: _Referee | None = None
+
+    def build(self, **ends: Any) -> assemble.Assembly:
+        """Build everything; create the recording last, when nothing else can fail."""
+        virtual = self.options.factor is None
+        path = self._record_path()
+        source = assemble.build_source(self.config)
+        listeners: list[Listener] = [self.levels, _AlertListener(self.alerts)]
+        if self.options.view is not None:
+            listeners.append(self.options.view)
+        assembly = assemble.build(
+            self.config,
+            self.clock,
+            source=source,
+            deadline=not virtual,
+            shadow=self.options.shadow,
+            listeners=listeners,
+            **ends,
+        )
+        if self.options.view is not None:
+            self.options.view.bind(assembly)
+        if self.cell is not None and live_part(source) is None:  # live people have no copy
+            self.referee = _Referee(self.config, assembly, self.cell)
+        if path is not None:
+            self.recorder = Recorder(path, self._recording_info(source), threaded=not virtual)
+            listeners.append(self.recorder)
+            for link in assembly.links:
+                link.on_sent = self.recorder.sent
+        return assembly
+
+    def _record_path(self) -> Path | None:
+        """Return the file to record into, or ``None``.
+
+        Raises:
+            ConfigError: it is the recording that is being played, or the configuration.
+        """
+        config = self.config
+        path = self.options.record or (
+            config.base_dir / config.node.record if config.node.record else None
+        )
+        played = getattr(config.source, "path", None)
+        if path is None:
+            return None
+        if _same(path, config.path):
+            raise ConfigError(f"record {path}: this is the configuration; name another file")
+        if isinstance(played, str) and any(
+            _same(path, there) for there in (config.base_dir / played, Path(played))
+        ):  # a relative path may mean either place
+            raise ConfigError(f"record {path}: this recording is being played; name another file")
+        return path
+
+    def _recording_info(self, source: Source) -> RecordingInfo:
+        return RecordingInfo(
+            joint_map=source.joint_map,
+            rate_hz=source.rate_hz,
+            declares_noise=source.declares_noise,
+            config=self.config.text,
+            predictor=self.config.predictor.name,
+            forecast_rate_hz=self.config.predictor.rate_hz,
+        )
+
+    def run_real_time(self, stop: threading.Event) -> Summary:
+        ports = self.cell.start() if self.cell is not None else {}
+        assembly = self.build(ports=ports)
+        self.alerts.start()
+        if self.config.node.discovery is not None:
+            said = node_properties(
+                node=self.config.node.discovery.name or self.config.path.stem,
+                source=self.config.source.kind,
+                predictor=self.config.predictor.name,
+                rate_hz=self.config.node.rate_hz,
+                links={link.name: link.kind for link in self.config.opened_links},
+            )
+            self.announcer = Announcer(self.config.node.discovery, said)
+            self.announcer.start()
+        pace = run_real_time(
+            assembly=assembly,
+            stop=stop,
+            duration_s=self.options.duration_s,
+            until_exhausted=self.options.until_exhausted,
+            each_tick=self.referee.observe if self.referee is not None else None,
+        )
+        return self.summary(assembly, pace)
+
+    def run_virtual(self) -> Summary:
+        transports = self.cell.transports() if self.cell is not None else {}
+        assembly = self.build(transports=transports)
+        pace = run_virtual(
+            assembly,
+            self.cell,
+            duration_s=self.options.duration_s,
+            each_tick=self.referee.observe if self.referee is not None else None,
+        )
+        return self.summary(assembly, pace)
+
+    def summary(self, assembly: assemble.Assembly, pace: Pace) -> Summary:
+        counters = dict(self.levels.people_counters)
+        self.close()
+        counters["alerts_dropped"] = self.alerts.dropped
+        counters["alert_failures"] = self.alerts.failures
+        if self.recorder is not None:
+            counters["recorder_dropped"] = self.recorder.dropped
+        result = summarise(
+            node=assembly.node,
+            pace=pace,
+            links=assembly.links,
+            levels=self.levels,
+            counters=counters,
+        )
+        if self.referee is not None:
+            self.referee.add_to(result)
+        result.source = source_report(
+            self.config.source.kind, assembly.source, self.levels.clock, self.clock.now_ns()
+        )
+        result.controllers = [asdict(report) for report in self.reports or ()]
+        return result
+
+    def close(self) -> None:
+        """Stop everything that was started; safe to call twice."""
+        if self.announcer is not None:
+            self.announcer.stop()
+        if self.cell is not None and self.reports is None:
+            self.reports = self.cell.stop()
+        self.alerts.stop()
+        if self.recorder is not None:
+            self.recorder.close()
+
+
+def _same(a: Path, b: Path) -> bool:
+    """Return whether both paths name the same existing file."""
+    try:
+        return a.samefile(b)
+    except OSError:  # one does not exist, or its name is too long
+        return False
+
+
+@contextlib.contextmanager
+def _said_already() -> Iterator[None]:
+    """Suppress warnings: a copy of the source would repeat those of the source."""
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+class _Referee:
+    """Compares the true people (a clean copy of the source) with the true robots (the cell's).
+
+    The node never sees these truths.
+    """
+
+    def __init__(self, config: Config, assembly: assemble.Assembly, cell: Cell) -> None:
+        self._cell = cell
+        with _said_already():
+            source = assemble.build_source(config, with_faults=False)
+        self._people = cell.true_people(source)
+        self._referee = cell.referee(assembly.robots)
+        self._opened = False
+
+    def observe(self, now_ns: int) -> None:
+        """Judge the time since the last tick."""
+        if not self._opened:  # at the first tick, as the node's own source was
+            self._people.open(now_ns)
+            self._opened = True
+        self._referee.observe(now_ns, self._people.at(now_ns), self._cell.robot_truth(now_ns))
+
+    def add_to(self, summary: Summary) -> None:
+        """Put the verdict into the summary."""
+        summary.contacts = self._referee.contacts
+        summary.contacts_standing = self._referee.contacts_standing
+        if self._referee.min_separation_m is not None:
+            summary.min_separation_m = round(self._referee.min_separation_m, 4)

@@ -1,0 +1,55 @@
+"""Input of the training loop: batches of histories with their futures, and validation windows."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from torch import Tensor
+
+from hri_predict.predictors.neural.network import Network, Shape, Target, Window
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Samples:
+    """A batch in the room's frame (or, where the shape is ``framed``, in the body's).
+
+    Attributes:
+        history: (B, T, J, 3) metres, finite; anything where not observed.
+        observed: (B, T, J) bool.
+        future: (B, H, J, 3) metres, finite; anything where not known.
+        known: (B, H, J) bool; false where a recording ends or lost the joint.
+        actions: (B,) index into ``SampleSource.actions``.
+    """
+
+    history: Tensor
+    observed: Tensor
+    future: Tensor
+    known: Tensor
+    actions: Tensor
+
+    def entered(self, network: Network) -> tuple[Window, Target]:
+        """Return the batch in each person's own frame, as the network reads it."""
+        window, frame = network.enter(self.history, self.observed)
+        return window, Target(frame.enter(self.future), self.known)
+
+
+class SampleSource(Protocol):
+    """Where training windows come from.
+
+    Attributes:
+        shape: shape of the windows.
+        actions: names of the actions.
+    """
+
+    shape: Shape
+    actions: tuple[str, ...]
+
+    def rest(self) -> Tensor:
+        """(J, 3) mean pose in the body frame, for ``Network.rest``."""
+
+    def batch(self, rng: np.random.Generator, size: int) -> Samples:
+        """Draw a random, augmented batch."""
+
+    def validation(self) -> Iterator[Samples]:
+        """Yield the validation windows, always the same, in batches."""

@@ -1,0 +1,278 @@
+"""The delay of a scene through the node and onto a wire, in real time.
+
+The whole node runs: two people near a moving robot, zones and poses on the links, and a baseline
+predictor, whose time is subtracted. The other end of a serial line is a process that takes bytes at
+the line's rate (``hri_sim.wires.far_end``). The source sends one scene per second more than the
+node ticks, so that every phase between the two occurs.
+"""
+
+import bisect
+import contextlib
+import itertools
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from hri_drivers.links.can.link import CanLink, CanLinkSettings
+from hri_drivers.links.can.transport import CanTransport
+from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
+from hri_drivers.wires.transport import Transport
+from hri_predict.clock import MonotonicClock
+from hri_predict.link import LinkSettings
+from hri_predict.node.listeners import Listener, Tick
+from hri_predict.predictors.baselines import ZeroVelocity
+from hri_predict.protocol.messages import Status
+from hri_predict.run import assemble
+from hri_predict.run.config import Config, NodeSettings
+from hri_predict.run.runtime import run_real_time
+from hri_predict.scene import Scene
+from hri_sim.people.procedural import ProceduralSettings
+from hri_sim.wires.far_end import far_end
+
+U = TypeVar("U")
+
+WARM_UP_S = 1.0  # people need a history, and first calls are slow
+CYCLES = 256  # the modulus of Status.cycle on the wire
+_CHANNELS = itertools.count()
+_PEOPLE = [
+    {"start": at, "script": [{"do": "wait", "seconds": 3600.0}]} for at in ([1.3, 0.3], [2.0, -1.0])
+]
+
+Wire = tuple[LinkSettings, Transport[Any]]
+
+
+@contextlib.contextmanager
+def _serial(baudrate: int) -> Iterator[Wire]:
+    with far_end("serial", str(baudrate / 10)) as (path, _):
+        settings = SerialLinkSettings(name="bench", port=path, baudrate=baudrate)
+        yield settings, SerialLink.make_transport(settings)
+
+
+@contextlib.contextmanager
+def _slcan(fd: bool) -> Iterator[Wire]:
+    with far_end("slcan") as (path, _):
+        settings = CanLinkSettings(
+            name="bench", interface="slcan", channel=path, fd=fd, options={"sleep_after_open": 0}
+        )
+        yield settings, CanLink.make_transport(settings)
+
+
+@contextlib.contextmanager
+def _bus(interface: str, channel: str, fd: bool, **options: Any) -> Iterator[Wire]:
+    """A bus within this process, with another node that receives all frames."""
+    settings = CanLinkSettings(
+        name="bench", interface=interface, channel=channel, fd=fd, options=options
+    )
+    other, ended = (
+        CanTransport(interface=interface, channel=channel, fd=fd, options=options),
+        threading.Event(),
+    )
+    other.open()
+
+    def hear() -> None:
+        while not ended.is_set():
+            other.read(0.1)
+
+    thread = threading.Thread(target=hear, daemon=True)
+    thread.start()
+    try:
+        yield settings, CanLink.make_transport(settings)
+    finally:
+        ended.set()
+        thread.join()
+        other.close()
+
+
+@contextlib.contextmanager
+def _zenoh() -> Iterator[Wire]:
+    """Through a router to a listener, each a separate process; a unit counts once zenoh has it."""
+    from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
+    from hri_sim.bench.fleet_cost import routed
+
+    with routed() as end:
+        settings = ZenohLinkSettings(name="bench", cell="bench", connect=[end])
+        yield settings, ZenohLink.make_transport(settings)
+
+
+KINDS: dict[str, Callable[[], contextlib.AbstractContextManager[Wire]]] = {
+    "serial pty 115200": lambda: _serial(115_200),
+    "serial pty 921600": lambda: _serial(921_600),
+    "CAN virtual": lambda: _bus("virtual", f"bench-{next(_CHANNELS)}", fd=False),
+    "CAN FD virtual": lambda: _bus("virtual", f"bench-{next(_CHANNELS)}", fd=True),
+    "CAN slcan pty": lambda: _slcan(fd=False),
+    "CAN FD slcan pty": lambda: _slcan(fd=True),
+    # no hop: it stays on this machine
+    "CAN FD udp_multicast": lambda: _bus("udp_multicast", "239.74.163.2", fd=True, hop_limit=0),
+}
+if find_spec("zenoh") is not None:
+    KINDS["zenoh router"] = _zenoh
+
+
+class _Timed(Generic[U]):
+    """A transport that notes when each unit was written."""
+
+    def __init__(self, inner: Transport[U]) -> None:
+        self._inner = inner
+        self.open, self.read, self.close = inner.open, inner.read, inner.close
+        self.written: list[tuple[int, U]] = []
+
+    def write(self, unit: U) -> None:
+        """Write, then look at the clock."""
+        self._inner.write(unit)
+        self.written.append((time.monotonic_ns(), unit))
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A tick, as its listener saw it; ``posted_ns``: when its Status was posted to the link."""
+
+    cycle: int
+    began_ns: int
+    inference_ns: int
+    posted_ns: int
+
+
+@dataclass
+class _Watch(Listener):
+    """Notes when scenes came, when ticks began, and how long each tick's inference took."""
+
+    inference_ns: int = 0
+    posted_ns: int = 0
+    arrived_ns: list[int] = field(default_factory=list)
+    ticks: list[_Seen] = field(default_factory=list)
+
+    def on_scene(self, scene: Scene, receipt_ns: int) -> None:
+        """Note when it came."""
+        self.arrived_ns.append(receipt_ns)
+
+    def on_tick(self, tick: Tick) -> None:
+        """Note the tick."""
+        seen = _Seen(tick.status.cycle, tick.now_ns, self.inference_ns, self.posted_ns)
+        self.ticks.append(seen)
+        self.inference_ns = 0
+
+
+def latency(kind: str, rate_hz: float, seconds: float) -> dict[str, Any]:
+    """Run the node on a wire of this kind.
+
+    Returns:
+        Milliseconds, p50 and p99: ``wait`` from a scene's arrival until the next tick begins;
+        ``node`` from there until that tick's Advice and Status are posted, without inference;
+        ``link`` from there until their last byte was written; ``total`` is all three. ``scenes``
+        is the number of scenes measured, ``missed`` the number of ticks whose Status was replaced
+        by a newer one and never written.
+
+    Raises:
+        LinkError: this machine has no such wire.
+    """
+    watch = _Watch()
+    with KINDS[kind]() as (settings, transport):
+        timed = _Timed(transport)
+        config = _config(settings, rate_hz)
+        assembly = assemble.build(
+            config, MonotonicClock(), transports={settings.name: timed}, listeners=[watch]
+        )
+        _time_inference(assembly.prediction.predictor, watch)
+        _time_posting(assembly.links[0], watch)
+        run_real_time(assembly=assembly, stop=threading.Event(), duration_s=WARM_UP_S + seconds)
+        receiver = type(assembly.links[0]).receiver(settings)  # type: ignore[attr-defined]
+    written = _status_times(receiver, timed.written)
+    return {"link": kind, "rate_hz": rate_hz} | _figures(watch, written)
+
+
+def _config(settings: LinkSettings, rate_hz: float) -> Config:
+    """Return a cell with only this link, and a robot that needs no controller.
+
+    It does not use the demo's file, which would load a network that is not needed.
+    """
+    robot = {
+        "name": "arm",
+        "model": "ur5e",
+        "room_from_robot": {},
+        "payload_kg": 2.0,
+        "max_speed_m_s": 1.0,
+        "motion": {"kind": "trajectory", "file": "pick_and_place"},
+    }
+    source = {"kind": "procedural", "rate_hz": rate_hz + 1.0, "noise_m": 0.004, "people": _PEOPLE}
+    predictor = {"name": "zero_velocity", "horizon_s": 1.2}
+    node = {"rate_hz": rate_hz, "source": source, "predictor": predictor, "robots": [robot]}
+    return Config(
+        path=Path("bench links"),
+        text="",
+        node=NodeSettings.model_validate(node),
+        source=ProceduralSettings.model_validate(source),
+        predictor=ZeroVelocity.settings_model.model_validate(predictor),
+        links=(settings,),
+    )
+
+
+def _time_inference(predictor: Any, watch: _Watch) -> None:
+    predict = predictor.predict
+
+    def timed(*arguments: Any) -> Any:
+        began_ns = time.monotonic_ns()
+        try:
+            return predict(*arguments)
+        finally:
+            watch.inference_ns += time.monotonic_ns() - began_ns
+
+    predictor.predict = timed
+
+
+def _time_posting(link: Any, watch: _Watch) -> None:
+    post = link.post
+
+    def timed(message: Any) -> None:
+        if isinstance(message, Status):
+            watch.posted_ns = time.monotonic_ns()
+        post(message)
+
+    link.post = timed
+
+
+def _status_times(receiver: Any, written: Sequence[tuple[int, Any]]) -> list[tuple[int, int]]:
+    """Return (time, cycle) of each Status, from decoding the written units."""
+    return [
+        (written_ns, message.cycle)
+        for written_ns, unit in written
+        for message in receiver.feed(unit)
+        if isinstance(message, Status)
+    ]
+
+
+def _figures(watch: _Watch, written: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """Match the newest scene of each tick with the first Status of its cycle written after it."""
+    start_ns = watch.ticks[0].began_ns + int(WARM_UP_S * 1e9)
+    waiting, rows, missed = deque(written), [], 0
+    scenes_before = 0
+    for tick in watch.ticks[:-1]:  # the last one announces the node's stop
+        while waiting and waiting[0][0] < tick.began_ns:
+            waiting.popleft()
+        scenes = bisect.bisect_right(watch.arrived_ns, tick.began_ns)
+        is_new, scenes_before = scenes > scenes_before, scenes
+        if tick.began_ns < start_ns or not is_new:
+            continue
+        soon = itertools.islice(waiting, CYCLES // 2)
+        written_ns = next((at for at, cycle in soon if cycle == tick.cycle % CYCLES), None)
+        if written_ns is None:
+            missed += 1
+            continue
+        node_ns = tick.posted_ns - tick.began_ns - tick.inference_ns
+        wait_ns = tick.began_ns - watch.arrived_ns[scenes - 1]
+        rows.append((wait_ns, node_ns, written_ns - tick.posted_ns))
+    spans_ms = np.array(rows, dtype=np.float64).reshape(-1, 3) * 1e-6
+    columns = dict(zip(("wait_ms", "node_ms", "link_ms"), spans_ms.T, strict=True))
+    columns["total_ms"] = spans_ms.sum(axis=1)
+    figures = {
+        name: {f"p{q}": round(float(np.percentile(column, q)), 3) for q in (50, 99)}
+        for name, column in columns.items()
+        if len(column)
+    }
+    return {"scenes": len(rows), "missed": missed} | figures

@@ -1,0 +1,1 @@
+"""Mock robot controllers and the simulated cell that contains them."""

@@ -1,0 +1,124 @@
+"""A simulated arm that follows its trajectory at the permitted speed.
+
+The arm never leaves its path: it only slows down along the path, as in a "stop category 2".
+"""
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+
+_GRID_S = 0.002  # spacing of the table of the path's nominal speed
+_SUBSTEP_S = 0.001
+_FLOOR = 0.05  # fraction of the path's peak speed; see ``SimulatedArm``
+
+
+class Kinematics(Protocol):
+    """The part of a robot model that the arm uses."""
+
+    def tip_speed(self, q: Floats, qd: Floats) -> Floats:
+        """Speed of the fastest point of any capsule, m/s."""
+
+
+class Path(Protocol):
+    """The part of a trajectory that the arm uses: cyclic, with continuous velocity."""
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds of one cycle at nominal speed."""
+
+    def at(self, t_s: float) -> tuple[Floats, Floats]:
+        """Joints (N,) rad and velocities (N,) rad/s."""
+
+
+def nominal_speeds(model: Kinematics, trajectory: Path) -> Floats:
+    """(M,) speed of the fastest point over one cycle at full speed, evenly spaced in time, m/s."""
+    duration_s = float(trajectory.duration_s)
+    count = max(2, math.ceil(duration_s / _GRID_S)) + 1
+    samples = [trajectory.at(float(t)) for t in np.linspace(0.0, duration_s, count)]
+    return np.asarray(
+        model.tip_speed(np.array([q for q, _ in samples]), np.array([v for _, v in samples]))
+    )
+
+
+class SimulatedArm:
+    """The arm: a path parameter ``path_s`` (seconds of the trajectory) and its rate in 0..1.
+
+    The speed of its fastest point is the rate times the trajectory's own speed there. That speed is
+    what changes by at most ``deceleration_m_s2`` and ``acceleration_m_s2``: a stop from v takes at
+    most v / deceleration, whatever the trajectory does meanwhile. Where the trajectory itself
+    (nearly) stands still the rate is governed by a small floor speed instead of that zero, so that
+    the arm passes through its turning points and dwells.
+    """
+
+    def __init__(
+        self,
+        *,
+        model: Kinematics,
+        trajectory: Path,
+        deceleration_m_s2: float,
+        acceleration_m_s2: float,
+        path_s: float = 0.0,
+        rate: float = 0.0,
+        speeds: Floats | None = None,
+    ) -> None:
+        """Stand at ``path_s``, passing at ``rate``; ``speeds``: ``nominal_speeds``, if known."""
+        self._trajectory = trajectory
+        self._deceleration = deceleration_m_s2
+        self._acceleration = acceleration_m_s2
+        self._duration_s = float(trajectory.duration_s)
+        speeds = nominal_speeds(model, trajectory) if speeds is None else speeds
+        self.peak_speed_m_s = float(speeds.max())
+        floor = max(_FLOOR * self.peak_speed_m_s, 1e-6)
+        self._governed = np.maximum(speeds, floor).tolist()  # plain floats: read one by one, fast
+        self._per_s = (len(speeds) - 1) / self._duration_s
+        self.path_s = path_s % self._duration_s
+        self.rate = rate
+        self._now_ns: int | None = None
+
+    def step(self, now_ns: int, permitted_m_s: float) -> None:
+        """Move on to ``now_ns``, slowing to (or speeding up to) ``permitted_m_s`` on the way."""
+        if self._now_ns is None or now_ns <= self._now_ns:
+            self._now_ns = now_ns if self._now_ns is None else self._now_ns
+            return
+        if not permitted_m_s > 0:  # NaN too
+            permitted_m_s = 0.0
+        elapsed_s = (now_ns - self._now_ns) * 1e-9
+        self._now_ns = now_ns
+        count = min(max(1, math.ceil(elapsed_s / _SUBSTEP_S)), 1000)
+        for _ in range(count):
+            self._substep(elapsed_s / count, permitted_m_s)
+
+    def joints(self) -> tuple[Floats, Floats]:
+        """Joint positions and velocities (N,), rad and rad/s."""
+        q, nominal = self._trajectory.at(self.path_s)
+        return np.asarray(q, dtype=float), np.asarray(nominal, dtype=float) * self.rate
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the arm stands because it must."""
+        return self.rate == 0.0
+
+    def _substep(self, dt: float, permitted_m_s: float) -> None:
+        speed = self.rate * self._nominal(self.path_s)
+        # where this substep ends, to first order: that is where the new speed holds
+        ahead = self._nominal(self.path_s + self.rate * dt)
+        wanted = min(permitted_m_s, ahead)
+        if speed > wanted:
+            reached = max(wanted, speed - self._deceleration * dt)
+        else:
+            reached = min(wanted, speed + self._acceleration * dt)
+        rate = min(reached / ahead, 1.0)
+        if permitted_m_s < speed:
+            rate = min(rate, self.rate)  # it must brake, so a slower path never speeds it up
+        self.path_s = (self.path_s + 0.5 * (self.rate + rate) * dt) % self._duration_s
+        self.rate = rate
+
+    def _nominal(self, path_s: float) -> float:
+        place = (path_s % self._duration_s) * self._per_s
+        i = min(int(place), len(self._governed) - 2)
+        low, high = self._governed[i], self._governed[i + 1]
+        value: float = low + (high - low) * (place - i)
+        return value

@@ -1,0 +1,277 @@
+"""One complete mock controller: its logic, the arm that it moves, the wires to the other one.
+
+The same object runs in a separate process in real time, and on the virtual clock.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from hri_drivers.links.can.link import CanCodec, CanLinkSettings
+from hri_drivers.links.codec import Codec
+from hri_drivers.links.framed import SerialCodec
+from hri_drivers.links.serial.link import SerialLinkSettings
+from hri_drivers.wires.transport import Transport
+from hri_predict.arrays import Floats
+from hri_predict.clock import Clock
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.link import LinkSettings
+from hri_predict.peers import ControllerReport
+from hri_predict.protocol.messages import RobotMode
+from hri_predict.robots.model import RobotModel, RobotSettings, TrajectoryMotion, load_robot
+from hri_predict.robots.trajectory import Trajectory, load_trajectory
+from hri_predict.settings import validated
+from hri_sim.controllers.arm import SimulatedArm, nominal_speeds
+from hri_sim.controllers.controller import (
+    ControllerCore,
+    ControllerSettings,
+    Permit,
+)
+from hri_sim.controllers.wiring import Wiring
+from hri_sim.faults.link_faults import FaultyTransport
+from hri_sim.faults.link_faults import U as W
+
+U = TypeVar("U")
+
+_SPEED_STEPS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """The robot that a drive moves, and its trajectory."""
+
+    model: RobotModel
+    trajectory: Trajectory
+
+    @cached_property
+    def peak_m_s(self) -> float:
+        """Peak speed of the fastest point at full speed, m/s."""
+        return self.trajectory.peak_tip_speed(self.model)
+
+    @cached_property
+    def speeds(self) -> Floats:
+        """See ``arm.nominal_speeds``."""
+        return nominal_speeds(self.model, self.trajectory)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Post:
+    """A controller's place in the cell: its link, its robot and its settings.
+
+    Attributes:
+        link: the link; the controller is at its other end.
+        settings: the link's ``simulate:`` block, resolved.
+        robot, robot_index: the controller's robot, and the robot's index in the configuration.
+        base_dir: the folder that relative paths start from.
+        full_speed_m_s: a limit below this slows the robot down.
+        drive: the robot and trajectory of a drive, if they were read already.
+    """
+
+    link: LinkSettings
+    settings: ControllerSettings
+    robot: RobotSettings
+    robot_index: int
+    base_dir: Path | None
+    full_speed_m_s: float
+    drive: "Drive | None" = None
+
+    @property
+    def name(self) -> str:
+        """The link's name."""
+        return self.link.name
+
+
+def posts(
+    links: Sequence[LinkSettings], robots: Sequence[RobotSettings], base_dir: Path | None
+) -> list[Post]:
+    """Return a post for the other end of every link with a ``simulate:`` block.
+
+    Raises:
+        ConfigError: a wrong key, an unknown robot, or a robot without exactly one drive.
+        RobotError: a robot or trajectory file is wrong.
+    """
+    found: list[tuple[LinkSettings, ControllerSettings, int]] = []
+    names = [robot.name for robot in robots]
+    for link in links:
+        if link.simulate is None:
+            continue
+        where = f"links.{link.name}.simulate"
+        settings = validated(ControllerSettings, link.simulate, where).resolved(link)
+        name = settings.robot or (names[0] if len(names) == 1 else None)
+        if name is None:
+            raise ConfigError(f"{where}.robot: missing; use one of: {', '.join(names)}")
+        if name not in names:
+            raise ConfigError(
+                f"{where}.robot: no robot '{name}'{nearest(name, names)}; "
+                f"there are: {', '.join(names)}"
+            )
+        if link.robots is not None and name not in link.robots:
+            raise ConfigError(
+                f"{where}.robot: the link carries no advice for '{name}'; see its 'robots'"
+            )
+        found.append((link, settings.model_copy(update={"robot": name}), names.index(name)))
+    drives = {index: _only_drive(index, found, robots, base_dir) for _, _, index in found}
+    speeds = {i: min(robots[i].max_speed_m_s, drive.peak_m_s) for i, drive in drives.items()}
+    return [
+        Post(
+            link=link,
+            settings=settings,
+            robot=robots[index],
+            robot_index=index,
+            base_dir=base_dir,
+            full_speed_m_s=speeds[index],
+            drive=drives[index],
+        )
+        for link, settings, index in found
+    ]
+
+
+def channels(all_posts: Sequence[Post], robot_index: int) -> list[str]:
+    """Return the names of one robot's controllers: the channels of its wiring, in order."""
+    return [post.name for post in all_posts if post.robot_index == robot_index]
+
+
+def codec_for(link: LinkSettings) -> Codec[Any]:
+    """Return a codec for the far end of ``link``.
+
+    Raises:
+        ConfigError: there is no mock controller for this kind of link.
+    """
+    if isinstance(link, SerialLinkSettings):
+        return SerialCodec(link.baudrate)
+    if isinstance(link, CanLinkSettings):
+        return CanCodec(link)
+    raise ConfigError(f"links.{link.name}.simulate: no mock controller for kind '{link.kind}'")
+
+
+class Station(Generic[U]):
+    """A running controller. ``cycle`` is its program: read, decide, move, answer."""
+
+    def __init__(self, post: Post, codec: Codec[U], wiring: Wiring) -> None:
+        """Set up the controller of ``post``.
+
+        Raises:
+            RobotError: a robot or trajectory file is wrong.
+        """
+        self.post = post
+        self.period_ns = int(post.settings.period_s * 1e9)
+        self._core = ControllerCore(
+            name=post.name,
+            settings=post.settings,
+            robot=post.robot_index,
+            codec=codec,
+            full_speed_m_s=post.full_speed_m_s,
+        )
+        self._wiring = wiring
+        self._arm: SimulatedArm | None = None
+        if post.settings.role == "drive":
+            drive = post.drive or _drive(post.settings, post.robot, post.base_dir)
+            before = wiring.truth()  # a restarted drive finds the arm where it stopped
+            self._arm = SimulatedArm(
+                model=drive.model,
+                trajectory=drive.trajectory,
+                deceleration_m_s2=post.settings.deceleration
+                or deceleration_of(drive.model, post.full_speed_m_s),
+                acceleration_m_s2=post.settings.acceleration,
+                path_s=before.path_s if before is not None else post.settings.start_s,
+                speeds=drive.speeds,
+            )
+
+    def cycle(self, units: Sequence[U], now_ns: int) -> list[U]:
+        """Take the units received by ``now_ns``, decide, move the arm; return the units to send."""
+        self._core.receive(units, now_ns)
+        permit = self._core.permit(now_ns)
+        self._wiring.set_permit(self.post.name, permit.speed_m_s, now_ns)
+        if self._arm is None:
+            self._core.obey(permit, now_ns)
+            truth = self._wiring.truth()
+            if truth is None:
+                return self._core.outgoing(now_ns, None, None, RobotMode.UNKNOWN)
+            mode = RobotMode.AUTOMATIC if truth.alive(now_ns) else RobotMode.UNKNOWN
+            return self._core.outgoing(now_ns, *truth.at(now_ns), mode)
+        allowed = self._wiring.permitted_speed(now_ns)
+        if allowed < permit.speed_m_s:
+            permit = Permit(allowed, "other channel")
+        self._core.obey(permit, now_ns)
+        self._arm.step(now_ns, min(permit.speed_m_s, self.post.robot.max_speed_m_s))
+        q, qd = self._arm.joints()
+        self._wiring.set_truth(q, qd, self._arm.path_s, now_ns)
+        return self._core.outgoing(now_ns, q, qd, RobotMode.AUTOMATIC)
+
+    def write_failed(self) -> None:
+        """Count a unit that the link did not send."""
+        self._core.write_failed()
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the arm stands; always true for a monitor, which has no arm."""
+        return self._arm is None or self._arm.at_rest
+
+    def report(self) -> ControllerReport:
+        """Return the controller's report up to now."""
+        return self._core.report()
+
+
+def deceleration_of(model: RobotModel, up_to_m_s: float) -> float:
+    """Return a uniform deceleration (m/s^2) within the stopping time and distance at any speed.
+
+    The node relies on the robot's stopping table, so the simulated arm must not stop later.
+    """
+    needed = 0.0
+    for i in range(1, _SPEED_STEPS + 1):
+        speed = up_to_m_s * i / _SPEED_STEPS
+        time_s, distance_m = model.stopping(speed)
+        if time_s > 0 and distance_m > 0:
+            needed = max(needed, speed / time_s, speed**2 / (2 * distance_m))
+    return needed or 1.0
+
+
+def _trajectory_of(settings: ControllerSettings, robot: RobotSettings) -> str:
+    if settings.trajectory is not None:
+        return settings.trajectory
+    if isinstance(robot.motion, TrajectoryMotion):
+        return robot.motion.file
+    raise ConfigError(
+        f"robot '{robot.name}': its drive has no trajectory; add 'trajectory' to the link's "
+        "'simulate', such as pick_and_place"
+    )
+
+
+def _only_drive(
+    index: int,
+    found: Sequence[tuple[LinkSettings, ControllerSettings, int]],
+    robots: Sequence[RobotSettings],
+    base_dir: Path | None,
+) -> Drive:
+    """Return the drive of the robot, which must have exactly one."""
+    robot = robots[index]
+    drives = [(link, s) for link, s, i in found if i == index and s.role == "drive"]
+    if len(drives) != 1:
+        raise ConfigError(
+            f"links: robot '{robot.name}' has {len(drives)} simulated drives; give it exactly one "
+            "link with 'simulate: {role: drive}', the others role: monitor"
+        )
+    return _drive(drives[0][1], robot, base_dir)
+
+
+def _drive(settings: ControllerSettings, robot: RobotSettings, base_dir: Path | None) -> Drive:
+    model = load_robot(robot, base_dir)
+    return Drive(model, load_trajectory(_trajectory_of(settings, robot), model, base_dir))
+
+
+def at_far_end(
+    wire: Transport[W], settings: ControllerSettings, link: str, clock: Clock
+) -> Transport[W]:
+    """Return the controller's end of the wire, with the faults in its settings.
+
+    Raises:
+        ConfigError: a fault of unknown kind or with a wrong key.
+    """
+    if not settings.faults:
+        return wire
+    where = f"links.{link}.simulate"
+    return FaultyTransport(
+        inner=wire, faults=settings.faults, clock=clock, seed=settings.fault_seed, where=where
+    )

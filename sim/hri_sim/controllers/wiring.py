@@ -1,0 +1,151 @@
+"""The wires between the controllers of one robot: speed permits, and the true state of the arm.
+
+A monitor gives the drive a hard-wired speed permit, like a second safety channel in a real cell.
+Here that wire is a small file that both processes map into memory. A permit that is missing, torn
+or older than ``PERMIT_STALE_S`` reads as 0: a dead monitor stops the robot.
+
+The same file carries the arm's true joint state, which the monitor reports and the referee uses. On
+the virtual clock a plain buffer replaces the file.
+"""
+
+import mmap
+import os
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+
+PERMIT_STALE_S = 0.1
+_TRUTH_STALE_S = 0.25  # a drive silent for longer is dead; its brakes have closed
+_CARRIED_S = 0.1  # its motion is extrapolated for this long
+_MAX_JOINTS = 7
+_VALUES = 1 + 2 * _MAX_JOINTS
+_BODY = struct.Struct(f"<qQ{_VALUES}d")  # stamp, number of values, values
+_SLOT = 8 + _BODY.size  # CRC-32 and padding, then the body
+_REGISTER = 2 * _SLOT
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """The arm's true state: (N,) rad and rad/s, at ``stamp_ns``; ``path_s`` along its path."""
+
+    q: Floats
+    qd: Floats
+    path_s: float
+    stamp_ns: int
+
+    def at(self, now_ns: int) -> tuple[Floats, Floats]:
+        """Return the joints at ``now_ns``: extrapolated, or at rest once the drive is dead."""
+        if not self.alive(now_ns):
+            return self.q, np.zeros_like(self.qd)
+        ahead_s = min(max((now_ns - self.stamp_ns) * 1e-9, 0.0), _CARRIED_S)
+        return self.q + self.qd * ahead_s, self.qd
+
+    def alive(self, now_ns: int) -> bool:
+        """Whether the drive still moves the arm."""
+        return now_ns - self.stamp_ns <= _TRUTH_STALE_S * 1e9
+
+
+class Wiring:
+    """One robot's wires: one truth, and one permit per channel (controller).
+
+    Each register has two slots that its single writer fills in turn, each with its CRC: a reader
+    takes the newest whole one, so neither side ever waits and a torn write is never believed.
+    """
+
+    def __init__(self, buffer: "bytearray | mmap.mmap", channels: Sequence[str]) -> None:
+        """``channels``: names, in the same order in every process."""
+        self._buffer = buffer
+        self._channels = {name: 1 + i for i, name in enumerate(channels)}
+        self._next_slot = [0] * (1 + len(channels))
+
+    @classmethod
+    def in_memory(cls, channels: Sequence[str]) -> Self:
+        """Wires within one process."""
+        return cls(bytearray(_REGISTER * (1 + len(channels))), channels)
+
+    @classmethod
+    def create(cls, path: Path, channels: Sequence[str]) -> Self:
+        """Create the wires: a new file of zeros, which reads as "no permit"."""
+        path.write_bytes(bytes(_REGISTER * (1 + len(channels))))
+        return cls.open(path, channels)
+
+    @classmethod
+    def open(cls, path: Path, channels: Sequence[str]) -> Self:
+        """Connect to wires that another process created.
+
+        Raises:
+            OSError: the file does not exist.
+            ValueError: it was created for another number of channels.
+        """
+        size = _REGISTER * (1 + len(channels))
+        descriptor = os.open(path, os.O_RDWR)
+        try:
+            if os.fstat(descriptor).st_size != size:
+                raise ValueError(f"wiring {path}: created for another number of channels")
+            return cls(mmap.mmap(descriptor, size), channels)
+        finally:
+            os.close(descriptor)
+
+    def set_permit(self, channel: str, speed_m_s: float, now_ns: int) -> None:
+        """Set the speed that ``channel`` permits."""
+        self._write(self._channels[channel], now_ns, [speed_m_s])
+
+    def permit(self, channel: str, now_ns: int) -> float:
+        """Return the speed that ``channel`` permits, m/s; 0 if it is stale or was never set."""
+        read = self._read(self._channels[channel])
+        if read is None:
+            return 0.0
+        stamp_ns, values = read
+        # a stamp slightly ahead is valid: the other process wrote after this one read its clock
+        if abs(now_ns - stamp_ns) > PERMIT_STALE_S * 1e9 or len(values) != 1:
+            return 0.0
+        return values[0] if values[0] > 0 else 0.0  # NaN compares false
+
+    def permitted_speed(self, now_ns: int) -> float:
+        """Return the lowest permit of all channels, m/s."""
+        return min((self.permit(name, now_ns) for name in self._channels), default=0.0)
+
+    def set_truth(self, q: Floats, qd: Floats, path_s: float, now_ns: int) -> None:
+        """Publish the arm's joints (N,), N up to 7."""
+        self._write(0, now_ns, [path_s, *q.tolist(), *qd.tolist()])
+
+    def truth(self) -> Truth | None:
+        """Return the arm's state as last published; ``None`` before the first time."""
+        read = self._read(0)
+        if read is None:
+            return None
+        stamp_ns, values = read
+        n = (len(values) - 1) // 2
+        return Truth(np.array(values[1 : 1 + n]), np.array(values[1 + n :]), values[0], stamp_ns)
+
+    def close(self) -> None:
+        """Release the file."""
+        if isinstance(self._buffer, mmap.mmap):
+            self._buffer.close()
+
+    def _write(self, register: int, stamp_ns: int, values: list[float]) -> None:
+        padded = values + [0.0] * (_VALUES - len(values))
+        body = _BODY.pack(stamp_ns, len(values), *padded)
+        start = register * _REGISTER + self._next_slot[register] * _SLOT
+        self._next_slot[register] ^= 1
+        self._buffer[start : start + _SLOT] = struct.pack("<II", zlib.crc32(body), 0) + body
+
+    def _read(self, register: int) -> tuple[int, list[float]] | None:
+        newest: tuple[int, list[float]] | None = None
+        for slot in (0, 1):
+            start = register * _REGISTER + slot * _SLOT
+            raw = bytes(self._buffer[start : start + _SLOT])
+            crc, _ = struct.unpack_from("<II", raw)
+            if crc == 0 or zlib.crc32(raw[8:]) != crc:  # empty, or just being written
+                continue
+            stamp_ns, count, *values = _BODY.unpack_from(raw, 8)
+            if newest is None or stamp_ns >= newest[0]:
+                newest = (stamp_ns, values[: min(count, _VALUES)])
+        return newest

@@ -1,0 +1,1 @@
+"""``hri-predict bench faults`` and ``bench soak``: the measured effects of faults."""

@@ -1,0 +1,12 @@
+"""The expected and the measured effect of a fault: one row of the fault table."""
+
+from typing import Literal
+
+from hri_predict.protocol.messages import Level
+
+MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
+RECOVERY_S = 6.0  # from the fault's end until the advice is as before it
+
+Expected = Literal[
+    "unknown", "silent", "stop", "stays stopped", "may stop", "not clear", "degraded", "count only"
+]

@@ -1,0 +1,203 @@
+"""The soak test: hours of the demo's cell with random faults, and conditions that must always hold.
+
+One person is always near and another comes and goes, while sources, links and clocks fail,
+sometimes several at once. The conditions: the node never advises *clear*, a moving robot touches
+nobody, every posted message is sent or counted, and memory does not grow.
+"""
+
+import resource
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.errors import ConfigError
+from hri_predict.link import Link
+from hri_predict.node.listeners import Tick
+from hri_predict.protocol.messages import Level, Message
+from hri_predict.run.assemble import Assembly
+from hri_predict.run.config import Config
+from hri_predict.run.session import Options, View, run
+from hri_sim.baseline_demo import baseline_demo
+
+QUIET_S = 5.0  # nothing fails at the start
+MEAN_GAP_S = 20.0  # from one fault's start to the next's
+LONGEST_S = 4.0
+DECEIVING_S = 2.0  # longest time of false sensor data: the node must believe longer ones
+WARM_UP = 0.1  # share of the run; bounded buffers are full by then
+LIMIT_PERCENT = 2.0
+SAMPLE_NS = 20_000_000_000
+
+_DECEIVING = ("vanish", "teleport", "identity_swap")
+_SOURCE = (
+    "drop", "drop:probability=0.3", "delay:delay_s=0.05", "delay:delay_s=0.6", "jitter",
+    "freeze", "freeze:what=joints", "duplicate", "reorder", "nan", "nan:fraction=1.0",
+    "teleport:offset=[0,3,0]", "identity_swap", "vanish", "blind", "clock_drift:ppm=400",
+    "clock_jump:offset_s=-3600", "clock_jump:offset_s=3600", "clock_jump:offset_s=0.5",
+)  # fmt: skip
+_LINK = (
+    "drop", "drop:probability=0.05", "delay:delay_s=0.02", "delay:delay_s=0.5", "jitter",
+    "stretch:rate=0.5", "bit_errors:rate=0.001", "bit_errors:rate=0.0001", "truncate", "freeze",
+    "duplicate", "reorder", "unplug",
+)  # fmt: skip
+_DIRECTIONS = ("out", "in", "both")
+
+
+def draw_faults(seed: int, seconds: float, links: Sequence[str]) -> list[str]:
+    """Draw faults at random times for source and links, in the form of the command line."""
+    rng = np.random.default_rng(seed)
+    found, start_s = [], QUIET_S
+    while (start_s := start_s + rng.exponential(MEAN_GAP_S)) < seconds - LONGEST_S:
+        target = rng.choice(["", *links])
+        kind, _, parameters = str(rng.choice(_LINK if target else _SOURCE)).partition(":")
+        longest_s = DECEIVING_S if kind in _DECEIVING else LONGEST_S
+        if target:
+            way = f"direction={rng.choice(_DIRECTIONS)}"
+            parameters = f"{parameters},{way}" if parameters else way
+        text = f"{kind}@{start_s:.2f}+{rng.uniform(0.2, longest_s):.2f}"
+        text += f":{parameters}" if parameters else ""
+        found.append(f"{target}:{text}" if target else text)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoakResult:
+    """The result of a soak test; ``fine`` if all conditions held.
+
+    Attributes:
+        hours: hours of node time.
+        faults: number of faults injected.
+        ticks: number of the node's ticks.
+        clear_ticks: number of ticks that advised *clear* although a person was near.
+        contacts: touches of a moving robot.
+        posted: messages posted to links.
+        unaccounted: posted messages neither sent nor counted as superseded, decimated or failed.
+        rss_mib_early, rss_mib_end, growth_percent: resident memory after the warm-up and at the
+            end.
+        counted: the run's counters.
+    """
+
+    hours: float
+    faults: int
+    ticks: int
+    clear_ticks: int
+    contacts: int
+    posted: int
+    unaccounted: int
+    rss_mib_early: float
+    rss_mib_end: float
+    growth_percent: float
+    counted: dict[str, int]
+
+    @property
+    def fine(self) -> bool:
+        """Whether all conditions held."""
+        harmless = self.clear_ticks == 0 and self.contacts == 0 and self.unaccounted == 0
+        return harmless and self.growth_percent <= LIMIT_PERCENT and self.ticks > 0
+
+
+def run_soak(hours: float, seed: int = 0, speed: float | None = None) -> dict[str, object]:
+    """Run the soak test with a baseline predictor; return ``SoakResult`` as plain data.
+
+    Args:
+        hours: hours of node time.
+        seed: random seed of the faults.
+        speed: node seconds per second, with real threads and clock; ``None``: as fast as possible
+            on the virtual clock.
+    """
+    if not 0 < hours <= 1000:
+        raise ConfigError(f"--hours {hours}: give more than 0 and at most 1000")
+    seconds = hours * 3600.0
+    base = _scene(baseline_demo())
+    faults = draw_faults(seed, seconds, [link.name for link in base.links])
+    watch = _Watch(WARM_UP * seconds)
+    summary = run(base.with_faults(faults), Options(factor=speed, duration_s=seconds, view=watch))
+    early, end = watch.memory_mib
+    result = SoakResult(
+        hours=hours,
+        faults=len(faults),
+        ticks=watch.ticks,
+        clear_ticks=watch.clear_ticks,
+        contacts=summary.contacts or 0,
+        posted=sum(count.posted for count in watch.posts),
+        unaccounted=sum(count.unaccounted for count in watch.posts),
+        rss_mib_early=round(early, 2),
+        rss_mib_end=round(end, 2),
+        growth_percent=round(100.0 * (end / early - 1.0), 2),
+        counted=summary.counted,
+    )
+    return asdict(result) | {"fine": result.fine}
+
+
+def _scene(base: Config) -> Config:
+    """Return the demo's cell: one person waits near the robot, the demo's own comes and goes."""
+    data = base.source.model_dump()
+    waits = {"start": [2.3, 0.2], "script": [{"do": "wait", "seconds": 3600.0}]}
+    return base.with_source(data | {"people": [waits, *data["people"]]})
+
+
+class _Posts:
+    """Counts what is posted to one link."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self.posted = 0
+        post = link.post
+
+        def counted(message: Message) -> None:
+            self.posted += 1
+            post(message)
+
+        link.post = counted  # type: ignore[method-assign]
+
+    @property
+    def unaccounted(self) -> int:
+        """Number of messages that were lost without being counted, or counted twice.
+
+        ``write_errors`` counts attempts, and the last one may have succeeded, so it is only an
+        upper bound of the failed messages.
+        """
+        counters = self._link.counters
+        sent = counters.messages_sent + counters.superseded + counters.decimated
+        failed = self.posted - sent
+        return max(0, failed - counters.write_errors) + max(0, -failed)
+
+
+class _Watch(View):
+    """Checks every tick."""
+
+    def __init__(self, warm_up_s: float) -> None:
+        self.ticks = self.clear_ticks = 0
+        self.posts: list[_Posts] = []
+        self._warm_up_ns = round(warm_up_s * 1e9)
+        self._start_ns: int | None = None
+        self._sampled_ns = 0
+        self._memory: list[float] = []
+
+    def bind(self, assembly: Assembly) -> None:
+        """Count the messages posted to the links."""
+        self.posts = [_Posts(link) for link in assembly.links]
+
+    def on_tick(self, tick: Tick) -> None:
+        """Judge one tick."""
+        if self._start_ns is None:
+            self._start_ns = tick.now_ns
+        elapsed_ns = tick.now_ns - self._start_ns
+        self.ticks += 1
+        near = elapsed_ns > QUIET_S * 1e9  # by then both are in view
+        self.clear_ticks += near and any(a.level is Level.CLEAR for a in tick.advices)
+        if elapsed_ns >= self._warm_up_ns and tick.now_ns - self._sampled_ns >= SAMPLE_NS:
+            self._sampled_ns = tick.now_ns
+            self._memory.append(_resident_mib())
+
+    @property
+    def memory_mib(self) -> tuple[float, float]:
+        """After the warm-up, and at the end."""
+        end = _resident_mib()
+        return (self._memory[0] if self._memory else end), end
+
+
+def _resident_mib() -> float:
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize() / 2**20

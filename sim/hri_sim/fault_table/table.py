@@ -1,0 +1,366 @@
+"""The fault table: each fault is injected alone while a person is near, and its effect measured.
+
+Faults of sources, links and the predictor run on the virtual clock; their results are exact and
+repeatable. The node's death (``kill -9``) and a controller's restart run in real time in separate
+processes: see ``node_death`` and ``controller_restart``. Node and controller share no clock, so a
+step of either clock cannot disturb a link.
+"""
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from math import inf
+from typing import Any, Literal
+
+import numpy as np
+
+from hri_predict.node.listeners import Tick
+from hri_predict.peers import FaultOutcome
+from hri_predict.predictors.base import Forecast
+from hri_predict.protocol.messages import Level, NodeState
+from hri_predict.protocol.reasons import Reason
+from hri_predict.run.config import Config
+from hri_predict.run.session import Options, View, run
+from hri_sim.baseline_demo import baseline_demo
+from hri_sim.fault_table.controller_restart import restart_controller
+from hri_sim.fault_table.live import run_live_faults
+from hri_sim.fault_table.node_death import How, die
+from hri_sim.fault_table.outcome import MOVING, RECOVERY_S, Expected
+
+START_S, LENGTH_S, AFTER_S = 5.0, 2.0, 7.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault and its expected effect.
+
+    Attributes:
+        name: name in the table.
+        faults: as on the command line; ``{t}`` stands for the fault's time.
+        expected: ``unknown`` (the node advises it), ``stop`` (the controller permits no motion),
+            ``stays stopped`` (nor permits it again before the fault's end), ``may stop`` (chance
+            decides which messages the fault hits; the controller may stop), ``not clear`` (the
+            node does not advise *clear*), ``degraded`` (the node reports it and continues with the
+            physical limits), ``count only`` (only counters change).
+        acts: the part that must act: node or controller.
+        limit_ms: longest time from the fault's start until the outcome.
+        reasons: the node's advice must give one of these.
+        people: number of people near.
+        predictor: replaces the predictor's answer while the fault is active.
+        length_s: duration of the fault.
+        drain_s: time from the fault's end until the last delayed message arrives.
+    """
+
+    name: str
+    faults: tuple[str, ...]
+    expected: Expected
+    acts: Literal["node", "controller"]
+    limit_ms: float | None
+    reasons: tuple[Reason, ...] = ()
+    people: int = 1
+    predictor: Callable[[Forecast], Forecast] | None = None
+    length_s: float = LENGTH_S
+    drain_s: float = 0.0
+
+    @property
+    def end_s(self) -> float:
+        """Time at which the fault and its delayed messages are over."""
+        return START_S + self.length_s + self.drain_s
+
+
+def _raises(_: Forecast) -> Forecast:
+    raise RuntimeError("injected")
+
+
+def _gives_nan(forecast: Forecast) -> Forecast:
+    return Forecast(np.full_like(forecast.positions, np.nan), None)
+
+
+# The source has 30 Hz: a period is 33 ms and input is stale at 3 x 33 + 20 = 120 ms. The node has
+# 25 Hz: its advice on a scene follows one cycle (40 ms) later at most. The controller's silence
+# time-out is 150 ms and its own cycle 8 ms; a message is due every 40 ms.
+STALE = 120 + 40
+SEEN = 34 + 40
+# From the node's next tick: at most a cycle, the link's delay, the controller's reaction, and its
+# own cycle.
+TOLD = 40 + 5 + 50 + 8
+
+
+def _both(fault: str) -> tuple[str, ...]:
+    return f"drive:{fault}", f"monitor:{fault}"
+
+
+CASES = (
+    Case("source: scenes lost", ("drop@{t}",), "unknown", "node", STALE, (Reason.INPUT_STALE,)),
+    Case("source: delayed 0.5 s", ("delay@{t}:delay_s=0.5",), "unknown", "node", STALE,
+         (Reason.INPUT_STALE,)),
+    Case("source: jitter up to 30 ms", ("jitter@{t}:max_s=0.03",), "count only", "node", None),
+    Case("source: frozen, same scene", ("freeze@{t}",), "unknown", "node", STALE,
+         (Reason.INPUT_FROZEN, Reason.INPUT_STALE)),
+    Case("source: frozen, joints only", ("freeze@{t}:what=joints",), "unknown", "node", STALE,
+         (Reason.INPUT_FROZEN, Reason.INPUT_STALE)),
+    Case("source: every scene twice", ("duplicate@{t}",), "count only", "node", None),
+    Case("source: scenes out of order", ("reorder@{t}",), "count only", "node", None),
+    Case("source: all joints NaN", ("nan@{t}:fraction=1.0",), "unknown", "node", SEEN,
+         (Reason.INPUT_IMPOSSIBLE,)),
+    Case("source: a third of the joints NaN", ("nan@{t}",), "not clear", "node", SEEN),
+    Case("source: person teleports 3 m", ("teleport@{t}:offset=[0,3,0]",), "unknown", "node", SEEN,
+         (Reason.INPUT_IMPOSSIBLE,)),
+    Case("source: two people swap ids", ("identity_swap@{t}",), "unknown", "node", SEEN,
+         (Reason.INPUT_IMPOSSIBLE,), people=2),
+    Case("source: person gets another id", ("identity_swap@{t}",), "not clear", "node", SEEN),
+    Case("source: person vanishes", ("vanish@{t}",), "not clear", "node", STALE,
+         (Reason.PERSON_LOST, Reason.PERSON_APPROACHING, Reason.PERSON_NEAR)),
+    Case("source: does not see the room", ("blind@{t}",), "unknown", "node", SEEN,
+         (Reason.SOURCE_BLIND,)),
+    Case("source: clock jumps back 1 h", ("clock_jump@{t}:offset_s=-3600",), "unknown", "node",
+         SEEN, (Reason.CLOCK_JUMP,)),
+    Case("source: clock jumps on 1 h", ("clock_jump@{t}:offset_s=3600",), "unknown", "node", SEEN,
+         (Reason.CLOCK_JUMP,)),
+    Case("source: clock drifts 500 ppm", ("clock_drift@{t}:ppm=500",), "count only", "node", None),
+    Case("predictor: fails", (), "degraded", "node", 40, predictor=_raises),
+    Case("predictor: gives NaN", (), "degraded", "node", 40, predictor=_gives_nan),
+    Case("both links: no RobotState",
+         ("drive:freeze@{t}:direction=in", "monitor:freeze@{t}:direction=in"),
+         "unknown", "node", 100 + 20 + 40, (Reason.ROBOT_STATE_STALE,)),
+    *(
+        Case(f"{link}: {what}", (f"{link}:{fault}",), "stop", "controller", limit)
+        for link in ("drive", "monitor")
+        for what, fault, limit in (
+            ("silent", "freeze@{t}:direction=out", 150 + 48),
+            ("unplugged", "unplug@{t}", 150 + 48),
+            ("half of it lost", "drop@{t}:direction=out", 150 + 48),
+            ("delayed 0.5 s", "delay@{t}:delay_s=0.5,direction=out", 150 + 48),
+            ("1 bit in 1000 wrong", "bit_errors@{t}:direction=out", 150 + 48),
+            ("half of it cut short", "truncate@{t}:direction=out", 150 + 48),
+            ("everything twice", "duplicate@{t}:direction=out", 48),
+            ("flooded, everything 10 times", "flood@{t}", 48),
+        )
+    ),
+    # At 1 bit in 10000 a frame is damaged now and then. The controller tolerates no error, so it
+    # stops at the first error in a message that it receives, at a random time. It believes no
+    # damaged message.
+    *(
+        Case(f"{link}: 1 bit in 10000 wrong", (f"{link}:bit_errors@{{t}}:rate=0.0001",),
+             "may stop", "controller", None, length_s=10.0)
+        for link in ("drive", "monitor")
+    ),
+    # Repeats do not harm the node: the first message counts.
+    Case("both links: RobotState 10 times", _both("flood@{t}:direction=in"), "count only", "node",
+         None),
+    # An 8-bit counter wraps after 5.12 s at 50 Hz: a message that is this late must not be taken
+    # for a fresh one, nor one with any smaller delay while the delay grows.
+    Case("both links: advice 5.2 s late", _both("delay@{t}:delay_s=5.2,direction=out"),
+         "stays stopped", "controller", 150 + 48, length_s=8.0, drain_s=5.2),
+    Case("both links: RobotState 5.2 s late", _both("delay@{t}:delay_s=5.2,direction=in"),
+         "stays stopped", "controller", 100 + 20 + 40 + TOLD, length_s=8.0, drain_s=5.2),
+    # A message sent at t arrives at 1.5 t. A message that arrives at 1.2 s was on the way for
+    # 0.4 s, the controllers' max_age_s, whatever its age was before.
+    Case("both links: advice ever later", _both("stretch@{t}:rate=0.5,direction=out"),
+         "stays stopped", "controller", 1200 + 8, length_s=12.0, drain_s=6.0),
+    Case("drive: out of order", ("drive:reorder@{t}:direction=out",), "stop", "controller", 88),
+    # Two adjacent CAN frames that change places belong to one message, whose parts may arrive in
+    # any order, or to different messages: for the receiver nothing is out of order.
+    Case("monitor: out of order", ("monitor:reorder@{t}:direction=out",), "count only",
+         "controller", None),
+)  # fmt: skip
+
+
+DEATHS: tuple[tuple[str, How, float | None], ...] = (
+    ("node: kill -9", "kill", None),  # the limit is the controllers' own
+    ("node: SIGTERM", "terminate", TOLD),
+)
+
+
+RESTARTS = {f"{link}: controller restarted": link for link in ("drive", "monitor")}
+
+
+def run_table(only: str | None = None) -> Iterator[FaultOutcome]:
+    """Run every case whose name contains ``only``; yield each row when it is done."""
+    base = baseline_demo()
+    for case in CASES:
+        if only is None or only in case.name:
+            yield run_case(base, case)
+    for name, how, limit_ms in DEATHS:
+        if only is None or only in name:
+            yield _death(name, how, limit_ms)
+    for name, link in RESTARTS.items():
+        if only is None or only in name:
+            yield _restart(name, link)
+    yield from run_live_faults(only)
+    if find_spec("zenoh") is not None:
+        from hri_sim.fault_table.zenoh_link import run_zenoh_faults
+
+        yield from run_zenoh_faults(only)
+
+
+def _death(name: str, how: How, limit_ms: float | None) -> FaultOutcome:
+    """Return the row of a node that ends in real time; the slower controller counts."""
+    death = die(how, _people(1))
+    limit_ms = limit_ms or max(death.limit_s.values()) * 1e3
+    measured_ms = max(death.stopped_s.values()) * 1e3
+    expected_end = ("silent", -signal.SIGKILL) if how == "kill" else ("unknown", 0)
+    return FaultOutcome(
+        fault=name,
+        expected="stop",
+        acts="controller",
+        limit_ms=limit_ms,
+        measured_ms=measured_ms,
+        reason=death.cause,
+        clear_while_near=0,
+        recovered_ms=death.moved_again_s * 1e3,
+        fine=measured_ms <= limit_ms and (death.cause, death.exit_status) == expected_end,
+        counted={
+            **{f"{link}_stopped_ms": round(s * 1e3) for link, s in death.stopped_s.items()},
+            "arm_stands_ms": round(death.stands_s * 1e3),
+            "node_ended_ms": round(death.exit_s * 1e3),
+        },
+    )
+
+
+def _restart(name: str, link: str) -> FaultOutcome:
+    """Return the row of a controller that is killed and restarted in real time."""
+    restart = restart_controller(link, _people(1))
+    return FaultOutcome(
+        fault=name,
+        expected="stop",
+        acts="controller",
+        limit_ms=restart.limit_s * 1e3,
+        measured_ms=restart.stopped_s * 1e3,
+        reason="its permit is old",
+        clear_while_near=restart.clear,
+        recovered_ms=restart.moved_again_s * 1e3,
+        fine=restart.stopped_s <= restart.limit_s and restart.clear == 0,
+        counted={"arm_stands_ms": round(restart.stands_s * 1e3), **restart.levels},
+    )
+
+
+def run_case(base: Config, case: Case) -> FaultOutcome:
+    """Run one case on the virtual clock in the cell of ``base``."""
+    watch = _Watch(case)
+    time = f"{START_S}+{case.length_s}"
+    config = _scene(base, case.people).with_faults([f.replace("{t}", time) for f in case.faults])
+    summary = run(config, Options(factor=None, duration_s=case.end_s + AFTER_S, view=watch))
+    if case.acts == "controller" and case.expected != "count only":
+        measured, recovered, reason = _stop_of_all(case, summary.controllers)
+    else:
+        measured, recovered, reason = watch.reaction(case)
+    acted = measured is not None
+    fine = (
+        watch.clear_while_near == 0
+        and not summary.contacts
+        and (case.expected == "may stop" or acted == (case.expected != "count only"))
+        and (case.limit_ms is None or (measured is not None and measured <= case.limit_ms))
+        and (recovered is not None) == acted
+    )
+    return FaultOutcome(
+        fault=case.name,
+        expected=case.expected,
+        acts=case.acts,
+        limit_ms=case.limit_ms,
+        measured_ms=measured,
+        reason=reason,
+        clear_while_near=watch.clear_while_near,
+        recovered_ms=recovered,
+        fine=fine,
+        counted=summary.counted,
+    )
+
+
+def _scene(base: Config, people: int) -> Config:
+    """Return the demo's cell with people who stand so near that the robot slows down."""
+    return base.with_source(base.source.model_dump() | {"people": _people(people)})
+
+
+def _people(count: int) -> list[dict[str, Any]]:
+    places = [[2.3, 0.2], [0.4, 2.2]][:count]
+    return [{"start": place, "script": [{"do": "wait", "seconds": 60.0}]} for place in places]
+
+
+def _stop_of_all(
+    case: Case, controllers: Sequence[dict[str, Any]]
+) -> tuple[float | None, float | None, str]:
+    """Return ``_stop_of`` for the slowest of the controllers whose links have the fault."""
+    faulty = {fault.partition(":")[0] for fault in case.faults}
+    stops = [_stop_of(case, c["events"]) for c in controllers if c["name"] in faulty]
+    return max(stops, key=lambda stop: inf if stop[0] is None else stop[0])
+
+
+def _stop_of(case: Case, events: list[Any]) -> tuple[float | None, float | None, str]:
+    """Return when a controller stopped after the fault's start and moved after its end, in ms.
+
+    A controller that must stay stopped, but moves before the end, does not count as stopped.
+    """
+    stop = next(((t, c) for t, c, v in events if t >= START_S - 1e-9 and v == 0.0), None)
+    if stop is None:
+        return None, None, ""
+    moved = [t for t, _, v in events if v > 0.0 and t >= stop[0]]
+    if case.expected == "stays stopped" and moved and moved[0] < case.end_s - 1e-9:
+        return None, None, f"moved {moved[0] - START_S:.3f} s after the start"
+    again = [t for t in moved if t >= case.end_s] or moved[-1:]
+    recovered = max(again[0] - case.end_s, 0.0) * 1e3 if again else None
+    return (stop[0] - START_S) * 1e3, recovered, stop[1]
+
+
+class _Watch(View):
+    """Records each tick's advice, and injects the predictor's fault."""
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._ticks: list[tuple[float, Level, Reason, NodeState]] = []
+        self._start_ns: int | None = None
+        self._now_s = 0.0
+
+    def bind(self, assembly: Any) -> None:
+        """Inject the case's fault into the predictor, if it has one."""
+        self._start_ns = assembly.clock.now_ns()
+        if self._case.predictor is None:
+            return
+        predictor, answer = assembly.prediction.predictor, self._case.predictor
+        predict = predictor.predict
+
+        def faulty(*arguments: Any) -> Forecast:
+            forecast: Forecast = predict(*arguments)
+            now_s = (assembly.clock.now_ns() - self._start_ns) * 1e-9
+            return answer(forecast) if START_S <= now_s < self._case.end_s else forecast
+
+        predictor.predict = faulty
+
+    def on_tick(self, tick: Tick) -> None:
+        """Record the advice for the first robot."""
+        assert self._start_ns is not None
+        advice = tick.advices[0]
+        seconds = (tick.now_ns - self._start_ns) * 1e-9
+        self._ticks.append((seconds, advice.level, advice.reason, tick.status.node_state))
+
+    @property
+    def clear_while_near(self) -> int:
+        """Number of ticks since the fault's start that advised *clear* (a person is near)."""
+        return sum(level is Level.CLEAR for t, level, *_ in self._ticks if t >= START_S)
+
+    def reaction(self, case: Case) -> tuple[float | None, float | None, str]:
+        """Return ms until the expected outcome, ms until recovery after the end, and the reason."""
+        for t, level, reason, state in self._ticks:
+            if t < START_S - 1e-9 or t > case.end_s + 1.0:
+                continue
+            if self._is_outcome(case, level, reason, state):
+                return (t - START_S) * 1e3, self._recovery(case), reason.name
+        return None, None, ""
+
+    def _is_outcome(self, case: Case, level: Level, reason: Reason, state: NodeState) -> bool:
+        if case.expected == "unknown":
+            return level is Level.UNKNOWN and (not case.reasons or reason in case.reasons)
+        if case.expected == "degraded":
+            return state is NodeState.DEGRADED and level is not Level.CLEAR
+        if case.expected == "not clear":
+            return level is not Level.CLEAR and (not case.reasons or reason in case.reasons)
+        return level not in MOVING or state is not NodeState.RUNNING  # of "count only": must not be
+
+    def _recovery(self, case: Case) -> float | None:
+        """Return when the node runs and permits motion again after the fault's end."""
+        end = case.end_s
+        for t, level, _, state in self._ticks:
+            if t >= end and level in MOVING and state is NodeState.RUNNING:
+                return (t - end) * 1e3 if t - end <= RECOVERY_S else None
+        return None

@@ -1,0 +1,1 @@
+"""Faults, injected into sources and links."""

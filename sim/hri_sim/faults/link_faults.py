@@ -1,0 +1,268 @@
+"""Faults of a link, injected between it and its wire."""
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Generic, Literal, TypeVar
+
+import numpy as np
+from pydantic import Field
+
+from hri_drivers.wires.transport import Transport
+from hri_predict.clock import Clock
+from hri_predict.errors import LinkError
+from hri_predict.protocol.can import CanFrame
+from hri_predict.protocol.keyed import Keyed
+from hri_sim.faults.settings import FaultSettings, faults_from
+
+U = TypeVar("U", bytes, CanFrame, Keyed)
+
+Direction = Literal["out", "in"]
+_FLUSH_S = 0.005  # longest time between two checks for delayed units that are due
+
+
+class LinkFault(FaultSettings):
+    """``direction``: ``out`` from the node, ``in`` to it, or ``both``."""
+
+    direction: Literal["out", "in", "both"] = "both"
+
+
+class Drop(LinkFault):
+    """Units are lost."""
+
+    probability: float = Field(0.5, gt=0, le=1)
+
+
+class Delay(LinkFault):
+    """Units arrive late, in order."""
+
+    delay_s: float = Field(0.2, gt=0, le=10)
+
+
+class Jitter(LinkFault):
+    """Units arrive late by a random time, still in order."""
+
+    max_s: float = Field(0.05, gt=0, le=10)
+
+
+class Stretch(LinkFault):
+    """Units arrive later and later, in order: ``rate`` seconds more each second, as in a queue."""
+
+    rate: float = Field(0.1, gt=0, le=10)
+
+
+class BitErrors(LinkFault):
+    """Each bit is flipped with probability ``rate``."""
+
+    rate: float = Field(1e-3, gt=0, le=0.5)
+
+
+class Truncate(LinkFault):
+    """Units are cut short with ``probability``."""
+
+    probability: float = Field(0.5, gt=0, le=1)
+
+
+class Freeze(LinkFault):
+    """The link is silent; nothing passes."""
+
+
+class Duplicate(LinkFault):
+    """Every unit arrives twice."""
+
+
+class Flood(LinkFault):
+    """Every unit arrives ``times`` times, as from a repeater or a runaway sender."""
+
+    times: int = Field(10, ge=2, le=100)
+
+
+class Reorder(LinkFault):
+    """Every other unit arrives after its successor."""
+
+
+class Unplug(LinkFault):
+    """The device is gone: every call fails."""
+
+
+LINK_FAULTS: dict[str, type[LinkFault]] = {
+    "drop": Drop,
+    "delay": Delay,
+    "jitter": Jitter,
+    "stretch": Stretch,
+    "bit_errors": BitErrors,
+    "truncate": Truncate,
+    "freeze": Freeze,
+    "duplicate": Duplicate,
+    "flood": Flood,
+    "reorder": Reorder,
+    "unplug": Unplug,
+}
+
+
+class _Way(Generic[U]):
+    """One direction of the wire: the delayed units and their times."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng = rng
+        self.late: deque[tuple[int, U]] = deque()  # due time and unit, in order
+        self.held: U | None = None
+        self.lock = threading.RLock()  # a link's writer and reader both flush what is late
+
+
+class FaultyTransport(Generic[U]):
+    """A transport with faults, itself a ``Transport``.
+
+    A unit is what the link passes in one piece: on serial one message's bytes when writing and the
+    received chunk when reading; on CAN one frame. A delayed unit leaves at the link's next call of
+    ``write`` or ``read``.
+
+    Attributes:
+        injected: number of units (calls, for ``unplug``) that each kind of fault affected.
+    """
+
+    def __init__(
+        self,
+        *,
+        inner: Transport[U],
+        faults: Sequence[dict[str, Any]],
+        clock: Clock,
+        seed: int,
+        where: str = "link",
+    ) -> None:
+        """Wrap ``inner``; the faults' times count from the first ``open``.
+
+        Raises:
+            ConfigError: a fault of unknown kind or with a wrong key; ``where`` names the place.
+        """
+        self._inner: Transport[U] = inner
+        self._faults = faults_from(faults, LINK_FAULTS, f"{where}.faults")
+        self._makes_late = any(isinstance(f, Delay | Jitter | Stretch) for f in self._faults)
+        self._clock = clock
+        self._start_ns: int | None = None
+        # one generator for each direction: reads must not change what is written
+        self._out: _Way[U] = _Way(np.random.default_rng([seed, 0]))
+        self._in: _Way[U] = _Way(np.random.default_rng([seed, 1]))
+        self.injected: dict[str, int] = {}
+
+    def open(self) -> None:
+        """Open the wire; this fails while the wire is unplugged."""
+        if self._start_ns is None:
+            self._start_ns = self._clock.now_ns()
+        self._check_plugged("out")
+        self._inner.open()
+
+    def write(self, unit: U) -> None:
+        """Write ``unit`` through the faults, and all delayed units that are due."""
+        self._check_plugged("out")
+        self._pass(self._out, "out", [unit])
+        self._flush()
+
+    def read(self, timeout_s: float) -> list[U]:
+        """Return the units that have arrived by now, through the faults."""
+        self._check_plugged("in")
+        self._flush()
+        if self._makes_late:
+            timeout_s = min(timeout_s, _FLUSH_S)  # do not sleep past what is due
+        self._pass(self._in, "in", self._inner.read(timeout_s))
+        self._flush()
+        return self._due(self._in)
+
+    @property
+    def device(self) -> Transport[U]:
+        """The transport without the faults, which knows the state of its device."""
+        return self._inner
+
+    @property
+    def hung_up(self) -> bool:
+        """Whether the other end of the line is closed, if the wire can detect it."""
+        return bool(getattr(self._inner, "hung_up", False))
+
+    def close(self) -> None:
+        """Close the wire; delayed units are lost."""
+        for way in (self._in, self._out):
+            with way.lock:
+                way.late.clear()
+                way.held = None
+        self._inner.close()
+
+    def _flush(self) -> None:
+        with self._out.lock:
+            for unit in self._due(self._out):
+                self._inner.write(unit)
+
+    def _due(self, way: _Way[U]) -> list[U]:
+        now_ns = self._clock.now_ns()
+        units = []
+        with way.lock:
+            while way.late and way.late[0][0] <= now_ns:
+                units.append(way.late.popleft()[1])
+        return units
+
+    def _active(self, direction: Direction) -> list[LinkFault]:
+        elapsed_ns = self._clock.now_ns() - (self._start_ns or 0)
+        return [
+            f for f in self._faults if f.direction in ("both", direction) and f.active(elapsed_ns)
+        ]
+
+    def _check_plugged(self, direction: Direction) -> None:
+        if any(isinstance(f, Unplug) for f in self._active(direction)):
+            self.injected["unplug"] = self.injected.get("unplug", 0) + 1
+            raise LinkError("the link is unplugged (an injected fault); it comes back by itself")
+
+    def _pass(self, way: _Way[U], direction: Direction, units: Sequence[U]) -> None:
+        """Pass ``units`` through the list of faults, into the queue of leaving units."""
+        faults = self._active(direction)
+        passing = list(units)
+        due_ns = self._clock.now_ns()
+        elapsed_ns = due_ns - (self._start_ns or 0)
+        for fault in faults:
+            if passing:
+                count = self.injected.get(fault.kind, 0)
+                self.injected[fault.kind] = count + len(passing)
+            if isinstance(fault, Delay):
+                due_ns += int(fault.delay_s * 1e9)
+            elif isinstance(fault, Jitter):
+                due_ns += int(way.rng.uniform(0.0, fault.max_s) * 1e9)
+            elif isinstance(fault, Stretch):
+                due_ns += int(fault.rate * (elapsed_ns - fault.start_s * 1e9))
+            else:
+                passing = [out for unit in passing for out in _altered(fault, unit, way)]
+        if way.held is not None and not any(isinstance(f, Reorder) for f in faults):
+            passing.append(way.held)  # the fault ended while one was held back
+            way.held = None
+        with way.lock:
+            if way.late:
+                due_ns = max(due_ns, way.late[-1][0])  # in order, always
+            way.late.extend((due_ns, unit) for unit in passing)
+
+
+def _altered(fault: LinkFault, unit: U, way: _Way[U]) -> list[U]:
+    if isinstance(fault, Drop):
+        return [] if way.rng.random() < fault.probability else [unit]
+    if isinstance(fault, Freeze):
+        return []
+    if isinstance(fault, Duplicate):
+        return [unit, unit]
+    if isinstance(fault, Flood):
+        return [unit] * fault.times
+    if isinstance(fault, Reorder):
+        if way.held is None:
+            way.held = unit
+            return []
+        held, way.held = way.held, None
+        return [unit, held]
+    data = unit if isinstance(unit, bytes) else unit.data
+    if isinstance(fault, BitErrors):
+        data = _flipped(data, fault.rate, way.rng)
+    elif isinstance(fault, Truncate) and data and way.rng.random() < fault.probability:
+        data = data[: int(way.rng.integers(len(data)))]
+    if isinstance(unit, bytes):
+        return [data] if data else []
+    return [replace(unit, data=data)]
+
+
+def _flipped(data: bytes, rate: float, rng: np.random.Generator) -> bytes:
+    flips = np.packbits(rng.random(8 * len(data)) < rate)
+    return (np.frombuffer(data, dtype=np.uint8) ^ flips).tobytes()

@@ -1,0 +1,105 @@
+"""Code common to all faults: settings, time window, command-line form."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, TypeVar
+
+import yaml
+from pydantic import Field, model_validator
+
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.files import load_yaml
+from hri_predict.settings import Settings, validated
+
+
+class FaultSettings(Settings):
+    """One fault: its kind, its start (after the run's) and its duration (``None``: to the end)."""
+
+    kind: str
+    start_s: float = Field(0.0, ge=0)
+    duration_s: float | None = Field(None, gt=0)
+
+    def active(self, elapsed_ns: int) -> bool:
+        """Return whether the fault is active ``elapsed_ns`` after the start."""
+        since_s = elapsed_ns * 1e-9 - self.start_s
+        return since_s >= 0 and (self.duration_s is None or since_s < self.duration_s)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_mapping(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping):
+            raise ValueError("a fault is a mapping with a 'kind'")
+        return data
+
+
+F = TypeVar("F", bound=FaultSettings)
+Target = Literal["source", "link"]
+
+
+def fault_from(data: Any, kinds: Mapping[str, type[F]], where: str) -> F:
+    """Validate one fault's settings against the model of its kind.
+
+    Raises:
+        ConfigError: unknown kind (the error lists the known ones), or a wrong key.
+    """
+    if not isinstance(data, Mapping) or not isinstance(data.get("kind"), str):
+        raise ConfigError(f"{where}: a fault needs a 'kind'; there are: {', '.join(sorted(kinds))}")
+    kind = data["kind"]
+    if kind not in kinds:
+        raise ConfigError(
+            f"{where}: unknown fault '{kind}'{nearest(kind, kinds)}; "
+            f"there are: {', '.join(sorted(kinds))}"
+        )
+    return validated(kinds[kind], dict(data), f"{where} ({kind})")
+
+
+def faults_from(items: Sequence[Any], kinds: Mapping[str, type[F]], where: str) -> list[F]:
+    """Validate a list of faults; see ``fault_from``."""
+    return [fault_from(item, kinds, f"{where}.{i}") for i, item in enumerate(items)]
+
+
+_FORM = re.compile(
+    r"(?P<kind>[a-z_]+)(@(?P<start>[0-9.]+)(\+(?P<duration>[0-9.]+))?)?(:(?P<parameters>.+))?"
+)
+_COMMA = re.compile(r",(?![^\[]*\])")  # a comma, but not within brackets
+
+
+def fault_mapping(text: str, kinds: Mapping[str, type[F]]) -> dict[str, Any]:
+    """Parse ``kind[@start[+duration]][:parameter=value,...]``, such as ``vanish@3+2:person=0``.
+
+    Returns:
+        the settings as written in a configuration, validated.
+
+    Raises:
+        ConfigError: the form or the fault is wrong (see ``fault_from``).
+    """
+    where = f"fault '{text}'"
+    form = "expected kind@start+duration in seconds, such as vanish@3+2 or delay@3+2:delay_s=0.2"
+    match = _FORM.fullmatch(text.strip())
+    if match is None:
+        raise ConfigError(f"{where}: {form}")
+    data: dict[str, Any] = {"kind": match["kind"]}
+    try:
+        if match["start"]:
+            data["start_s"] = float(match["start"])
+        if match["duration"]:
+            data["duration_s"] = float(match["duration"])
+        for pair in _COMMA.split(match["parameters"] or ""):
+            if pair:
+                name, equals, value = pair.partition("=")
+                if not equals:
+                    raise ConfigError(
+                        f"{where}: parameter '{pair}' lacks a value; write name=value"
+                    )
+                name = name.strip()
+                if name in ("kind", "start_s", "duration_s"):
+                    raise ConfigError(
+                        f"{where}: '{name}' is not a parameter; write it as kind@start+duration"
+                    )
+                if name in data:
+                    raise ConfigError(f"{where}: parameter '{name}' is given twice; remove one")
+                data[name] = load_yaml(value)
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        raise ConfigError(f"{where}: {form}") from error
+    fault_from(data, kinds, where)
+    return data

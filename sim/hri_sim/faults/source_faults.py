@@ -1,0 +1,254 @@
+"""Faults of a source of scenes, injected between it and the node."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from hri_predict.joint_map import JointMap
+from hri_predict.scene import Person, Scene
+from hri_predict.settings import Vector3
+from hri_predict.source import Source, live_part
+from hri_sim.faults.settings import FaultSettings, faults_from
+
+
+class Drop(FaultSettings):
+    """Scenes are lost."""
+
+    probability: float = Field(1.0, gt=0, le=1)
+
+
+class Delay(FaultSettings):
+    """Scenes arrive late; their capture stamps are true."""
+
+    delay_s: float = Field(0.2, gt=0, le=10)
+
+
+class Jitter(FaultSettings):
+    """Scenes arrive late by a random time, still in order."""
+
+    max_s: float = Field(0.08, gt=0, le=10)
+
+
+class Freeze(FaultSettings):
+    """The source repeats its last scene.
+
+    ``what`` is ``sequence``: the very same scene, sequence and stamp again; or ``joints``: sequence
+    and stamp go on, the joints stay bit-identical, as from a hung camera with a live driver.
+    """
+
+    what: Literal["sequence", "joints"] = "sequence"
+
+
+class Duplicate(FaultSettings):
+    """Every scene arrives twice."""
+
+
+class Reorder(FaultSettings):
+    """Every other scene arrives after its successor."""
+
+
+class Nan(FaultSettings):
+    """A fraction of the joints is NaN but marked as observed."""
+
+    fraction: float = Field(0.3, gt=0, le=1)
+
+
+class Teleport(FaultSettings):
+    """All people (or the ``person`` with this id) are displaced by ``offset`` metres."""
+
+    offset: Vector3 = [2.0, 0.0, 0.0]
+    person: int | None = None
+
+
+class IdentitySwap(FaultSettings):
+    """People's ids rotate; a single person gets a new id."""
+
+
+class Vanish(FaultSettings):
+    """All people (or the ``person`` with this id) are missing; the source still sees the room."""
+
+    person: int | None = None
+
+
+class Blind(FaultSettings):
+    """The source reports that it does not see the room."""
+
+
+class ClockDrift(FaultSettings):
+    """The source's clock runs fast by ``ppm`` parts in a million; the offset it gained stays."""
+
+    ppm: float = Field(1000.0, ge=-100_000, le=100_000)
+
+
+class ClockJump(FaultSettings):
+    """The source's clock is off by ``offset_s``, then right again."""
+
+    offset_s: float = Field(-1.0, ge=-1e6, le=1e6)
+
+
+SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
+    "drop": Drop,
+    "delay": Delay,
+    "jitter": Jitter,
+    "freeze": Freeze,
+    "duplicate": Duplicate,
+    "reorder": Reorder,
+    "nan": Nan,
+    "teleport": Teleport,
+    "identity_swap": IdentitySwap,
+    "vanish": Vanish,
+    "blind": Blind,
+    "clock_drift": ClockDrift,
+    "clock_jump": ClockJump,
+}
+
+
+class FaultySource:
+    """A source with faults, itself a ``Source``; a pure function of its seed and its input.
+
+    Attributes:
+        on_truth: called with every scene of the inner source before any fault, at the time it was
+            due; a referee uses it.
+        injected: number of scenes that each kind of fault has changed, delayed or lost.
+    """
+
+    def __init__(
+        self, inner: Source, faults: Sequence[dict[str, Any]], seed: int, where: str = "source"
+    ) -> None:
+        """Wrap ``inner``; ``faults`` are applied in the order in which they are listed.
+
+        Raises:
+            ConfigError: a fault of unknown kind or with a wrong key; ``where`` names the place.
+        """
+        self._inner = inner
+        self._faults = faults_from(faults, SOURCE_FAULTS, f"{where}.faults")
+        self._rng = np.random.default_rng(seed)
+        self._start_ns = 0
+        self._arriving: deque[tuple[int, Scene]] = deque()  # arrival time, kept sorted
+        self._held: Scene | None = None
+        self._last: Scene | None = None
+        self.joint_map: JointMap = inner.joint_map
+        self.rate_hz = inner.rate_hz
+        self.declares_noise = inner.declares_noise
+        self.live = live_part(inner)
+        self.on_truth: Callable[[Scene], None] | None = None
+        self.injected: dict[str, int] = {}
+
+    def open(self, start_ns: int) -> None:
+        """Open the inner source; the faults' times count from ``start_ns``."""
+        self._start_ns = start_ns
+        self._inner.open(start_ns)
+
+    def next_ns(self) -> int | None:
+        """Return the earlier of the inner source's next time and the next delayed scene's time."""
+        inner_ns = self._inner.next_ns()
+        if not self._arriving:
+            return inner_ns
+        held_ns = self._arriving[0][0]
+        return held_ns if inner_ns is None else min(inner_ns, held_ns)
+
+    def poll(self, now_ns: int) -> Scene | None:
+        """Return the oldest scene that has arrived, with its faults."""
+        while (scene := self._inner.poll(now_ns)) is not None:
+            if self.on_truth is not None:
+                self.on_truth(scene)
+            self._inject(scene, now_ns)
+        if self._arriving and self._arriving[0][0] <= now_ns:
+            return self._arriving.popleft()[1]
+        return None
+
+    def close(self) -> None:
+        """Close the inner source."""
+        self._inner.close()
+
+    def _inject(self, scene: Scene, now_ns: int) -> None:
+        # Every scene passes through the list of faults; each may change, lose or delay it.
+        elapsed_ns = now_ns - self._start_ns
+        scenes, arrival_ns = [scene], now_ns
+        for fault in self._faults:
+            if isinstance(fault, ClockDrift):  # its offset outlasts its window
+                scenes = [_shifted(s, self._drift_ns(fault, elapsed_ns)) for s in scenes]
+            if not fault.active(elapsed_ns):
+                continue
+            self.injected[fault.kind] = self.injected.get(fault.kind, 0) + 1
+            if isinstance(fault, Delay):
+                arrival_ns += int(fault.delay_s * 1e9)
+            elif isinstance(fault, Jitter):
+                arrival_ns += int(self._rng.uniform(0.0, fault.max_s) * 1e9)
+                if self._arriving:
+                    arrival_ns = max(arrival_ns, self._arriving[-1][0])
+            else:
+                scenes = [out for s in scenes for out in self._altered(fault, s)]
+        if self._held is not None and not any(
+            isinstance(f, Reorder) and f.active(elapsed_ns) for f in self._faults
+        ):
+            scenes.append(self._held)  # the fault ended while one was held back
+            self._held = None
+        if self._last is None or not self._is_frozen(elapsed_ns):
+            self._last = scene
+        for out in scenes:
+            self._arriving.append((arrival_ns, out))
+        self._arriving = deque(sorted(self._arriving, key=lambda item: item[0]))
+
+    def _altered(self, fault: FaultSettings, scene: Scene) -> list[Scene]:
+        if isinstance(fault, Drop):
+            return [] if self._rng.random() < fault.probability else [scene]
+        if isinstance(fault, Freeze):
+            frozen = self._last or scene
+            if fault.what == "sequence":
+                return [frozen]
+            return [replace(scene, people=frozen.people, sees_room=frozen.sees_room)]
+        if isinstance(fault, Duplicate):
+            return [scene, scene]
+        if isinstance(fault, Reorder):
+            if self._held is None:
+                self._held = scene
+                return []
+            held, self._held = self._held, None
+            return [scene, held]
+        if isinstance(fault, ClockJump):
+            return [_shifted(scene, int(fault.offset_s * 1e9))]
+        if isinstance(fault, Blind):
+            return [replace(scene, sees_room=False, people=())]
+        return [replace(scene, people=self._people(fault, scene.people))]
+
+    def _people(self, fault: FaultSettings, people: tuple[Person, ...]) -> tuple[Person, ...]:
+        if isinstance(fault, Vanish):
+            return tuple(p for p in people if fault.person not in (None, p.id))
+        if isinstance(fault, Teleport):
+            return tuple(
+                replace(p, positions=p.positions + np.asarray(fault.offset))
+                if fault.person in (None, p.id)
+                else p
+                for p in people
+            )
+        if isinstance(fault, IdentitySwap):
+            ids = [p.id for p in people]
+            ids = [*ids[1:], ids[0]] if len(ids) > 1 else [(i + 1000) % 65536 for i in ids]
+            return tuple(replace(p, id=i) for p, i in zip(people, ids, strict=True))
+        if isinstance(fault, Nan):
+            return tuple(self._with_nan(p, fault.fraction) for p in people)
+        return people
+
+    def _with_nan(self, person: Person, fraction: float) -> Person:
+        hit = self._rng.random(len(person.positions)) < fraction
+        hit[self._rng.integers(len(hit))] = True  # at least one, or it would be no fault
+        positions = np.where(hit[:, None], np.nan, person.positions)
+        return replace(person, positions=positions, observed=person.observed | hit)
+
+    def _drift_ns(self, fault: ClockDrift, elapsed_ns: int) -> int:
+        drifted_s = max(0.0, elapsed_ns * 1e-9 - fault.start_s)
+        if fault.duration_s is not None:
+            drifted_s = min(drifted_s, fault.duration_s)
+        return int(drifted_s * fault.ppm * 1e3)
+
+    def _is_frozen(self, elapsed_ns: int) -> bool:
+        return any(isinstance(f, Freeze) and f.active(elapsed_ns) for f in self._faults)
+
+
+def _shifted(scene: Scene, by_ns: int) -> Scene:
+    return replace(scene, stamp_ns=scene.stamp_ns + by_ns)

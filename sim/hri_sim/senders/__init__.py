@@ -1,0 +1,1 @@
+"""Senders for live sources: the other end of the wire."""

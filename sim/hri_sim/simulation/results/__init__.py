@@ -1,0 +1,1 @@
+"""The results of a simulation: numbers, tables, plots."""

@@ -1,0 +1,117 @@
+"""Publishes the results of a simulation as tables, notes, JSON and files."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hri_predict.errors import ConfigError
+from hri_predict.files import atomic_write
+from hri_predict.peers import SimulationReport
+from hri_sim.simulation.results.report import (
+    Judged,
+    Row,
+    as_json,
+    notes,
+    predicted,
+    recordings_table,
+    tables,
+)
+from hri_sim.simulation.whole_node import TOLERANCE_M, TOLERANCE_S
+
+NAMED = 3
+"""The notes name up to this many recordings, otherwise their number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """The results of a simulation.
+
+    Attributes:
+        results: one for each predictor and variant.
+        alone: the same approaches without protection.
+        predictions: predictor -> its predictions of a touch.
+        checks: number of episodes repeated through the whole node.
+        disagreements: one line for each of them with another result.
+        asked: everything that decides the results, by name.
+    """
+
+    results: Sequence[Judged]
+    alone: Judged
+    predictions: Mapping[str, Sequence[Row]]
+    checks: int
+    disagreements: Sequence[str]
+    asked: Mapping[str, Any]
+
+
+def report(result: Result, out: Path | None) -> SimulationReport:
+    """Tables and notes; with a folder, files and plots in it as well.
+
+    Raises:
+        ConfigError: the folder cannot be written.
+    """
+    shown = tables(result.results, result.alone, result.predictions)
+    said = notes(result.results)
+    agree = result.checks - len(result.disagreements)
+    said.append(
+        f"Repeated through the whole node: {result.checks} episodes, {agree} agree (same contacts, "
+        f"stops within {TOLERANCE_S:g} s, smallest separation within {TOLERANCE_M:g} m)."
+    )
+    said.append(asked_for(result.asked))
+    said += [f"Disagrees: {line}" for line in result.disagreements]
+    text = json.dumps(_data(result, said), indent=1)
+    files = []
+    if out is not None:
+        from hri_sim.simulation.results.plot import write_plots  # needs matplotlib
+
+        written = [*shown, recordings_table(result.results)]
+        markdown = "\n\n".join(
+            ["# Closed loop", *[t.markdown() for t in written], "\n".join(f"- {n}" for n in said)]
+        )
+        try:
+            for name, content in (("simulate.md", markdown), ("simulate.json", text)):
+                atomic_write(out / name, (content + "\n").encode())
+                files.append(out / name)
+            files += write_plots(result.results, out)
+        except OSError as error:
+            raise ConfigError(
+                f"--out {out}: cannot be written: {error.strerror}; free some space, then give "
+                f"--resume"
+            ) from error
+    return SimulationReport(
+        tables=shown, notes=said, json=text, files=files, disagreements=result.disagreements
+    )
+
+
+def asked_for(asked: Mapping[str, Any]) -> str:
+    """Return one sentence on what decides the results; many recordings are only counted."""
+    names, folders = asked["recordings"], asked["folders"]
+    recordings = f"recordings {', '.join(names)}"
+    if len(names) > NAMED:
+        where = f" from {' and '.join(folders)}" if folders else f" ({names[0]} and so on)"
+        recordings = f"{len(names)} recordings{where}; simulate.json and --json name them"
+    rest = (f"{k} {v}" for k, v in asked.items() if k not in ("recordings", "folders"))
+    return f"Settings: {'; '.join(rest)}; {recordings}."
+
+
+def _data(result: Result, said: Sequence[str]) -> dict[str, Any]:
+    return {
+        "asked": dict(result.asked),
+        "results": [_judged(r) for r in (*result.results, result.alone)],
+        "touch_within_1s": {
+            name: as_json(predicted(rows)) for name, rows in result.predictions.items()
+        },
+        "whole_node": {"episodes": result.checks, "disagreements": list(result.disagreements)},
+        "notes": list(said),
+    }
+
+
+def _judged(result: Judged) -> dict[str, Any]:
+    return {
+        "predictor": result.predictor,
+        "mode": result.variant,
+        "estimates": as_json(result.estimates),
+        "totals": dict(result.totals),
+        "by_recording": dict(result.by_recording),
+    }

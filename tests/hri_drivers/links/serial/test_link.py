@@ -1,0 +1,238 @@
+"""What only a serial line does, over real pseudo-terminals."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+
+from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
+from hri_drivers.wires.serial import SerialTransport
+from hri_drivers.wires.transport import TransportBusy
+from hri_predict.clock import MonotonicClock
+from hri_predict.errors import ConfigError, LinkError
+from hri_predict.protocol.messages import Acknowledge, Advice, Level
+from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.serial import SerialReceiver, SerialSender
+from hri_sim.wires.pty import PtyTransport, open_pty
+
+
+def advice(latch_id: int) -> Advice:
+    return Advice(robot=0, level=Level.STOP, reason=Reason.PERSON_NEAR, latch_id=latch_id)
+
+
+def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "did not happen"
+        time.sleep(0.005)
+
+
+def link_on(port: str) -> SerialLink:
+    return SerialLink(SerialLinkSettings(name="cell", port=port), MonotonicClock())
+
+
+def more(into: list[Any], new: list[Any]) -> list[Any]:
+    into += new
+    return into
+
+
+def more_from(into: list[Any], link: SerialLink) -> list[Any]:
+    return more(into, link.take())
+
+
+class Controller:
+    def __init__(self) -> None:
+        master, self.path = open_pty()
+        self.wire = PtyTransport(master)
+        self.wire.open()
+        self.receiver = SerialReceiver()
+        self.heard: list[Any] = []
+
+    def listen(self) -> list[Any]:
+        for chunk in self.wire.read(0.02):
+            self.heard += self.receiver.feed(chunk)
+        return self.heard
+
+
+def test_unplugged_and_plugged_in_again_behind_the_same_name(tmp_path: Path):
+    name = tmp_path / "ttyCell"
+    first = Controller()
+    name.symlink_to(first.path)
+    link = link_on(str(name))
+    link.start()
+    link.post(advice(1))
+    eventually(first.listen)
+
+    first.wire.close()
+    name.unlink()
+    link.post(advice(2))
+    eventually(lambda: not link.connected)
+    assert "lost" in str(link.last_error) or "not found" in str(link.last_error)
+    link.post(advice(3))
+
+    second = Controller()
+    name.symlink_to(second.path)
+    eventually(second.listen)
+    assert [m.latch_id for m in second.heard] == [3]
+    assert link.connected
+    assert link.counters.disconnects == link.counters.reconnects == 1
+    second.wire.write(SerialSender().encode(Acknowledge(3, 1)))
+    received: list[Any] = []
+    eventually(lambda: more(received, link.take()))
+    assert received[0].message == Acknowledge(3, 1)
+    link.stop()
+    second.wire.close()
+
+
+def test_noise_on_the_line_costs_only_what_it_touches():
+    controller = Controller()
+    link = link_on(controller.path)
+    link.start()
+    sender = SerialSender()
+    good, bad = sender.encode(Acknowledge(1, 1)), bytearray(sender.encode(Acknowledge(2, 2)))
+    bad[8] ^= 0x10
+    controller.wire.write(b"\xff\x13 noise \0" + good + bytes(bad))
+    controller.wire.write(sender.encode(Acknowledge(3, 3)))
+    received: list[Any] = []
+    eventually(lambda: len(more(received, link.take())) == 2)
+    assert [r.message.ack_id for r in received] == [1, 3]
+    counters = link.counters
+    assert counters.crc_errors + counters.malformed == 2
+    assert link.connected
+    link.stop()
+    controller.wire.close()
+
+
+def test_a_port_serves_one_program_alone():
+    controller = Controller()
+    first = SerialTransport(controller.path, 115_200)
+    first.open()
+    with pytest.raises(LinkError, match="in use by another program"):
+        SerialTransport(controller.path, 115_200).open()
+    first.close()
+    again = SerialTransport(controller.path, 115_200)
+    again.open()
+    again.close()
+    controller.wire.close()
+
+
+def test_a_controller_that_does_not_read_makes_the_port_busy_not_stuck():
+    controller = Controller()
+    transport = SerialTransport(controller.path, 115_200)
+    transport.open()
+    flood = b"".join(SerialSender().encode(advice(n)) for n in range(50))
+
+    def fill() -> None:
+        for _ in range(5000):
+            transport.write(flood)
+
+    with pytest.raises(TransportBusy):
+        fill()
+    while controller.wire.read(0.05):
+        pass
+    transport.write(b"again")
+    assert b"".join(controller.wire.read(5.0)).endswith(b"again")
+    transport.close()
+    controller.wire.close()
+
+
+class Stuck:
+    """A pyserial port that takes ten bytes, then no more until it is freed."""
+
+    def __init__(self) -> None:
+        self.taken = b""
+        self.out_waiting = 0
+        self.stuck = True
+
+    def write(self, data: bytes) -> None:
+        self.taken += data[:10] if self.stuck else data
+        if self.stuck:
+            raise serial.SerialTimeoutException("Write timeout")
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_message_that_was_cut_short_costs_no_other():
+    transport, port = SerialTransport("x", 115_200), Stuck()
+    transport._serial = port
+    sender = SerialSender()
+    with pytest.raises(TransportBusy, match="longer than 50 ms"):
+        transport.write(sender.encode(advice(1)))
+    port.stuck = False
+    transport.write(sender.encode(advice(2)))
+    transport.write(sender.encode(advice(3)))
+    heard: list[Any] = list(SerialReceiver().feed(port.taken))
+    assert [m.latch_id for m in heard] == [2, 3]
+
+
+def test_an_output_buffer_that_has_become_a_queue_takes_no_more():
+    transport, port = SerialTransport("x", 115_200), Stuck()
+    transport._serial, port.stuck, port.out_waiting = port, False, 600
+    with pytest.raises(TransportBusy, match="does not drain"):
+        transport.write(b"late")
+    assert port.taken == b""
+    port.out_waiting = 500  # 43 ms at 115200
+    transport.write(b"fine")
+    assert port.taken == b"fine"
+
+
+CHILD = """
+import os, sys
+from hri_predict.protocol.messages import Acknowledge, Advice
+from hri_predict.protocol.serial import SerialReceiver, SerialSender
+port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+receiver, sender = SerialReceiver(), SerialSender()
+print("ready", flush=True)
+while True:
+    for message in receiver.feed(os.read(port, 4096)):
+        if isinstance(message, Advice):
+            os.write(port, sender.encode(Acknowledge(message.latch_id, message.latch_id + 1)))
+"""
+
+
+@pytest.mark.realtime
+def test_a_controller_in_another_process_answers_every_advice():
+    master, path = open_pty()
+    child = subprocess.Popen([sys.executable, "-c", CHILD, path], stdout=subprocess.PIPE, text=True)
+    try:
+        assert child.stdout
+        assert child.stdout.readline() == "ready\n"
+        settings = SerialLinkSettings(name="cell", port=path)
+        link = SerialLink(settings, MonotonicClock(), PtyTransport(master))
+        link.start()
+        for latch_id in range(1, 31):
+            link.post(advice(latch_id))
+            received: list[Any] = []
+            eventually(partial(more_from, received, link))
+            assert received[0].message == Acknowledge(latch_id, latch_id + 1)
+        link.stop()
+    finally:
+        child.kill()
+        child.wait()
+
+
+def test_two_links_on_one_port_are_refused():
+    def link(name: str, **more: Any) -> SerialLinkSettings:
+        return SerialLinkSettings.model_validate({"name": name, "port": "/dev/ttyUSB0"} | more)
+
+    with pytest.raises(ConfigError, match="'a' and 'b' both use /dev/ttyUSB0"):
+        SerialLink.check_together([link("a"), link("b")])
+    fine = [link("a"), link("b", port="/dev/ttyUSB1"), link("c", simulate={})]
+    SerialLink.check_together(fine)
+
+
+def test_closing_twice_and_stopping_unstarted_is_fine():
+    controller = Controller()
+    link = link_on(controller.path)
+    link.stop()
+    link.start()
+    link.stop()
+    link.stop()
+    controller.wire.close()

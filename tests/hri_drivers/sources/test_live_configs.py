@@ -1,0 +1,23 @@
+"""The shipped configurations of live sources are what the node takes."""
+
+import pytest
+
+from hri_drivers.sources.live import LiveSource
+from hri_predict.files import data_path
+from hri_predict.run import assemble
+from hri_predict.run import config as configuration
+
+LIVE = sorted(path.name for path in data_path().glob("live_*.yaml"))
+
+
+@pytest.mark.parametrize("name", LIVE)
+def test_a_shipped_configuration_builds_its_source(name: str) -> None:
+    config = configuration.load(configuration.shipped(name))
+    source = assemble.build_source(config)
+    assert isinstance(source, LiveSource)
+    assert not source.connected
+
+
+def test_each_kind_of_live_source_has_one() -> None:
+    kinds = {configuration.load(configuration.shipped(name)).source.kind for name in LIVE}
+    assert {"udp", "serial_skeleton", "mvn", "json", "websocket"} <= kinds

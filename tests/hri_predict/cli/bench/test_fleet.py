@@ -1,0 +1,30 @@
+"""``bench fleet`` measures the real link over zenoh."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from hri_predict.cli.bench.bench import app
+from hri_predict.errors import ConfigError
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+def test_costs_as_json():
+    pytest.importorskip("zenoh", reason="zenoh is an extra")
+    done = CliRunner().invoke(app, ["fleet", "--seconds", "1", "--json"])
+    assert done.exit_code == 0, done.output
+    rows = json.loads(done.stdout)
+    assert [(row["by"], row["rate_hz"]) for row in rows] == [
+        (by, rate_hz) for by in ("router", "peer") for rate_hz in (25.0, 100.0)
+    ]
+    for row in rows:
+        assert 0 < row["heard"] <= row["sent"] == row["rate_hz"]
+        assert 0 < row["latency_us"]["p50"] <= row["latency_us"]["p99"] <= row["latency_us"]["max"]
+
+
+def test_a_time_out_of_range_is_refused():
+    done = CliRunner().invoke(app, ["fleet", "--seconds", "0"])
+    assert isinstance(done.exception, ConfigError)
+    assert "give 1 to 3600" in str(done.exception)

@@ -1,0 +1,79 @@
+"""``protocol`` writes what ships, and says in one line what it cannot do."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from hri_predict.cli import main
+
+DRIVERS = Path(__file__).resolve().parents[3] / "drivers"
+
+
+@pytest.fixture
+def protocol(monkeypatch):
+    """Run ``hri-predict protocol``; gives its exit status."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["hri-predict", "protocol", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code
+
+    return call
+
+
+def test_dbc_files_are_the_shipped_ones(protocol, tmp_path):
+    assert protocol("dbc", tmp_path) == 0
+    for name in ("hri_predict.dbc", "hri_predict_fd.dbc"):
+        assert (tmp_path / name).read_bytes() == (DRIVERS / "dbc" / name).read_bytes()
+
+
+def test_a_base_id_may_be_written_in_hex(protocol, tmp_path):
+    assert protocol("dbc", tmp_path, "--base-id", "0x100") == 0
+    text = (tmp_path / "hri_predict.dbc").read_text(encoding="ascii")
+    assert f"\nBO_ {0x100} " in text
+
+
+def test_tables_of_the_document_are_renewed(protocol, tmp_path):
+    path = tmp_path / "PROTOCOL.md"
+    whole = (DRIVERS / "PROTOCOL.md").read_text(encoding="utf-8")
+    at = whole.index("<!-- table: levels -->\n")
+    path.write_text(whole[:at] + whole[at:].replace("\n|", "\n| x |", 3), encoding="utf-8")
+    assert protocol("document", path) == 0
+    assert path.read_text(encoding="utf-8") == whole
+
+
+def test_header_and_corpus_are_renewed(protocol, tmp_path):
+    (tmp_path / "fuzz").mkdir()
+    header, corpus = tmp_path / "hri_predict.h", tmp_path / "fuzz" / "corpus.txt"
+    shutil.copy(DRIVERS / "c" / "hri_predict.h", header)
+    whole = header.read_text(encoding="ascii")
+    header.write_text(whole.replace("#define HRI_LEVEL_", "#define HRI_OLD_"), encoding="ascii")
+    assert protocol("c-header", tmp_path) == 0
+    assert header.read_text(encoding="ascii") == whole
+    assert corpus.read_bytes() == (DRIVERS / "c" / "fuzz" / "corpus.txt").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("dbc", "{}/none"), "hri_predict.dbc: cannot be written: No such file"),
+        (("dbc", "{}", "--base-id", "x"), "--base-id x: not a whole number"),
+        (("dbc", "{}", "--base-id", "0x7ff"), "base_id"),
+        (("document", "{}/none.md"), "none.md: cannot be read: No such file"),
+        (("c-header", "{}"), "hri_predict.h: cannot be read: No such file"),
+    ],
+)
+def test_mistakes_give_one_line(protocol, tmp_path, capsys, arguments, says):
+    assert protocol(*(word.format(tmp_path) for word in arguments)) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert says in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_never_ends_is_not_read(protocol, capsys):
+    assert protocol("document", "/dev/full") == 2
+    assert "not a file" in capsys.readouterr().err

@@ -1,0 +1,83 @@
+"""The filmstrip shows one window of each action, chosen without regard to any forecast."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from hri_predict.evaluation.filmstrip import draw, middle, write_filmstrips
+from hri_predict.evaluation.recordings import baselines, forecast
+from hri_predict.evaluation.windows import Motion, origins
+from hri_predict.predictors.neural.body import BODY
+
+JOINTS = len(BODY.joints)
+STEP_NS = 40_000_000
+
+
+def wave(name: str, seconds: float = 4.0, seen=slice(None)) -> Motion:
+    """A body of which each joint swings by itself, at 25 Hz."""
+    steps = np.arange(round(25 * seconds) + 1)
+    rest = np.random.default_rng(5).normal(size=(JOINTS, 3), scale=0.3)
+    swing = np.sin(steps[:, None, None] / 9 + rest) * (0.1 + steps[:, None, None] / 500)
+    observed = np.zeros((len(steps), JOINTS), bool)
+    observed[:, seen] = True
+    action = name.rpartition("_")[0]
+    return Motion(
+        name=name,
+        action=action,
+        stamps_ns=steps * STEP_NS,
+        positions=rest + swing,
+        observed=observed,
+        max_gap_ns=100_000_000,
+        period_ns=STEP_NS,
+    )
+
+
+def texts(figure) -> list[list[str]]:
+    return [[text.get_text() for text in axes.texts] for axes in figure.axes]
+
+
+def test_the_window_is_the_middle_origin_of_the_longest_recording():
+    longest = wave("walking_2", 30.0)  # more origins than a batch holds
+    scene = middle([wave("walking_1"), longest, wave("walking_3", 2.0)], 20)
+    assert scene is not None
+    times, _ = origins(longest)
+    assert scene.recording == "walking_2"
+    assert scene.time_s == pytest.approx(times[len(times) // 2] * 1e-9)
+    step = round(scene.time_s * 25)
+    assert scene.window.history.shape[:2] == (1, 20)
+    for ms, at in ((0, step), (-160, step - 4), (400, step + 10), (1000, step + 25)):
+        positions, known = scene.true(ms)
+        assert known.all()
+        assert positions == pytest.approx(longest.positions[at])
+
+
+def test_no_window_without_a_second_of_known_future():
+    assert middle([wave("running_1", 1.5)], 15) is None
+    assert middle([], 15) is None
+
+
+def test_a_picture_per_time_tells_the_error_and_that_of_standing_still():
+    scene = middle([wave("walking_1")], 15)
+    assert scene is not None
+    predictor = baselines()["zero_velocity"]
+    whole = forecast(predictor, scene.window)[0]
+    shown = texts(draw("kalman", [scene], [whole]))
+    scored = [j for j, name in enumerate(BODY.joints) if name[2:] != "hip"]
+    moved = np.linalg.norm(scene.true(1000)[0] - scene.true(0)[0], axis=-1)[scored].mean()
+    assert shown[-1] == [f"{1000 * moved:.0f} mm", f"still: {1000 * moved:.0f}"]
+    assert shown[0] == ["walking_1, 1.8 s", "0.5 m"]
+    short = texts(draw("kalman", [scene], [whole[:10]]))
+    assert short[2] == shown[2]  # 400 ms
+    assert short[3:] == [["beyond its horizon"]] * 3
+
+
+def test_a_file_per_predictor_of_the_actions_asked_for(tmp_path):
+    both = {name: baselines()[name] for name in ("zero_velocity", "kalman")}
+    arms = [j for j, name in enumerate(BODY.joints) if name[2:] in ("shoulder", "elbow", "wrist")]
+    motions = [wave("walking_1"), wave("arms_1", seen=arms)]
+    files = write_filmstrips(both, motions, tmp_path / "new", ["walking", "arms", "running"])
+    assert [f.name for f in files] == ["filmstrip_zero_velocity.png", "filmstrip_kalman.png"]
+    assert all(f.stat().st_size > 10_000 for f in files)
+    assert files[0].read_bytes() != files[1].read_bytes()
+    assert write_filmstrips(both, motions, tmp_path, ["running"]) == []

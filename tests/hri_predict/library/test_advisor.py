@@ -1,0 +1,100 @@
+"""An advisor says what the node would, and is as suspicious."""
+
+import numpy as np
+import pytest
+
+import hri_predict
+from hri_predict import Acknowledge, Advisor, Level, Person, Reason, RobotMode, RobotState, Scene
+from hri_predict.errors import ConfigError
+from hri_sim.people.body import Body
+
+MS = 1_000_000
+BODY = Body(1.75)
+CONFIG = hri_predict.load_config("demo.yaml").with_predictor("constant_velocity", horizon_s=1.2)
+
+
+class Cell:
+    """A caller: steps time by 40 ms, with the person standing at ``place`` (None: nobody)."""
+
+    def __init__(self, config=CONFIG):
+        self.advisor = Advisor(config)
+        self.now = self.counter = 0
+
+    def step(self, place, times=1, states=True, late=0):
+        """Scenes captured 40 ms apart; each arrives ``late`` ns after its capture."""
+        for _ in range(times):
+            self.now += 40 * MS
+            self.counter += 1
+            people: tuple[Person, ...] = ()
+            if place is not None:
+                joints = BODY.joints(BODY.standing(np.array(place), 0.0))
+                people = (Person(1, joints, np.ones(21, bool)),)
+            state = RobotState(
+                robot=0,
+                mode=RobotMode.AUTOMATIC,
+                counter=self.counter,
+                positions=(0.0, -1.57, 1.57, -1.57, -1.57, 0.0),
+                velocities=(0.0,) * 6,
+            )
+            scene = Scene(self.now, self.counter, True, people)
+            tick = self.advisor.advise(scene, [state] if states else [], now_ns=self.now + late)
+        return tick
+
+
+def test_near_is_stop_and_an_empty_room_becomes_clear():
+    cell = Cell()
+    near = cell.step([0.6, 0.0])
+    assert near.advices[0].level is Level.STOP
+    assert near.advices[0].reason is Reason.PERSON_NEAR
+    assert near.advices[0].body_part is not None
+    assert near.advices[0].body_part < len(cell.advisor.segments)
+    assert near.assessment is not None
+    assert near.assessment.zones.ids == (1,)
+    assert cell.advisor.robots == ("arm",)
+    assert Cell().step(None, times=100).advices[0].level is Level.CLEAR
+
+
+def test_without_a_robot_state_the_advice_is_unknown():
+    tick = Cell().step(None, times=3, states=False)
+    assert tick.advices[0].level is Level.UNKNOWN
+    assert tick.advices[0].reason is Reason.ROBOT_STATE_STALE
+
+
+def test_no_scene_lets_the_input_age():
+    cell = Cell()
+    cell.step(None, times=50)
+    late = cell.advisor.advise(None, now_ns=cell.now + 1000 * MS)
+    assert late.advices[0].level is Level.UNKNOWN
+
+
+def test_scenes_that_come_late_are_never_clear():
+    cell = Cell()
+    assert cell.step(None, times=100).advices[0].level is Level.CLEAR
+    late = cell.step(None, times=10, late=1000 * MS)
+    assert late.advices[0].level is Level.UNKNOWN
+
+
+@pytest.mark.parametrize("back", [0, 1, 1000 * MS])
+def test_a_clock_that_does_not_advance_is_refused(back):
+    cell = Cell()
+    cell.step(None, times=3)
+    with pytest.raises(ConfigError, match="give a monotonic clock"):
+        cell.advisor.advise(None, now_ns=cell.now - back)
+
+
+def test_somebody_who_vanishes_is_lost_until_he_is_acknowledged():
+    cell = Cell()
+    cell.step([0.6, 0.0], times=5)
+    assert cell.step(None, times=5).advices[0].level is not Level.CLEAR
+    cell.now += 5000 * MS  # the zone has grown to its end
+    tick = cell.step(None)
+    assert Reason.ROOM_NOT_SEEN_EMPTY in tick.snapshot.reasons
+    cell.advisor.advise(None, [Acknowledge(0, 1)], now_ns=cell.now + MS)
+    assert cell.step(None).snapshot.reasons == ()
+
+
+def test_mistakes_are_one_line():
+    with pytest.raises(ConfigError, match="rate_hz 0: must be"):
+        Advisor(CONFIG, rate_hz=0.0)
+    with pytest.raises(ConfigError, match="no such file"):
+        hri_predict.load_config("nothing.yaml")

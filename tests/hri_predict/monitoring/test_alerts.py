@@ -1,0 +1,165 @@
+import io
+import json
+import sys
+
+import pytest
+
+from hri_predict.clock import MonotonicClock, VirtualClock
+from hri_predict.monitoring.alerts import Alerts, AlertSettings
+from hri_predict.protocol.messages import Advice, Level
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.types import NamedZoneState
+
+
+def advice(level, robot=0, reason=Reason.PERSON_NEAR):
+    return Advice(robot=robot, level=level, reason=reason, separation_m=0.7, speed_limit_m_s=0.2)
+
+
+def test_only_changes_are_told(tmp_path):
+    out, clock = io.StringIO(), VirtualClock(0)
+    alerts = Alerts(
+        settings=AlertSettings(file="a.jsonl"),
+        robots=["arm", "gantry"],
+        clock=clock,
+        base_dir=tmp_path,
+        terminal=out,
+        threaded=False,
+    )
+    for level in (Level.CLEAR, Level.CLEAR, Level.SLOW, Level.SLOW, Level.STOP):
+        alerts.observe((advice(level), advice(Level.CLEAR, robot=1)))
+        clock.advance_to(clock.now_ns() + 40_000_000)
+    alerts.stop()
+    lines = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    assert [(a["robot"], a["was"], a["level"]) for a in lines] == [
+        ("arm", "none", "clear"),
+        ("gantry", "none", "clear"),
+        ("arm", "clear", "slow"),
+        ("arm", "slow", "stop"),
+    ]
+    assert lines[2]["time_s"] == 0.08
+    assert lines[2]["at"] is None  # the virtual clock knows no date
+    assert lines[2]["clears_when"] == Reason.PERSON_NEAR.clears_when
+    assert "slow -> stop: arm: a person is too close; clears when" in out.getvalue()
+
+
+def test_another_reason_for_unknown_is_news_another_for_stop_is_not(tmp_path):
+    out = io.StringIO()
+    alerts = Alerts(
+        settings=AlertSettings(),
+        robots=["arm"],
+        clock=VirtualClock(0),
+        base_dir=tmp_path,
+        terminal=out,
+        threaded=False,
+    )
+    for level, reason in [
+        (Level.UNKNOWN, Reason.STARTING),
+        (Level.UNKNOWN, Reason.ROBOT_STATE_STALE),
+        (Level.UNKNOWN, Reason.ROBOT_STATE_STALE),
+        (Level.STOP, Reason.PERSON_NEAR),
+        (Level.STOP, Reason.PERSON_APPROACHING),
+    ]:
+        alerts.observe((advice(level, reason=reason),))
+    lines = out.getvalue().splitlines()
+    assert len(lines) == 3
+    assert Reason.ROBOT_STATE_STALE.text in lines[1]
+
+
+def test_changes_of_named_zones_are_told(tmp_path):
+    out = io.StringIO()
+    alerts = Alerts(
+        settings=AlertSettings(file="a.jsonl"),
+        robots=["arm"],
+        clock=VirtualClock(0),
+        base_dir=tmp_path,
+        terminal=out,
+        threaded=False,
+    )
+    for occupied, entry_s in [
+        (False, None),
+        (False, 0.4),
+        (False, 0.3),
+        (True, 0.0),
+        (False, None),
+    ]:
+        alerts.observe_zones([NamedZoneState("hatch", occupied, entry_s)])
+    alerts.stop()
+    lines = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    assert [(a["zone"], a["state"]) for a in lines] == [
+        ("hatch", "entry predicted"),
+        ("hatch", "occupied"),
+        ("hatch", "empty"),
+    ]
+    assert "zone hatch: empty -> entry predicted in 400 ms" in out.getvalue()
+
+
+def test_command_gets_the_alert_and_is_debounced(tmp_path):
+    target = tmp_path / "got"
+    code = f"import sys; open({str(target)!r}, 'a').write(sys.stdin.read() + '\\n')"
+    settings = AlertSettings(
+        terminal=False, command=[sys.executable, "-c", code], debounce_s=0.5, timeout_s=20
+    )
+    alerts = Alerts(settings=settings, robots=["arm"], clock=MonotonicClock(), base_dir=tmp_path)
+    alerts.start()
+    for level in (Level.CLEAR, Level.SLOW, Level.CLEAR, Level.STOP):
+        alerts.observe((advice(level),))
+    alerts.stop()
+    got = [json.loads(line)["level"] for line in target.read_text().splitlines()]
+    assert got[-1] == "stop"  # the newest is never lost by the debounce
+    assert len(got) <= 2
+
+
+def test_no_robots_change_is_lost_to_anothers(tmp_path):
+    target = tmp_path / "got"
+    code = f"import sys; open({str(target)!r}, 'a').write(sys.stdin.read() + '\\n')"
+    settings = AlertSettings(
+        terminal=False, command=[sys.executable, "-c", code], debounce_s=0.3, timeout_s=20
+    )
+    alerts = Alerts(
+        settings=settings, robots=["arm", "gantry"], clock=MonotonicClock(), base_dir=tmp_path
+    )
+    alerts.start()
+    alerts.observe((advice(Level.CLEAR), advice(Level.CLEAR, robot=1)))
+    alerts.observe((advice(Level.STOP), advice(Level.SLOW, robot=1)))
+    alerts.stop()
+    got = [json.loads(line) for line in target.read_text().splitlines()]
+    last = {a["robot"]: a["level"] for a in got}
+    assert last == {"arm": "stop", "gantry": "slow"}
+    assert all(a["at"].endswith("+00:00") for a in got)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["/no/such/program"], [sys.executable, "-c", "raise SystemExit(3)"]],
+)
+def test_failing_command_is_counted(tmp_path, command, capsys):
+    settings = AlertSettings(terminal=False, command=command, timeout_s=20)
+    alerts = Alerts(settings=settings, robots=["arm"], clock=MonotonicClock(), base_dir=tmp_path)
+    alerts.start()
+    alerts.observe((advice(Level.STOP),))
+    alerts.stop()
+    assert alerts.failures == 1
+
+
+def test_hanging_command_is_ended(tmp_path, capsys):
+    hang = [sys.executable, "-c", "import time; time.sleep(60)"]
+    settings = AlertSettings(terminal=False, command=hang, timeout_s=0.2)
+    alerts = Alerts(settings=settings, robots=["arm"], clock=MonotonicClock(), base_dir=tmp_path)
+    alerts.start()
+    alerts.observe((advice(Level.STOP),))
+    alerts.stop()
+    assert alerts.failures == 1
+    assert "was ended" in capsys.readouterr().err
+
+
+def test_a_flood_never_blocks_and_is_counted(tmp_path):
+    alerts = Alerts(
+        settings=AlertSettings(terminal=False),
+        robots=["arm"],
+        clock=VirtualClock(0),
+        base_dir=tmp_path,
+    )
+    for i in range(1000):
+        alerts.observe((advice(Level.CLEAR if i % 2 else Level.STOP),))
+    assert alerts.count == 1000
+    assert alerts.dropped == 1000 - 256

@@ -1,0 +1,63 @@
+"""A tracker in wrong units must not put people where they are not."""
+
+import numpy as np
+import pytest
+
+from hri_predict.people.body_size import is_human_sized
+from hri_predict.protocol.reasons import Reason
+from hri_predict.scene import Person
+from hri_predict.skeleton import JOINTS
+from hri_sim.people.body import Body
+
+J = len(JOINTS)
+ALL = np.ones(J, bool)
+_WHO = Body(1.75)
+BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.0))
+
+
+def only(*names):
+    return np.isin(JOINTS, names)
+
+
+@pytest.mark.parametrize("scale", [1000.0, 100.0, 39.37, 10.0, 1 / 39.37, 0.01, 0.001])
+def test_a_body_in_wrong_units_is_refused_wherever_it_seems_to_be(make_room, scale):
+    room = make_room()
+    for step in range(30):  # it sways, no faster than a body can
+        wrong = (BODY + 1e-5 * step) * scale
+        snapshot = room.see(Person(1, wrong, ALL))
+    assert Reason.INPUT_IMPOSSIBLE in snapshot.reasons
+    assert snapshot.captures == 0
+    assert snapshot.ids == ()
+    assert snapshot.counters["wrong_size_bodies"] == 30
+
+
+def test_it_is_believed_again_once_the_units_are_right(make_room):
+    room = make_room()
+    room.see(Person(1, BODY * 1000.0, ALL), times=3)
+    assert room.see(Person(1, BODY, ALL)).reasons == ()
+
+
+@pytest.mark.parametrize("size", [0.4, 1.0, 1.2])
+def test_children_and_giants_are_believed_arms_raised_too(size):
+    raised = BODY.copy()
+    for side in "lr":
+        shoulder = BODY[JOINTS.index(f"{side}_shoulder")]
+        for joint, up in (("elbow", 0.35), ("wrist", 0.65), ("hand", 0.85)):
+            raised[JOINTS.index(f"{side}_{joint}")] = shoulder + np.array([0.0, 0.0, up])
+    for body in (BODY, raised):
+        assert is_human_sized(body * size + 500.0, ALL)
+
+
+def test_what_tells_no_size_is_believed():
+    one, hands = only("l_wrist"), only("l_wrist", "r_wrist")
+    assert is_human_sized(BODY * 1000.0, one)
+    assert is_human_sized(BODY, hands)
+    assert not is_human_sized(BODY * 1000.0, hands)
+    assert is_human_sized(np.zeros((J, 3)), hands)
+    assert not is_human_sized(np.zeros((J, 3)), only("l_wrist", "l_elbow"))
+
+
+def test_a_joint_that_flies_off_spoils_no_body():
+    astray = BODY.copy()
+    astray[8] += 900.0
+    assert is_human_sized(astray, ALL)

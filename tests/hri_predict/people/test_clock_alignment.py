@@ -1,0 +1,208 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hri_predict.people.clock_alignment import JUMPED_SCENES, ClockAlignment
+
+MS = 1_000_000
+S = 1000 * MS
+PERIOD = 40 * MS
+OFFSET = 7_000 * S  # the source's clock is that far behind the node's
+
+
+class Sender:
+    """A source with a clock of its own; knows the true capture times."""
+
+    def __init__(self, alignment):
+        self.alignment = alignment
+        self.true_ns = 10_000 * S
+        self.sequence = 0
+        self.receipt_ns = 0
+
+    def send(self, latency=5 * MS, stamp_error=0, steps=1, wait=PERIOD):
+        """Send the next capture; returns how wrong its aligned capture is (+ = too new)."""
+        self.sequence += steps
+        self.true_ns += wait
+        self.receipt_ns = max(self.receipt_ns, self.true_ns + latency)
+        stamp = self.true_ns - OFFSET + stamp_error
+        capture = self.alignment.align(stamp, self.sequence, self.receipt_ns)
+        assert capture <= self.receipt_ns
+        return capture - self.true_ns
+
+    def send_many(self, count, **kwargs):
+        return [self.send(**kwargs) for _ in range(count)]
+
+
+@pytest.fixture
+def sender():
+    return Sender(ClockAlignment(PERIOD, 5 * MS))
+
+
+def test_even_latency_is_aligned_exactly(sender):
+    assert sender.send_many(100) == [0] * 100
+    assert sender.alignment.offset_ns == OFFSET
+    assert not sender.alignment.jumped
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60))
+def test_jitter_never_makes_a_capture_much_too_new(seed, spread_ms):
+    rng = np.random.default_rng(seed)
+    sender = Sender(ClockAlignment(PERIOD, 5 * MS))
+    latencies = 5 * MS + rng.integers(0, spread_ms * MS, 500)
+    latencies[::7] = 5 * MS  # some come at once
+    errors = [sender.send(latency=int(latency)) for latency in latencies]
+    assert sender.alignment.jumps == 0
+    # at first nothing is known; afterwards drift of 1 ms/s is all that may be taken for granted
+    assert max(errors[50:]) <= 1 * MS
+    assert min(errors) >= -1
+
+
+def test_the_unknown_first_delay_is_unlearnt(sender):
+    sender.send(latency=300 * MS)
+    errors = sender.send_many(50)
+    assert errors[10:] == [0] * 40
+
+
+def test_an_added_delay_shows_as_age_for_minutes(sender):
+    sender.send_many(250)
+    errors = sender.send_many(30 * 25, latency=205 * MS)
+    assert sender.alignment.jumps == 0
+    # after 30 s with 200 ms more delay, no more than 30 ms of it went into the offset
+    assert max(errors) <= 30 * MS
+    assert errors[:125] == [0] * 125  # none at all for the first 5 s
+    # and when the delay goes away, the offset is right at once
+    assert sender.send_many(100)[5:] == [0] * 95
+
+
+@pytest.mark.parametrize("parts_per_million", [-500, -100, 100, 500])
+def test_drift_is_followed(sender, parts_per_million):
+    gained = [i * PERIOD * parts_per_million // 1_000_000 for i in range(25 * 120)]
+    errors = [sender.send(stamp_error=error) for error in gained]
+    assert abs(errors[-1]) <= 6 * MS  # 10 s of it at 500 ppm is 5 ms
+    assert max(np.abs(errors)) <= 6 * MS
+    assert sender.alignment.jumps == 0
+
+
+@pytest.mark.parametrize("parts_per_million", [-200, -20, 0, 20, 200])
+def test_drift_is_estimated_through_jitter(sender, parts_per_million):
+    rng = np.random.default_rng(0)
+    for i in range(25 * 120):
+        gained = i * PERIOD * parts_per_million // 1_000_000
+        sender.send(latency=int(rng.uniform(5 * MS, 25 * MS)), stamp_error=gained)
+    estimate = sender.alignment.estimate()
+    assert estimate.drift_ppm == pytest.approx(parts_per_million, abs=5)
+    assert estimate.offset_ns == sender.alignment.offset_ns
+    assert (estimate.jumps, estimate.spikes) == (0, 0)
+
+
+def test_drift_is_not_known_before_a_quarter_of_a_minute_nor_across_a_jump(sender):
+    sender.send_many(25 * 10)
+    assert sender.alignment.estimate().drift_ppm is None
+    sender.send_many(25 * 10)
+    assert sender.alignment.estimate().drift_ppm == pytest.approx(0, abs=1e-6)
+    sender.send(stamp_error=3600 * S)
+    estimate = sender.alignment.estimate()
+    assert (estimate.drift_ppm, estimate.jumps) == (None, 1)
+
+
+@pytest.mark.parametrize("jump", [-3600 * S, -5 * S, -150 * MS, 150 * MS, 5 * S, 10**6 * S])
+def test_a_jump_is_recognised_counted_and_carried_across(sender, jump):
+    sender.send_many(100)
+    errors = sender.send_many(JUMPED_SCENES, stamp_error=jump)
+    assert sender.alignment.jumps == 1
+    assert sender.alignment.jumped
+    assert errors == [0] * JUMPED_SCENES
+    assert sender.send_many(100, stamp_error=jump) == [0] * 100
+    assert not sender.alignment.jumped
+    assert sender.alignment.jumps == 1
+    assert sender.alignment.offset_ns == OFFSET - jump
+
+
+def test_a_jump_is_carried_across_lost_scenes(sender):
+    sender.send_many(100)
+    error = sender.send(stamp_error=5 * S, steps=4, wait=4 * PERIOD)
+    assert sender.alignment.jumps == 1
+    assert error == 0
+
+
+@pytest.mark.parametrize("spike", [10 * S, 500 * MS, -10 * S, 90 * MS, 30 * MS, 15 * MS, -90 * MS])
+def test_a_single_wrong_stamp_poisons_nothing(sender, spike):
+    sender.send_many(100)
+    sender.send(stamp_error=spike)
+    errors = sender.send_many(400)
+    if abs(spike) > 20 * MS:
+        assert errors == [0] * 400
+    else:  # too small to tell from a low latency: older by that much for up to 15 s
+        assert all(-spike <= e <= 0 for e in errors)
+    assert sender.send_many(400)[-1] == 0
+
+
+def test_a_pause_is_no_jump(sender):
+    sender.send_many(100)
+    assert sender.send(wait=60 * S) == 0  # the sequence counts on, the clocks went on
+    assert sender.send_many(50) == [0] * 50
+    assert sender.alignment.jumps == 0
+
+
+def test_a_stall_of_the_way_is_age_and_no_jump(sender):
+    sender.send_many(100)
+    stuck = [sender.send(latency=2 * S - i * PERIOD) for i in range(40)]  # a burst, then on time
+    assert stuck == [0] * 40
+    assert sender.send_many(50) == [0] * 50
+    assert sender.alignment.jumps == 0
+
+
+def test_a_slower_source_than_declared_is_no_jump(sender):
+    assert sender.send_many(100, wait=5 * PERIOD) == [0] * 100
+    assert sender.alignment.jumps == 0
+
+
+def test_a_restarted_source_is_aligned_anew(sender):
+    sender.send_many(100)
+    sender.alignment.restart()
+    sender.true_ns += 30 * S
+    error = sender.send(stamp_error=-5000 * S)
+    assert error == 0
+    assert sender.alignment.jumped
+    assert sender.alignment.jumps == 1
+
+
+def test_a_jump_during_a_pause_does_not_leave_an_old_capture(sender):
+    """The sequence cannot bridge it: 20 s, but one step."""
+    sender.send_many(100)
+    assert sender.send(wait=20 * S, stamp_error=-100 * S) == 0
+    assert sender.alignment.jumps == 1
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.integers(-(2**70), 2**70), st.integers(1, 2**40), st.integers(0, 10 * S)),
+        max_size=40,
+    )
+)
+def test_any_stamps_give_captures_that_are_not_in_the_future(scenes):
+    alignment = ClockAlignment(PERIOD, 5 * MS)
+    sequence = receipt = 0
+    for stamp, steps, wait in scenes:
+        sequence += steps
+        receipt += wait
+        assert alignment.align(stamp, sequence, receipt) <= receipt - 5 * MS
+    # and whatever came before, an even source is soon trusted, with an age that is not too small
+    sender = Sender(alignment)
+    sender.sequence, sender.true_ns = sequence, receipt
+    sender.send_many(JUMPED_SCENES + 5)
+    errors = sender.send_many(20)
+    assert not alignment.jumped
+    assert max(errors) <= 1 * MS
+
+
+def test_absurd_settings_are_refused():
+    with pytest.raises(ValueError, match="period_ns"):
+        ClockAlignment(0)
+
+
+def test_before_anything_has_come_nothing_is_known_of_the_clock():
+    assert ClockAlignment(40_000_000).estimate() is None

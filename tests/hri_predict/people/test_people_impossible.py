@@ -1,0 +1,150 @@
+import numpy as np
+import pytest
+
+from hri_predict.protocol.reasons import Reason
+from hri_predict.scene import Person
+from hri_predict.skeleton import JOINTS
+
+MS = 1_000_000
+PERIOD = 40 * MS
+J = len(JOINTS)
+# about the size of a body, so that the mean of the joints stands for it
+SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
+ALL = np.ones(J, bool)
+
+
+def body(person_id, x, y=0.0, observed=ALL):
+    positions = SHAPE + np.array([x, y, 0.0])
+    return Person(person_id, np.where(observed[:, None], positions, np.nan), observed)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, 1001.0])
+def test_joints_that_are_not_numbers_are_unobserved_and_counted(make_room, bad):
+    room = make_room()
+    room.see(body(1, 0.0), times=3)
+    wrong = body(1, 0.0)
+    wrong.positions[12, 1] = bad
+    snapshot = room.see(wrong)
+    assert snapshot.reasons == ()
+    assert not snapshot.observed[0, -1, 12]
+    assert snapshot.observed[0, -1].sum() == J - 1
+    assert snapshot.counters["unusable_joints"] == 1
+    assert np.isfinite(snapshot.history).all()
+    wrong.positions[:] = bad
+    snapshot = room.see(wrong)
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE,)
+    assert snapshot.counters["unusable_bodies"] == 1
+    assert snapshot.captures == 4
+    assert np.isfinite(snapshot.history).all()
+    assert room.see(body(1, 0.0)).reasons == ()
+
+
+def test_one_joint_that_flies_off_is_disbelieved_alone(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), times=5)
+    wrong = body(1, 0.0)
+    wrong.positions[8] += [3.0, 0.0, 0.0]
+    snapshot = room.see(wrong)
+    assert snapshot.reasons == ()
+    assert snapshot.counters["impossible_joints"] == 1
+    assert not snapshot.observed[0, -1, 8]
+    assert snapshot.joint_age_s[0, 8] == pytest.approx(0.04)
+    assert snapshot.last_positions[0, 8] == pytest.approx(SHAPE[8])
+
+
+def test_a_teleport_is_refused_and_undone(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), times=5)
+    captures = room.snapshot().captures
+    snapshot = room.see(body(1, 3.0), times=4)
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE, Reason.INPUT_STALE)
+    assert snapshot.counters["impossible_captures"] == 4
+    assert snapshot.captures == captures
+    assert snapshot.history[0, :, :, 0].max() < 1.0
+    assert snapshot.capture_ns[0] == room.now - 5 * MS - 4 * PERIOD
+    snapshot = room.see(body(1, 0.02))
+    assert snapshot.reasons == ()
+    assert snapshot.ids == (1,)
+    assert snapshot.lost == ()
+
+
+def test_a_teleport_that_stays_is_believed_and_leaves_a_lost_person_behind(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), times=5)
+    room.see(body(1, 3.0), times=5)
+    snapshot = room.see(body(1, 3.0))
+    assert snapshot.reasons == ()
+    assert snapshot.ids == (1,)
+    assert snapshot.last_positions[0] == pytest.approx(SHAPE + np.array([3.0, 0.0, 0.0]))
+    # its history is that of the new place only: no line is drawn from the old one
+    assert snapshot.history[0][snapshot.observed[0]][:, 0].min() > 2.0
+    assert [person.id for person in snapshot.lost] == [1]
+    assert snapshot.lost[0].positions == pytest.approx(SHAPE)
+
+
+def test_a_teleport_and_back_leaves_nothing_behind(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), times=5)
+    room.see(body(1, 3.0), times=20)
+    assert len(room.snapshot().lost) == 1
+    room.see(body(1, 0.0), times=5)
+    snapshot = room.see(body(1, 0.0))
+    assert snapshot.reasons == ()
+    assert snapshot.lost == ()
+    assert snapshot.ids == (1,)
+    assert snapshot.counters["glitches_undone"] == 1
+
+
+def test_captures_that_never_agree_are_never_believed(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), times=5)
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        snapshot = room.see(body(1, float(rng.choice([5.0, 10.0, 15.0, 20.0])) + rng.uniform()))
+        assert Reason.INPUT_IMPOSSIBLE in snapshot.reasons
+    assert snapshot.history[0, :, :, 0].max() < 1.0
+    room.see(body(1, 0.0))
+    assert room.see(body(1, 0.0)).reasons == ()
+
+
+def test_two_ids_that_swap_bodies_get_each_others_history(make_room):
+    room = make_room()
+    for i in range(20):
+        room.see(body(1, 0.0, 0.02 * i), body(2, 3.0, -0.02 * i))
+    snapshot = room.see(body(2, 0.0, 0.4), body(1, 3.0, -0.4))
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE,)
+    for i in range(21, 26):
+        snapshot = room.see(body(2, 0.0, 0.02 * i), body(1, 3.0, -0.02 * i))
+    assert snapshot.reasons == ()
+    assert snapshot.ids == (1, 2)
+    assert snapshot.lost == ()
+    assert snapshot.last_positions[0] == pytest.approx(SHAPE + np.array([3.0, -0.5, 0.0]))
+    assert snapshot.last_positions[1] == pytest.approx(SHAPE + np.array([0.0, 0.5, 0.0]))
+    # each history lies at one place throughout, older steps included
+    assert snapshot.observed[:, 0].all()
+    assert snapshot.history[0, :, :, 0].min() > 2.0
+    assert snapshot.history[1, :, :, 0].max() < 1.0
+
+
+def test_malformed_bodies_and_double_ids_are_refused(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), times=3)
+    snapshot = room.see(Person(1, np.zeros((5, 3)), np.ones(5, bool)))
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE,)
+    assert snapshot.counters["malformed_bodies"] == 1
+    snapshot = room.see(body(1, 0.0), body(1, 2.0))
+    assert snapshot.reasons == (Reason.INPUT_IMPOSSIBLE,)
+    assert snapshot.counters["duplicate_ids"] == 1
+    assert room.see(body(1, 0.0)).reasons == ()
+
+
+def test_more_people_than_can_be_followed_is_a_reason(make_room):
+    room = make_room(max_people=3)
+    people = [body(i, 2.0 * i) for i in range(5)]
+    assert room.see(*people[:3], times=3).reasons == ()
+    snapshot = room.see(*people)
+    assert snapshot.reasons == (Reason.TOO_MANY_PEOPLE,)
+    assert snapshot.ids == (0, 1, 2)
+    assert snapshot.counters["excess_people"] == 2
+    assert snapshot.captures == 3
+    assert room.see(*people[:3]).reasons == ()

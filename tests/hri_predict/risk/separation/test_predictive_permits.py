@@ -1,0 +1,205 @@
+"""Predictive mode permits the milder of two: the zones over time, and the standard's separation."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hri_predict.geometry import Capsules
+from hri_predict.link import LinkSettings
+from hri_predict.protocol.messages import Level
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.levels.advice import asked_of
+from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.stage import Separation
+from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.types import Zones
+from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.model import RobotSettings, load_robot
+from hri_predict.robots.tracker import RobotNow, RobotTracker
+from hri_predict.settings import Pose
+
+# -- demands ---------------------------------------------------------------------------------------
+
+LEVELS = st.sampled_from(list(Level))
+SPEEDS = st.floats(0, 2)
+DEMANDS = st.builds(
+    Demand,
+    level=LEVELS,
+    release=LEVELS,
+    limit_m_s=SPEEDS,
+    release_limit_m_s=SPEEDS,
+    reason=st.sampled_from([Reason.NONE, Reason.PERSON_NEAR, Reason.PERSON_LOST]),
+)
+
+
+def ranks(demand):
+    return severity(demand.level), severity(demand.release)
+
+
+def limits(demand):
+    return demand.limit_m_s, demand.release_limit_m_s
+
+
+@given(DEMANDS, DEMANDS)
+def test_milder_is_the_lower_level_and_the_higher_limit_of_each(one, other):
+    both = one.milder(other)
+    assert ranks(both) == tuple(map(min, ranks(one), ranks(other)))
+    assert limits(both) == tuple(map(max, limits(one), limits(other)))
+    # its level and reason are those of one of them, together
+    assert (both.level, both.reason) in {(d.level, d.reason) for d in (one, other)}
+
+
+@given(DEMANDS, DEMANDS)
+def test_milder_has_no_order(one, other):
+    both, turned = one.milder(other), other.milder(one)
+    assert (ranks(both), limits(both)) == (ranks(turned), limits(turned))
+    if severity(one.level) != severity(other.level) or one.limit_m_s != other.limit_m_s:
+        assert (both.level, both.reason) == (turned.level, turned.reason)
+
+
+@given(DEMANDS, DEMANDS)
+def test_milder_permits_nothing_that_neither_permits(one, other):
+    both = one.milder(other)
+    assert both.limit_m_s in (one.limit_m_s, other.limit_m_s)
+    assert both.release_limit_m_s in (one.release_limit_m_s, other.release_limit_m_s)
+    assert both.level in (one.level, other.level)
+    assert both.release in (one.release, other.release)
+    assert one.milder(one) == one
+
+
+@given(DEMANDS, DEMANDS)
+def test_milder_lies_between_what_both_ask_and_nothing(one, other):
+    both, all_of_it = one.milder(other), one | other
+    assert all(a <= b for a, b in zip(ranks(both), ranks(all_of_it), strict=True))
+    assert all(a >= b for a, b in zip(limits(both), limits(all_of_it), strict=True))
+
+
+def test_milder_by_hand():
+    zones = Demand(
+        level=Level.STOP,
+        release=Level.STOP,
+        limit_m_s=0.0,
+        release_limit_m_s=0.0,
+        reason=Reason.PERSON_APPROACHING,
+    )
+    standard = Demand(
+        level=Level.SLOW,
+        release=Level.STOP,
+        limit_m_s=0.3,
+        release_limit_m_s=0.0,
+        reason=Reason.PERSON_NEAR,
+    )
+    assert zones.milder(standard) == standard
+    # of the same level the higher limit gives the reason
+    slower = replace(zones, level=Level.SLOW, limit_m_s=0.2, release_limit_m_s=0.1)
+    assert slower.milder(standard) == replace(standard, release_limit_m_s=0.1)
+
+
+# -- one robot -------------------------------------------------------------------------------------
+
+READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+ROBOT = RobotSettings(
+    name="arm",
+    model="ur5e",
+    room_from_robot=Pose(xyz=[0.0, 0.0, 0.0]),
+    payload_kg=2.0,
+    max_speed_m_s=1.0,
+)
+MODEL = load_robot(ROBOT, None)
+LINK = LinkSettings(name="bus", kind="can", delay_s=0.03, silence_timeout_s=0.1, reaction_s=0.1)
+BUDGET = DelayBudget.from_settings(25.0, [LINK], stale_s=0.12)
+TIMES = np.arange(31) / 25.0
+
+
+class Judged(NamedTuple):
+    demand: Demand
+    people: Finding | None
+
+
+def judged(mode, bodies):
+    """What is asked of the robot, and the finding that decides."""
+    settings = RiskSettings.model_validate({"mode": mode})
+    robot = RobotConstants.of(RobotTracker(ROBOT, MODEL), settings, BUDGET, 1.2)
+    stage = Separation(
+        settings=settings, robots=[robot], named=[], view=None, times_s=TIMES, horizon_s=1.2
+    )
+    qd = np.array([0.3, 0, 0, 0, 0, 0])
+    now = RobotNow(q=READY, qd=qd, speed_m_s=float(MODEL.tip_speed(READY, qd)))
+    return Judged(*asked_of(robot, stage(bodies, [now]).robots[0], bodies))
+
+
+def sphere(x, speed_m_s=0.0, radius_m=0.2, growth_m_s=0.0):
+    """Somebody who is a sphere on the x axis that moves away along it and grows."""
+    centre = np.zeros((1, len(TIMES), 1, 3))
+    centre[0, :, 0, 0] = x + speed_m_s * TIMES
+    centre[..., 2] = 1.0
+    radius = (radius_m + growth_m_s * TIMES).reshape(1, -1, 1)
+    capsules = Capsules(centre, centre, radius)
+    return BodyZones(
+        zones=Zones((7,), ("sphere",), TIMES, capsules),
+        paths=capsules,
+        lost=np.zeros(1, bool),
+        age_s=0.05,
+        capture_ns=10**9,
+    )
+
+
+PLACES = np.arange(0.6, 5.0, 0.2)
+
+
+def test_where_zones_are_larger_it_asks_for_what_iso_does():
+    # what an arm can do, 4.5 m/s, is so much more than the standard's 1.6 m/s that nothing else
+    # counts, such as that zones know where the robot goes
+    differs = 0
+    for x in PLACES:
+        bodies = sphere(x, growth_m_s=4.5)
+        iso, zones = judged("iso", bodies).demand, judged("reactive", bodies).demand
+        found = judged("predictive", bodies).demand  # where both stop, the zones give the reason
+        assert (ranks(found), limits(found)) == (ranks(iso), limits(iso))
+        differs += (zones.level, zones.limit_m_s) != (iso.level, iso.limit_m_s)
+    assert differs > 5  # by zones alone it would ask for more
+
+
+def test_it_permits_more_than_iso_where_somebody_walks_away():
+    permitted = 0
+    for x in PLACES:
+        bodies = sphere(x, speed_m_s=1.2, growth_m_s=0.2)  # forecast well: 0.2 m wider in a second
+        iso, predictive = judged("iso", bodies).demand, judged("predictive", bodies).demand
+        assert severity(predictive.level) <= severity(iso.level)
+        assert predictive.limit_m_s >= iso.limit_m_s
+        permitted += predictive.limit_m_s > iso.limit_m_s
+    assert permitted > 3
+
+
+@pytest.mark.long
+@given(st.floats(0.5, 5), st.floats(-1.5, 1.5), st.floats(0, 4.5))
+def test_it_is_never_more_than_either(x, speed, growth):
+    bodies = sphere(x, speed, growth_m_s=growth)
+    iso, zones = judged("iso", bodies).demand, judged("reactive", bodies).demand
+    found = judged("predictive", bodies).demand
+    assert (ranks(found), limits(found)) == (ranks(zones.milder(iso)), limits(zones.milder(iso)))
+
+
+def test_the_finding_is_the_one_that_decides():
+    wide = sphere(2.0, growth_m_s=4.5)
+    assert judged("predictive", wide).people == judged("iso", wide).people
+    away = sphere(1.6, speed_m_s=1.2, growth_m_s=0.2)
+    by_zones, by_standard = judged("reactive", away), judged("iso", away)
+    assert by_zones.demand.limit_m_s > by_standard.demand.limit_m_s
+    assert judged("predictive", away).people == by_zones.people
+    assert by_zones.people != by_standard.people
+
+
+@pytest.mark.parametrize("nonsense", [np.nan, np.inf, -np.inf])
+def test_zones_that_are_no_numbers_stop_it_however_far_somebody_is(nonsense):
+    bodies = sphere(4.5)
+    bodies.zones.capsules.a[0, 5] = nonsense  # a later step: the distance now is fine
+    assert judged("iso", bodies).demand.level is Level.CLEAR
+    assert judged("predictive", bodies).demand.level is Level.STOP

@@ -1,0 +1,296 @@
+"""The Panda and the UR5 against their published poses and tables, pinocchio, coal, and meshes."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hri_predict.arrays import Floats
+from hri_predict.cli.check.check import examine
+from hri_predict.files import data_path
+from hri_predict.geometry import Capsules, capsule_distance, segment_distance
+from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.run import config as configuration
+from hri_predict.settings import Pose
+
+ROBOTS: dict[str, dict[str, Any]] = {
+    name: yaml.safe_load(data_path("robots", f"{name}.yaml").read_text())
+    for name in ("panda", "ur5")
+}
+
+
+def arm(name: str) -> RobotModel:
+    settings = RobotSettings(
+        name="arm", model=name, room_from_robot=Pose(), payload_kg=2.0, max_speed_m_s=1.0
+    )
+    return load_robot(settings, None)
+
+
+ARMS = {name: arm(name) for name in ROBOTS}
+HALF = np.pi / 2
+
+
+def payload_at(name: str, q: list[float]) -> tuple[Floats, Floats]:
+    placed = ARMS[name].capsules(np.array(q))
+    i = ARMS[name].capsule_names.index("payload")
+    return placed.a[i], placed.b[i]
+
+
+# --- poses known from the makers ---
+
+
+def test_panda_in_its_zero_pose() -> None:
+    # The flange is at (0.088, 0, 0.333 + 0.316 + 0.384 - 0.107 = 0.926) and looks down; link 7's
+    # origin is 0.107 above it, and the payload's ends are 0.19 and 0.23 from there.
+    a, b = payload_at("panda", [0] * 7)
+    np.testing.assert_allclose(a, [0.088, 0, 1.033 - 0.19], atol=1e-12)
+    np.testing.assert_allclose(b, [0.088, 0, 1.033 - 0.23], atol=1e-12)
+
+
+def test_panda_in_its_ready_pose() -> None:
+    # (0, -pi/4, 0, -3 pi/4, 0, pi/2, pi/4), where Franka's examples begin. In the x-z plane, with
+    # c = sqrt(1/2): the upper arm leans back by 45 degrees, the forearm is level, the hand hangs.
+    #   x = -0.316 c + 0.0825 c + 0.384 + 0.088 = 0.306891
+    #   z = 0.333 + 0.316 c + 0.0825 c + 0.0825 = 0.697282, flange 0.107 below: 0.590282
+    a, b = payload_at("panda", [0, -HALF / 2, 0, -1.5 * HALF, 0, HALF, HALF / 2])
+    np.testing.assert_allclose(a, [0.306891, 0, 0.697282 - 0.19], atol=1e-6)
+    np.testing.assert_allclose(b, [0.306891, 0, 0.697282 - 0.23], atol=1e-6)
+
+
+def test_ur5_in_its_zero_and_upright_poses() -> None:
+    # Stretched along -x: a2 + a3 = -0.81725, -(d4 + d6) = -0.19145, d1 - d5 = -0.005491; the tool
+    # looks along -y and the payload's ends are 0.16 and 0.2 along it.
+    a, b = payload_at("ur5", [0] * 6)
+    np.testing.assert_allclose(a, [-0.81725, -0.19145 - 0.16, -0.005491], atol=1e-12)
+    np.testing.assert_allclose(b, [-0.81725, -0.19145 - 0.2, -0.005491], atol=1e-12)
+    # Upright: d1 + 0.425 + 0.39225 + d5 = 1.001059.
+    a, _ = payload_at("ur5", [0, -HALF, 0, -HALF, 0, 0])
+    np.testing.assert_allclose(a, [0, -0.19145 - 0.16, 1.001059], atol=1e-12)
+
+
+# --- the published Denavit-Hartenberg tables, in pinocchio ---
+
+# a, alpha, d: Franka's are modified (before the turn), Universal Robots' classic (after it).
+PANDA_ROWS = [
+    (0, 0, 0.333),
+    (0, -HALF, 0),
+    (0, HALF, 0.316),
+    (0.0825, HALF, 0),
+    (-0.0825, -HALF, 0.384),
+    (0, HALF, 0),
+    (0.088, HALF, 0),
+]
+UR5_ROWS = [
+    (0, HALF, 0.089159),
+    (-0.425, 0, 0),
+    (-0.39225, 0, 0),
+    (0, HALF, 0.10915),
+    (0, -HALF, 0.09465),
+    (0, 0, 0.0823),
+]
+
+
+def last_link(name: str, q: Floats) -> Any:
+    """Pose of the last link, by pinocchio, from the published table."""
+    model, parent, after = pinocchio.Model(), 0, pinocchio.SE3.Identity()
+    for i, (a, alpha, d) in enumerate(PANDA_ROWS if name == "panda" else UR5_ROWS):
+        turn = pinocchio.utils.rotate("x", alpha)
+        if name == "panda":
+            before = pinocchio.SE3(turn, np.array([a, 0, 0.0]))
+            before *= pinocchio.SE3(np.eye(3), np.array([0, 0, d]))
+            rest = pinocchio.SE3.Identity()
+        else:
+            before, rest = pinocchio.SE3.Identity(), pinocchio.SE3(turn, np.array([a, 0, d]))
+        parent = model.addJoint(parent, pinocchio.JointModelRZ(), after * before, f"j{i}")
+        after = rest
+    data = model.createData()
+    pinocchio.forwardKinematics(model, data, q)
+    return data.oMi[parent] * after
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(-3, 3), min_size=7, max_size=7))
+def test_the_chain_is_the_published_table(name: str, angles: list[float]) -> None:
+    q = np.array(angles[: ARMS[name].dof])
+    pose = last_link(name, q)
+    part = ROBOTS[name]["payload"][0]
+    for ours, local in zip(payload_at(name, q.tolist()), (part["a"], part["b"]), strict=True):
+        np.testing.assert_allclose(ours, pose.act(np.array(local)), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_distances_between_links_equal_coal(name: str) -> None:
+    rng = np.random.default_rng(5)
+    model = ARMS[name]
+    compared = 0
+    for _ in range(4):
+        placed = model.capsules(rng.uniform(model.position_min, model.position_max))
+        count = len(model.capsule_names)
+        for i in range(count):
+            for j in range(i + 2, count):
+                one, other = (Capsules(placed.a[k], placed.b[k], placed.radius[k]) for k in (i, j))
+                expected = coal_distance(one, other)
+                if expected > 0:  # coal's depth is that of another definition
+                    assert float(capsule_distance(one, other)) == pytest.approx(expected, abs=1e-6)
+                    compared += 1
+    assert compared > 40
+
+
+def coal_distance(*capsules: Capsules) -> float:
+    shapes = []
+    for c in capsules:
+        along = c.b - c.a
+        length = float(np.linalg.norm(along))
+        turn = pinocchio.Quaternion.FromTwoVectors(np.array([0, 0, 1.0]), along / length).matrix()
+        pose = coal.Transform3s(turn, (c.a + c.b) / 2)
+        shapes += [coal.Capsule(float(c.radius), length), pose]
+    result = coal.DistanceResult()
+    return float(coal.distance(*shapes, coal.DistanceRequest(), result))
+
+
+# --- the meshes ---
+
+SHARE = Path(
+    os.environ.get("EXAMPLE_ROBOT_SHARE", Path(pinocchio.__file__).parents[4] / "share")
+)  # where example-robot-data is installed, beside pinocchio by default
+MESHES = SHARE / "example-robot-data" / "robots"
+needs_meshes = pytest.mark.skipif(
+    not MESHES.is_dir(), reason="needs the package example-robot-data (pip install it; 131 MB)"
+)
+URDF = {
+    "panda": MESHES / "panda_description" / "urdf" / "panda.urdf",
+    "ur5": MESHES / "ur_description" / "urdf" / "ur5_robot.urdf",
+}
+LINKS = {  # capsule by URDF link, and the radius in mm that the robot file's comment says it needs
+    "panda": {
+        "panda_link0": ("panda_link0", 104.7),
+        "panda_link1": ("panda_link1", 76.3),
+        "panda_link2": ("panda_link2", 76.6),
+        "panda_link3": ("panda_link3", 69.8),
+        "panda_link4": ("panda_link4", 69.7),
+        "panda_link5": ("panda_link5", 67.7),
+        "panda_link6": ("panda_link6", 75.0),
+        "panda_link7": ("panda_link7", 49.5),
+        "panda_hand": ("hand", 72.5),
+        "panda_leftfinger": ("hand", 72.5),
+        "panda_rightfinger": ("hand", 72.5),
+    },
+    "ur5": {
+        "base_link": ("base", 74.3),
+        "shoulder_link": ("shoulder", 82.0),
+        "upper_arm_link": ("upper_arm", 84.4),
+        "forearm_link": ("forearm", 64.2),
+        "wrist_1_link": ("wrist_1", 56.8),
+        "wrist_2_link": ("wrist_2", 56.8),
+        "wrist_3_link": ("wrist_3", 40.3),
+    },
+}
+
+
+def vertices(name: str, q: Floats) -> tuple[dict[str, list[Floats]], Any]:
+    """Every link's vertices, visual and collision, in the frame of the robot file's base; and the
+    pose of its last link, all by pinocchio from the URDF."""
+    model = pinocchio.buildModelFromUrdf(str(URDF[name]))
+    data = model.createData()
+    pinocchio.framesForwardKinematics(model, data, q)
+    base, tip = ("panda_link0", "panda_link7") if name == "panda" else ("base", "tool0")
+    inverse = data.oMf[model.getFrameId(base)].inverse()
+    found: dict[str, list[Floats]] = {}
+    for kind in (pinocchio.GeometryType.COLLISION, pinocchio.GeometryType.VISUAL):
+        geometry = pinocchio.buildGeomFromUrdf(
+            model, str(URDF[name]), kind, package_dirs=[str(SHARE)]
+        )
+        for item in geometry.geometryObjects:
+            shape = item.geometry
+            if isinstance(shape, coal.Box):
+                points = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+                points = points * shape.halfSide
+            else:
+                points = np.array(shape.vertices())
+            pose = inverse * data.oMi[item.parentJoint] * item.placement
+            placed = points @ pose.rotation.T + pose.translation
+            found.setdefault(model.frames[item.parentFrame].name, []).append(placed)
+    return found, inverse * data.oMf[model.getFrameId(tip)]
+
+
+@needs_meshes
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_vertex_is_inside_as_the_comment_says(name: str) -> None:
+    model = ARMS[name]
+    q = np.random.default_rng(7).uniform(model.position_min, model.position_max)
+    fingers = [0.04, 0.04] if name == "panda" else []  # wide open
+    found, _ = vertices(name, np.array([*q, *fingers]))
+    placed = model.capsules(q)
+    needed: dict[str, float] = {}
+    for link, (capsule, _) in LINKS[name].items():
+        i = model.capsule_names.index(capsule)
+        points = np.vstack(found[link])
+        far = segment_distance(points, points, placed.a[i], placed.b[i]).max()
+        needed[capsule] = max(needed.get(capsule, 0.0), float(far))
+    assert set(needed) == set(model.capsule_names) - {"payload"} - (
+        {"gripper"} & {*model.capsule_names}
+    )
+    for capsule, stated_mm in LINKS[name].values():
+        radius = placed.radius[model.capsule_names.index(capsule)]
+        assert 1000 * needed[capsule] == pytest.approx(stated_mm, abs=0.06)
+        assert 0.004 <= radius - needed[capsule] <= 0.01
+
+
+@needs_meshes
+@pytest.mark.parametrize("name", ROBOTS)
+def test_forward_kinematics_equal_the_urdf(name: str) -> None:
+    model = ARMS[name]
+    rng = np.random.default_rng(8)
+    part = ROBOTS[name]["payload"][0]
+    fingers = [0.0, 0.0] if name == "panda" else []
+    for _ in range(3):
+        q = rng.uniform(model.position_min, model.position_max)
+        _, tip = vertices(name, np.array([*q, *fingers]))
+        for ours, local in zip(payload_at(name, q.tolist()), (part["a"], part["b"]), strict=True):
+            np.testing.assert_allclose(ours, tip.act(np.array(local)), atol=1e-9)
+
+
+# --- in a cell ---
+
+CELL = """
+rate_hz: 25
+source:
+  kind: procedural
+  room_from_source: {xyz: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}
+  people: [{start: [1.2, -0.2], script: [{do: wait, seconds: 60}]}]
+predictor: {name: constant_velocity, horizon_s: 1.4}
+robots:
+  - name: franka
+    model: panda
+    room_from_robot: {xyz: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}
+    payload_kg: 1.0
+    max_speed_m_s: 1.0
+"""
+UR5E = """
+  - name: ur
+    model: ur5e
+    room_from_robot: {xyz: [2, 0, 0], quaternion_xyzw: [0, 0, 1, 0]}
+    payload_kg: 2.0
+    max_speed_m_s: 1.0
+"""
+LINKS_OF_CELL = """
+links:
+  - {name: bus, kind: can, interface: virtual, channel: arms, bitrate: 500000}
+"""
+
+
+@pytest.mark.parametrize(("more", "robots"), [("", ["franka"]), (UR5E, ["franka", "ur"])])
+def test_a_cell_with_a_panda_passes_check(tmp_path: Path, more: str, robots: list[str]) -> None:
+    path = tmp_path / "cell.yaml"
+    path.write_text(CELL + more + LINKS_OF_CELL)
+    found = examine(configuration.load(path))
+    assert list(found["stopping"]) == robots
+    assert 0 < found["links"][0]["load"] < 1

@@ -1,0 +1,363 @@
+"""Robot files from URDF: end to end, against poses multiplied by hand, and every mistake."""
+
+import re
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hri_predict import cli
+from hri_predict.errors import RobotError
+from hri_predict.geometry import segment_distance
+from hri_predict.robots.file import read_robot_file
+from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.robots.urdf import convert as converter
+from hri_predict.robots.urdf.tree import read_chain
+from hri_predict.settings import Pose
+
+URDF = Path(__file__).with_name("small.urdf").read_text(encoding="utf-8")
+CORNERS = np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.04, 0.04) for z in (-0.03, 0.05)])
+
+
+def stl(points: np.ndarray) -> bytes:
+    """A binary STL with every point in some triangle."""
+    triangles = [
+        points[[i, (i + 1) % len(points), (i + 3) % len(points)]] for i in range(len(points))
+    ]
+    body = b"".join(struct.pack("<12fH", 0, 0, 1, *t.ravel(), 0) for t in triangles)
+    return b"\0" * 80 + struct.pack("<I", len(triangles)) + body
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    (tmp_path / "arm.stl").write_bytes(stl(CORNERS))
+    path = tmp_path / "small.urdf"
+    path.write_text(URDF.replace("MESH", "arm.stl"))
+    return path
+
+
+STOP = ["--deceleration", "2", "--brake-delay", "0.1", "--payload-kg", "1"]
+CHAIN = ["--base", "plate", "--tip", "camera", "--leave-out", "finger"]
+
+
+def run(path: Path, *arguments: str) -> int:
+    """Exit status of ``hri-predict urdf``."""
+    out = [] if "--out" in arguments else ["--out", str(path.parent / "mine.yaml")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["hri-predict", "urdf", str(path), *arguments, *out])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
+    folder = tmp_path_factory.mktemp("urdf")
+    (folder / "arm.stl").write_bytes(stl(CORNERS))
+    (folder / "small.urdf").write_text(URDF.replace("MESH", "arm.stl"))
+    assert run(folder / "small.urdf", *CHAIN, *STOP) == 0
+    settings = RobotSettings(
+        name="arm", model="mine.yaml", room_from_robot=Pose(), payload_kg=1.0, max_speed_m_s=1.0
+    )
+    return load_robot(settings, folder)
+
+
+def test_what_comes_out(urdf: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(urdf, *CHAIN, *STOP) == 0
+    assert capsys.readouterr().out.endswith(
+        "mine.yaml: 3 joints, 5 capsules; review the file before you use it\nnot covered: finger\n"
+    )
+    robot = read_robot_file("mine.yaml", urdf.parent)
+    assert robot.name == "small"
+    assert robot.links() == ["plate", "tower", "arm", "wrist"]
+    assert [j.position for j in robot.joints] == [[-3, 2.5], [-2, 2], [-8, 8]]
+    assert [j.velocity for j in robot.joints] == [1.5, 1, 2]
+    assert robot.joints[0].axis == [0, 0, 1]
+    carried = {c.name: c.link for c in robot.capsules}
+    assert carried == {
+        "plate": "plate", "tower": "tower", "arm": "arm", "wrist": "wrist", "camera": "wrist"
+    }  # fmt: skip
+    # 1 m/s: 0.1 s + 1 / 2 s; 0.1 m + 1 / (2 x 2) m
+    i = robot.stopping.speed_m_s.index(1.0)
+    assert robot.stopping.rows[0].time_s[i] == pytest.approx(0.6, abs=2e-4)
+    assert robot.stopping.rows[0].distance_m[i] == pytest.approx(0.35, abs=2e-4)
+    assert robot.stopping.source.startswith("MODEL, NOT MEASURED")
+    # The camera is a sphere: it needs its own radius, and gets 5 mm more.
+    camera = next(c for c in robot.capsules if c.name == "camera")
+    assert camera.radius == pytest.approx(0.035, abs=0.0011)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.floats(-2, 2), min_size=3, max_size=3), st.integers(0, 2**32 - 1))
+def test_it_holds_the_whole_robot(model: RobotModel, angles: list[float], seed: int) -> None:
+    placed = model.capsules(np.array(angles))
+    rng = np.random.default_rng(seed)
+    poses = frames(angles)
+    spots = rng.uniform(-1, 1, (60, 3))
+    unit = spots / np.linalg.norm(spots, axis=1)[:, None]
+    ring = np.column_stack(
+        [unit[:, :2] / np.linalg.norm(unit[:, :2], axis=1)[:, None], spots[:, 2]]
+    )
+    tower = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.3, 0, 0), np.array([0.02, 0, 0.2]))
+    solids = {  # points of each link's solids, in its own frame
+        "plate": spots * [0.2, 0.1, 0.05],
+        "tower": np.vstack(
+            [(ring * [0.06, 0.06, 0.2]) @ tower.rotation.T + tower.translation,
+             unit * 0.07 + [0, 0.1, 0]]
+        ),
+        "arm": CORNERS * [0.5, 1, 1] + [0.2, 0, 0],
+        "wrist": spots * 0.05,
+        "camera": unit * 0.03 + [0, 0, 0.05],
+    }  # fmt: skip
+    for link, points in solids.items():
+        i = model.capsule_names.index(link)
+        world = points @ poses[link].rotation.T + poses[link].translation
+        far = segment_distance(world, world, placed.a[i], placed.b[i]).max()
+        assert far <= placed.radius[i] - 0.005 + 1e-9
+
+
+def frames(angles: list[float]) -> dict[str, pinocchio.SE3]:
+    """Every link's pose from the plate, multiplied by hand."""
+
+    def pose(xyz: list[float], rpy: list[float]) -> pinocchio.SE3:
+        return pinocchio.SE3(pinocchio.rpy.rpyToMatrix(np.array(rpy, float)), np.array(xyz, float))
+
+    def turn(axis: list[float], angle: float) -> pinocchio.SE3:
+        return pinocchio.SE3(pinocchio.exp3(np.array(axis) * angle), np.zeros(3))
+
+    plate = pinocchio.SE3.Identity()
+    tower = plate * pose([0, 0, 0.1], [0.1, 0.2, 0.3]) * turn([0, 0, 1.0], angles[0])
+    top = tower * pose([0, 0, 0.4], [0, 0.5, 0])
+    arm = top * pose([0, 0.05, 0], [0, 0, 0.7]) * turn([0, 1.0, 0], angles[1])
+    wrist = arm * pose([0.4, 0, 0], [0, 0, 0]) * turn([0.6, 0, 0.8], angles[2])
+    camera = wrist * pose([0.1, 0, 0], [0, 1, 0])
+    return {"plate": plate, "tower": tower, "arm": arm, "wrist": wrist, "camera": camera}
+
+
+def test_a_mesh_in_a_package(urdf: Path) -> None:
+    meshes = urdf.parent / "ws" / "my_arm" / "meshes"
+    meshes.mkdir(parents=True)
+    (urdf.parent / "arm.stl").rename(meshes / "arm.stl")
+    urdf.write_text(URDF.replace("MESH", "package://my_arm/meshes/arm.stl"))
+    for i, folder in enumerate((urdf.parent / "ws", urdf.parent / "ws" / "my_arm")):
+        out = ["--out", str(urdf.parent / f"{i}.yaml")]
+        assert run(urdf, *CHAIN, *STOP, "--package-dir", str(folder), *out) == 0
+    inside = urdf.rename(meshes.parent / "small.urdf")  # its own package needs no option
+    assert run(inside, *CHAIN, *STOP) == 0
+
+
+def test_a_stopping_table_copied(urdf: Path) -> None:
+    assert run(urdf, *CHAIN, "--stopping-from", "ur5e") == 0
+    mine, ur5e = (read_robot_file(n, urdf.parent) for n in ("mine.yaml", "ur5e"))
+    assert mine.stopping.rows == ur5e.stopping.rows
+    assert mine.stopping.source.startswith("COPIED FROM ur5e, NOT MEASURED ON THIS ROBOT")
+
+
+DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+  <asset><unit name="meter" meter="1"/><up_axis>Z_UP</up_axis></asset>
+  <library_geometries><geometry id="g"><mesh>
+    <source id="p"><float_array id="f" count="12">0 0 0 0.3 0 0 0 0.2 0 0 0 0.1</float_array>
+      <technique_common><accessor source="#f" count="4" stride="3"><param name="X" type="float"/>
+        <param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>
+    </source>
+    <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+    <triangles count="2"><input semantic="VERTEX" source="#v" offset="0"/>
+      <p>0 1 2 0 1 3</p></triangles>
+  </mesh></geometry></library_geometries>
+  <library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node>
+  </visual_scene></library_visual_scenes>
+  <scene><instance_visual_scene url="#s"/></scene>
+</COLLADA>"""
+
+
+def test_a_link_that_is_only_seen_is_covered_as_seen(urdf: Path) -> None:
+    (urdf.parent / "top.dae").write_text(DAE)
+    seen = '<visual><geometry><mesh filename="top.dae"/></geometry></visual>'
+    urdf.write_text(
+        swap('<link name="top"/>', f'<link name="top">{seen}</link>')(URDF).replace(
+            "MESH", "arm.stl"
+        )
+    )
+    assert run(urdf, *CHAIN, *STOP) == 0
+    top = next(c for c in read_robot_file("mine.yaml", urdf.parent).capsules if c.name == "top")
+    # In the tower's frame: 0.4 up, turned by 0.5 about y, which takes x to (cos, 0, -sin).
+    c, s = np.cos(0.5), np.sin(0.5)
+    corners = np.array([[0, 0, 0.4], [0.3 * c, 0, 0.4 - 0.3 * s], [0, 0.2, 0.4],
+                        [0.1 * s, 0, 0.4 + 0.1 * c]])  # fmt: skip
+    far = segment_distance(corners, corners, np.array(top.a), np.array(top.b)).max()
+    assert top.link == "tower"
+    assert 0.004 <= top.radius - far <= 0.0061
+
+
+def test_what_was_left_out_is_left_out(urdf: Path) -> None:
+    chain = read_chain(urdf, "plate", "camera", left_out=["finger"], packages=[])
+    assert "finger" not in chain.text
+    assert "seen.dae" not in chain.text  # nothing but collision geometry is looked at
+    assert "world" not in chain.text
+
+
+# --- mistakes ---
+
+
+def swap(old: str, new: str) -> Callable[[str], str]:
+    def change(text: str) -> str:
+        assert old in text
+        return text.replace(old, new, 1)
+
+    return change
+
+
+def same(text: str) -> str:
+    return text
+
+
+BOMB = '<!DOCTYPE robot [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>'
+LEAK = '<!DOCTYPE robot [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot name="&a;"/>'
+MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
+    "no stopping": (same, CHAIN, "does not state how the robot stops.*--deceleration"),
+    "half of it": (same, [*CHAIN, *STOP[:4]], "does not state how the robot stops"),
+    "both": (same, [*CHAIN, *STOP, "--stopping-from", "ur5e"], "not both"),
+    "unknown robot": (same, [*CHAIN, "--stopping-from", "ur5f"], "did you mean 'ur5e?'"),
+    "no deceleration": (same, [*CHAIN, *STOP, "--deceleration", "0"], "--deceleration must be"),
+    "infinite": (same, [*CHAIN, *STOP, "--brake-delay", "inf"], "--brake-delay must be"),
+    "nan": (same, [*CHAIN, *STOP, "--payload-kg", "nan"], "--payload-kg must be"),
+    "margin": (same, [*CHAIN, *STOP, "--margin-mm", "-1"], "--margin-mm must be"),
+    "no number": (same, [*CHAIN, *STOP, "--margin-mm", "x"], "--margin-mm.*(number|float).*--help"),
+    "unknown option": (same, [*CHAIN, *STOP, "--nothing"], "No such option.*--help"),
+    "no base": (same, STOP, "Missing option.*--base.*--help"),
+    "not there": (same, [*CHAIN, *STOP, "--out", "/dev/null/x.yaml"], "cannot be written"),
+    "unknown link": (same, ["--base", "plat", "--tip", "camera", *STOP], "did you mean 'plate'"),
+    "other way": (same, ["--base", "camera", "--tip", "plate", *STOP], "does not hang on 'camera'"),
+    "nothing turns": (same, ["--base", "world", "--tip", "plate", *STOP], "0 joints turn"),
+    "a branch": (same, CHAIN[:4] + STOP, "'slide' moves link 'finger'.*--leave-out finger"),
+    "slides": (same, ["--base", "plate", "--tip", "finger", *STOP], "'slide' is of type 'pris"),
+    "mimic": (
+        swap('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="turn"/>'), CHAIN + STOP,
+        "'lift' mimics",
+    ),
+    "no geometry": (
+        swap('<box size="0.4 0.2 0.1"/>', ""), CHAIN + STOP, "'plate': a <collision> must",
+    ),
+    "no collision": (
+        swap('<collision><geometry><box size="0.4 0.2 0.1"/></geometry></collision>', ""),
+        CHAIN + STOP, "link 'plate' has no shape",
+    ),
+    "unknown shape": (
+        swap('<sphere radius="0.07"/>', '<cone radius="1"/>'), CHAIN + STOP,
+        "'tower': a <collision>.*has no shape",
+    ),
+    "two shapes": (
+        swap('<sphere radius="0.07"/>', '<sphere radius="0.07"/><sphere radius="1"/>'),
+        CHAIN + STOP, "'tower': a <collision> must have one",
+    ),
+    "origin far": (swap('xyz="0 0 0.1"', 'xyz="0 0 1e308"'), CHAIN + STOP, "'turn': its origin"),
+    "only seen, not how": (
+        swap('<link name="top"/>', '<link name="top"><visual/></link>'), CHAIN + STOP,
+        "'top': a <visual> must have one",
+    ),
+    "the chain left out": (same, [*CHAIN, *STOP, "--leave-out", "arm"], "out arm.*needs it"),
+    "another unit": (swap("MESH", "inch.dae"), CHAIN + STOP, "inch.dae.*0.0254 m.*in metres"),
+    "no velocity": (swap('velocity="1.5"', 'velocity="0"'), CHAIN + STOP, "'turn': <limit vel"),
+    "no limits": (
+        swap('<limit lower="-2" upper="2" velocity="1" effort="9"/>', ""), CHAIN + STOP, "lift",
+    ),
+    "limits reversed": (swap('lower="-2"', 'lower="3"'), CHAIN + STOP, "'lift'.*lower, upper"),
+    "limit nan": (swap('lower="-2"', 'lower="nan"'), CHAIN + STOP, "lift"),
+    "huge axis": (swap('xyz="0 0 2"', 'xyz="0 0 1e308"'), CHAIN + STOP, "no direction"),
+    "no axis": (swap('xyz="0 0 2"', 'xyz="0 0 0"'), CHAIN + STOP, "turn"),
+    "axis of words": (swap('xyz="0 0 2"', 'xyz="a b c"'), CHAIN + STOP, "turn"),
+    "origin nan": (swap('xyz="0 0 0.1"', 'xyz="0 nan 0"'), CHAIN + STOP, "small.urdf: .*nan"),
+    "far away": (swap('xyz="0 0.1 0"', 'xyz="0 1e9 0"'), CHAIN + STOP, "'tower'.*beyond 1000 m"),
+    "huge": (swap('radius="0.07"', 'radius="1e9"'), CHAIN + STOP, "'tower'.*beyond 1000 m"),
+    "hollow": (swap('radius="0.07"', 'radius="-1"'), CHAIN + STOP, "'tower': the radius.*'-1'"),
+    "a point": (swap('radius="0.07"', 'radius="0"'), CHAIN + STOP, "'tower': the radius.*above 0"),
+    "no radius": (swap(' radius="0.07"', ""), CHAIN + STOP, "'tower': the radius of a <sphere>"),
+    "inside out": (swap('radius="0.06"', 'radius="-0.06"'), CHAIN + STOP, "'tower': the radius"),
+    "upside down": (swap('length="0.4"', 'length="-0.4"'), CHAIN + STOP, "'tower': the length"),
+    "a disc": (swap('length="0.4"', 'length="0"'), CHAIN + STOP, "'tower': the length of a <cyl"),
+    "length nan": (swap('length="0.4"', 'length="nan"'), CHAIN + STOP, "'tower': the length.*nan"),
+    "box inside out": (swap("0.4 0.2 0.1", "0.4 -0.2 0.1"), CHAIN + STOP, "'plate': the size.*-0"),
+    "a flat box": (swap("0.4 0.2 0.1", "0.4 0.2 0"), CHAIN + STOP, "'plate': the size of a <box>"),
+    "box nan": (swap("0.4 0.2 0.1", "0.4 0.2 nan"), CHAIN + STOP, "'plate': the size of a <box>"),
+    "mesh gone": (swap("MESH", "gone.stl"), CHAIN + STOP, "'arm': mesh 'gone.stl' is not there"),
+    "package gone": (swap("MESH", "package://p/a.stl"), CHAIN + STOP, "--package-dir.*'p'"),
+    "from the net": (swap("MESH", "http://x.org/a.stl"), CHAIN + STOP, "nothing is fetched"),
+    "a drawing": (swap("MESH", "arm.step"), CHAIN + STOP, "only .stl, .obj, .dae are read"),
+    "broken mesh": (swap("MESH", "broken.stl"), CHAIN + STOP, "broken.stl"),
+    "mesh nan": (swap("MESH", "nan.stl"), CHAIN + STOP, "'arm'.*not a number"),
+    "bomb": (lambda _: BOMB, CHAIN + STOP, "DOCTYPE"),
+    "leak": (lambda _: LEAK, CHAIN + STOP, "DOCTYPE"),
+    "cut short": (lambda text: text[:900], CHAIN + STOP, "not valid XML"),
+    "empty": (lambda _: "", CHAIN + STOP, "not valid XML"),
+    "another": (lambda _: "<html/>", CHAIN + STOP, "outermost element is <html>.*xacro"),
+    "no links": (lambda _: "<robot name='a'/>", CHAIN + STOP, "0 links"),
+    "nameless": (swap('<link name="top"/>', "<link/>"), CHAIN + STOP, "has no name"),
+    "nameless joint": (swap('<joint name="lift"', "<joint"), CHAIN + STOP, "has no name"),
+    "unknown parent": (
+        swap('<parent link="arm"/>', '<parent link="arn"/>'), CHAIN + STOP, "did you mean 'arm'"
+    ),
+    "two parents": (
+        swap('<child link="finger"/>', '<child link="top"/>'), CHAIN + STOP, "'top' is the child of"
+    ),
+    "same link": (swap('<link name="top"/>', '<link name="arm"/>'), CHAIN + STOP, "two <link> "),
+    "same joint": (swap('name="lift"', 'name="turn"'), CHAIN + STOP, "two <joint> named 'turn'"),
+    "long mesh": (swap("MESH", "x" * 5000 + ".stl"), CHAIN + STOP, "is not there"),
+    "deep": (
+        swap('<sphere radius="0.07"/>', "<a>" * 100_000 + "</a>" * 100_000), CHAIN + STOP,
+        "nested too deeply",
+    ),
+    "a loop": (swap('<parent link="plate"/>', '<parent link="arm"/>'), CHAIN + STOP, "loop"),
+    "long name": (swap('name="small"', f'name="{"x" * 80}"'), CHAIN + STOP, "name: .*64"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_mistakes_give_one_line(urdf: Path, capfd: pytest.CaptureFixture[str], case: str) -> None:
+    spoil, arguments, message = MISTAKES[case]
+    folder = urdf.parent
+    (folder / "broken.stl").write_bytes(stl(CORNERS)[:120])
+    (folder / "inch.dae").write_text('<COLLADA><asset><unit name="inch" meter="0.0254"/>')
+    (folder / "nan.stl").write_bytes(stl(CORNERS * np.nan))
+    urdf.write_text(spoil(URDF).replace("MESH", "arm.stl"))
+    assert run(urdf, *arguments) == 2
+    said = capfd.readouterr()
+    assert re.search(message, said.err), said.err
+    assert said.err.startswith("error: ")
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+    assert not (folder / "mine.yaml").exists()
+
+
+def test_without_pinocchio(urdf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    with pytest.raises(RobotError, match=r"pip install 'hri-predict\[robot\]'"):
+        converter.convert(urdf, base="plate", tip="camera", stopping={}, left_out=["finger"])
+
+
+def test_nothing_is_overwritten(urdf: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (urdf.parent / "mine.yaml").write_text("precious")
+    assert run(urdf, *CHAIN, *STOP) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (urdf.parent / "mine.yaml").read_text() == "precious"
+
+
+def test_too_many_joints(tmp_path: Path) -> None:
+    text = "<robot name='snake'><link name='l0'/>" + "".join(
+        f"<link name='l{i}'/><joint name='j{i}' type='revolute'><parent link='l{i - 1}'/>"
+        f"<child link='l{i}'/></joint>"
+        for i in range(1, 9)
+    )
+    (tmp_path / "snake.urdf").write_text(text + "</robot>")
+    with pytest.raises(RobotError, match=r"8 joints turn.*carries 1 to 7"):
+        read_chain(tmp_path / "snake.urdf", "l0", "l8", left_out=[], packages=[])
+    assert (
+        len(read_chain(tmp_path / "snake.urdf", "l0", "l7", left_out=["l8"], packages=[]).joints)
+        == 7
+    )

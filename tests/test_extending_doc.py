@@ -1,0 +1,148 @@
+"""``docs/extending.md``: its package is built, installed and used as the page says."""
+
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+FILES = dict(re.findall(r"```(?:python|toml|yaml)\n# (\S+)\n(.*?)```", PAGE, re.DOTALL))
+COMMANDS = [
+    line.removeprefix("$ ")
+    for block in re.findall(r"```console\n(.*?)```", PAGE, re.DOTALL)
+    for line in block.splitlines()
+]
+PARTS = [name for name in FILES if name.startswith("my_parts/my_parts/")]
+MAX_LINES = 40
+TRIED = {
+    "pip install", "predictors", "conformance predictor", "conformance source", "conformance link",
+    "replay", "listen", "check", "run",
+}  # fmt: skip
+
+
+def free_port() -> str:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return str(probe.getsockname()[1])
+
+
+class Place:
+    """A folder with the page's files, and its package installed beside hri-predict."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.ports = {port: free_port() for port in ("47850", "47851", "47852")}
+        for name, text in FILES.items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(self.with_ports(text), encoding="utf-8")
+        (folder / "my_parts" / "my_parts" / "__init__.py").touch()
+        rest = np.array([[x, y, 0.7] for y in (0.25, 0.1, -0.1) for x in (0.2, -0.2)])
+        arms = (rest + 0.1 * np.sin(np.arange(60) / 30)[:, None, None]).astype(np.float32)
+        np.savez(folder / "recording.npz", positions=arms, fps=np.float32(30))
+        installed = folder / "installed"
+        pip = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-build-isolation"]
+        pip += ["--quiet", "--no-index", "--target", str(installed), "./my_parts"]
+        subprocess.run(pip, cwd=folder, check=True, timeout=120)
+        self.environment = os.environ | {"PYTHONPATH": str(installed)}
+
+    def with_ports(self, text: str) -> str:
+        """The page's ports replaced by some that are free here."""
+        for there, here in self.ports.items():
+            text = text.replace(there, here)
+        return text
+
+    def start(self, *command: str) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [sys.executable, *command],
+            cwd=self.folder,
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def hri_predict(self, start: str) -> "subprocess.Popen[str]":
+        """Start the page's command that begins so."""
+        (command,) = [c for c in COMMANDS if c.startswith(f"hri-predict {start}")]
+        return self.start("-m", *self.with_ports(command).replace("hri-", "hri_", 1).split())
+
+    def said(self, start: str) -> str:
+        """What the page's command that begins so prints; it succeeds."""
+        process = self.hri_predict(start)
+        out, _ = process.communicate(timeout=120)
+        assert process.returncode == 0, out
+        return out
+
+    def send(self, seconds: float) -> "subprocess.Popen[str]":
+        return self.start("send.py", self.ports["47850"], str(seconds))
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    return Place(tmp_path_factory.mktemp("extending"))
+
+
+def test_each_part_is_short():
+    assert len(PARTS) == 3
+    for name in PARTS:
+        lines = [line for line in FILES[name].splitlines() if line.strip()]
+        assert len(lines) <= MAX_LINES, name
+
+
+def test_every_command_of_the_page_is_tried_here():
+    begin = {command.removeprefix("hri-predict ") for command in COMMANDS}
+    assert all(any(command.startswith(tried) for tried in TRIED) for command in begin)
+
+
+def test_links_of_the_page_lead_somewhere():
+    for target in re.findall(r"\]\(([^)#]+)\)", PAGE):
+        assert (ROOT / "docs" / target).exists(), target
+
+
+def test_the_predictor_is_listed_conforms_and_predicts(place):
+    assert "slowing" in place.said("predictors")
+    assert "predictor slowing: keeps its contract" in place.said("conformance predictor")
+    assert "Summary" in place.said("replay")
+
+
+def test_the_link_conforms(place):
+    assert "link udp_frames: keeps its contract" in place.said("conformance link")
+
+
+@pytest.mark.realtime
+def test_the_source_conforms_while_somebody_sends(place):
+    sender = place.send(12)
+    try:
+        said = place.said("conformance source")
+        assert "source camera: keeps its contract" in said
+        assert "no scene came" not in said
+    finally:
+        sender.kill()
+        sender.communicate()
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+def test_all_three_work_in_a_cell(place):
+    sender, listener = place.send(30), place.hri_predict("listen")
+    try:
+        assert ": ok" in place.said("check")
+        summary = json.loads(place.said("run"))
+        assert summary["source"]["live"]["scenes"] > 30
+        out, _ = listener.communicate(timeout=60)
+    finally:
+        for process in (sender, listener):
+            process.kill()
+            process.communicate()
+    heard = [json.loads(line) for line in out.splitlines()]
+    levels = {line["level"] for line in heard if line["message"] == "advice"}
+    assert levels - {"unknown"}, "the listener heard no advice"
+    states = {line.get("node_state") for line in heard if line["message"] == "status"}
+    assert {"running", "degraded"} & states

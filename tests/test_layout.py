@@ -1,0 +1,190 @@
+"""The house: which room may import from which, and how large a room and a file may be.
+
+A frame goes one way, and so do imports: a room imports only from rooms below it, and only from
+those that it is meant to know. ``MAY_IMPORT`` states every arrow that is allowed. Add one with
+care: an arrow against the flow makes two rooms one.
+"""
+
+import ast
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = {"hri_predict": ROOT, "hri_drivers": ROOT / "drivers", "hri_sim": ROOT / "sim"}
+MAX_FILES, MAX_LINES = 15, 400
+
+# Files directly in hri_predict: "core" needs nothing, "contracts" say what a part must be (for a
+# predictor ``predictors.base`` does), "library" is what ``import hri_predict`` offers (the version
+# too, which the command line prints).
+CONTRACTS = {"link", "peers", "registry"}
+BASES = {"hri_predict.predictors.base"}
+LIBRARY = {"__init__", "library"}
+
+NODE = "core protocol robots contracts people predictors risk"
+OFFLINE = "core contracts people predictors recording"
+EVERYTHING = (
+    f"{NODE} node monitoring recording run discovery datasets evaluation training calibration"
+)
+MAY_IMPORT = {  # from the bottom to the top
+    "core": "",
+    "protocol": "core",
+    "discovery": "core protocol",
+    "robots": "core protocol",
+    "contracts": "core protocol robots",
+    "people": "core protocol",
+    "predictors": "core protocol contracts people",
+    "risk": "core protocol contracts robots people predictors",
+    "node": NODE,
+    "monitoring": "core protocol contracts people risk node",
+    "recording": "core protocol contracts people predictors risk node",
+    "run": f"{NODE} node monitoring recording discovery",
+    "datasets": OFFLINE,
+    "evaluation": f"{OFFLINE} datasets",
+    "training": f"{OFFLINE} datasets evaluation",
+    "calibration": f"{OFFLINE} robots risk datasets evaluation",
+    "library": EVERYTHING,
+    "conformance": "core protocol contracts people predictors",
+    "cli": f"{EVERYTHING} library conformance",
+    "hri_drivers.wires": "core protocol contracts",
+    "hri_drivers.links": "core protocol contracts hri_drivers.wires",
+    "hri_drivers.sources": "core protocol discovery hri_drivers.wires",
+    "hri_sim.people": "core",
+    "hri_sim.replay": "core contracts recording",
+    "hri_sim.referee": "core robots",
+    "hri_sim.wires": "core protocol hri_drivers.wires",
+    "hri_sim.senders": "core protocol hri_drivers.wires hri_drivers.sources hri_sim.wires",
+    "hri_sim.faults": "core protocol contracts hri_drivers.wires",
+    "hri_sim.controllers": "core protocol contracts robots hri_drivers.wires hri_drivers.links "
+    "hri_sim.wires hri_sim.faults hri_sim.referee",
+    "hri_sim.baseline_demo": "core run",
+    "hri_sim.bench": f"{NODE} node run hri_drivers.wires hri_drivers.links hri_sim.people "
+    "hri_sim.wires",
+    "hri_sim.fault_table": f"{NODE} node monitoring run hri_drivers.wires hri_drivers.links "
+    "hri_sim.people hri_sim.senders hri_sim.faults hri_sim.controllers hri_sim.baseline_demo",
+    "hri_sim.simulation": f"{EVERYTHING} library hri_sim hri_sim.people hri_sim.replay "
+    "hri_sim.referee hri_sim.controllers",
+    "hri_drivers": "",
+    "hri_sim": "",
+}
+
+
+def modules() -> dict[str, Path]:
+    """Every module of the three packages, by its dotted name."""
+    found = {}
+    for package, base in PACKAGES.items():
+        for path in sorted((base / package).rglob("*.py")):
+            dotted = ".".join(path.relative_to(base).with_suffix("").parts)
+            found[dotted.removesuffix(".__init__")] = path
+    return found
+
+
+MODULES = modules()
+
+
+def room_of(module: str) -> str:
+    package, _, rest = module.partition(".")
+    first = rest.split(".")[0]
+    if package != "hri_predict":
+        return f"{package}.{first}" if first else package
+    if module in BASES:
+        return "contracts"
+    if not first or first in LIBRARY:
+        return "library"
+    if first == "__main__":
+        return "cli"
+    if first in CONTRACTS:
+        return "contracts"
+    return first if (ROOT / package / first).is_dir() else "core"
+
+
+def imported(source: str, known: Mapping[str, object]) -> Iterator[str]:
+    """The project's own modules that a source text imports, wherever in it."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names = [
+                whole if (whole := f"{node.module}.{alias.name}") in known else node.module
+                for alias in node.names
+            ]
+        else:
+            continue
+        yield from (name for name in names if name.split(".")[0] in PACKAGES)
+
+
+def forbidden(module: str, source: str) -> list[str]:
+    """What ``source``, as the text of ``module``, imports and may not."""
+    room = room_of(module)
+    allowed = {room, *MAY_IMPORT.get(room, "").split()}
+    return [name for name in imported(source, MODULES) if room_of(name) not in allowed]
+
+
+def test_every_room_is_listed():
+    assert {room_of(m) for m in MODULES} <= set(MAY_IMPORT)
+
+
+def test_no_room_may_import_against_the_flow():
+    """The table itself has no circle: rooms are listed after all that they may import."""
+    listed: list[str] = []
+    for room, others in MAY_IMPORT.items():
+        assert room.startswith("hri_") or set(others.split()) <= set(listed), room
+        listed.append(room)
+
+
+def test_imports_go_with_the_flow():
+    found = {m: forbidden(m, path.read_text(encoding="utf-8")) for m, path in MODULES.items()}
+    assert {module: names for module, names in found.items() if names} == {}
+
+
+@pytest.mark.parametrize(
+    ("module", "line"),
+    [
+        ("hri_predict.risk.engine", "from hri_predict.node.node import Node"),
+        ("hri_predict.people.people", "import hri_predict.risk.engine"),
+        ("hri_predict.discovery.announcer", "from hri_predict.run.config import Config"),
+        ("hri_predict.node.node", "def late():\n    from hri_drivers.links.can import link"),
+        ("hri_drivers.links.can.link", "from hri_sim.wires.pty import open_pty"),
+        ("hri_drivers.sources.live", "from hri_drivers.links.slots import Slots"),
+        ("hri_predict.predictors.base", "from hri_predict import cli"),
+    ],
+)
+def test_an_import_against_the_flow_is_found(module, line):
+    assert forbidden(module, line)
+
+
+def test_no_import_circle():
+    arrows = {
+        module: set(imported(path.read_text(encoding="utf-8"), MODULES)) & set(MODULES)
+        for module, path in MODULES.items()
+    }
+    left = dict(arrows)
+    while left:  # take away whatever imports nothing that is left; a circle stays
+        done = [m for m, others in left.items() if not (others - {m}) & set(left)]
+        assert done, f"import circle among {sorted(left)}"
+        for module in done:
+            del left[module]
+
+
+def test_rooms_and_files_stay_small():
+    folders: dict[Path, int] = {}
+    for path in MODULES.values():
+        folders[path.parent] = folders.get(path.parent, 0) + 1
+        lines = path.read_text(encoding="utf-8").count("\n")
+        assert lines <= MAX_LINES, f"{path} has {lines} lines"
+    assert {str(f): n for f, n in folders.items() if n > MAX_FILES} == {}
+    for path in (ROOT / "tests").rglob("*.py"):
+        lines = path.read_text(encoding="utf-8").count("\n")
+        assert lines <= MAX_LINES, f"{path} has {lines} lines"
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_tests_mirror_the_packages(package):
+    """A folder of tests stands for the folder, or the file, of the same name."""
+    mirrored = PACKAGES[package] / package
+    outside = {"c", "plc", "python", "files"}  # of drivers/; and the parts of files.py
+    for folder in (ROOT / "tests" / package).rglob("*"):
+        if folder.is_dir() and folder.name != "__pycache__":
+            relative = folder.relative_to(ROOT / "tests" / package)
+            assert (mirrored / relative).is_dir() or relative.parts[0] in outside, folder

@@ -1,0 +1,71 @@
+"""CHANGELOG, CONTRIBUTING and the decisions name only what is there."""
+
+import re
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
+CHANGELOG = ROOT / "CHANGELOG.md"
+DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
+HEADINGS = ["Context", "Decision", "Why", "What it costs", "When to revisit"]
+UNIQUE = {"NAME.yaml", "live_NAME.yaml", "NAME_real.yaml", "NAME.py"}
+BASES = (
+    *(".", "configs", "drivers", "drivers/c", "drivers/hri_drivers", "sim/hri_sim/faults"),
+    *("hri_predict", "hri_predict/predictors", "hri_predict/recording", "hri_predict/risk/zones"),
+    "tests/hri_predict/recording",
+)
+
+
+def moved():
+    """(before, now) of every module in the changelog's table."""
+    table = CHANGELOG.read_text(encoding="utf-8").split("Modules moved into folders")[1]
+    rows = re.findall(r"\| `(hri_[\w.]+)`[^|]*\| `(hri_[\w.]+)` \|", table)
+    assert len(rows) > 50
+    return rows
+
+
+def test_every_module_that_moved_is_where_the_changelog_says():
+    assert [now for _, now in moved() if find_spec(now) is None] == []
+
+
+def test_every_module_that_moved_is_gone_from_where_it_was():
+    def still_a_module(name):
+        path = (ROOT / Path(*name.split("."))).with_suffix(".py")
+        bases = (ROOT, ROOT / "drivers", ROOT / "sim")
+        return any((base / path.relative_to(ROOT)).exists() for base in bases)
+
+    assert [before for before, _ in moved() if still_a_module(before)] == []
+
+
+@pytest.mark.parametrize("page", [CONTRIBUTING, CHANGELOG, *DECISIONS], ids=lambda p: p.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+        assert (page.parent / target).exists(), target
+
+
+def test_contributing_names_only_files_that_are_there():
+    named = re.findall(r"`([\w./]+\.(?:py|md|yaml|toml|st|h|c))`", CONTRIBUTING.read_text("utf-8"))
+    assert len(named) > 40
+    for name in named:
+        if Path(name).name not in UNIQUE:
+            assert any((ROOT / base / name).exists() for base in BASES), name
+
+
+def test_contributing_names_every_room():
+    rooms = [p.name for p in (ROOT / "hri_predict").iterdir() if (p / "__init__.py").exists()]
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    assert [room for room in rooms if f"`{room}/`" not in text] == []
+
+
+@pytest.mark.parametrize("page", DECISIONS, ids=lambda p: p.name)
+def test_a_decision_says_what_a_successor_asks(page):
+    text = page.read_text(encoding="utf-8")
+    if page.name == "README.md":
+        listed = {f"{name}.md" for name in re.findall(r"\]\(([\w-]+)\.md\)", text)}
+        assert listed == {p.name for p in DECISIONS} - {"README.md"}
+    elif page.name != "protocol-versions.md":
+        assert re.findall(r"^## (.*)", text, re.MULTILINE) == HEADINGS
+        assert 20 <= text.count("\n") <= 40
