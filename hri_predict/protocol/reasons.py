@@ -19,6 +19,7 @@ class Reason(IntEnum):
     LATCHED = 7
     RELEASE_PENDING = 8
     PERSON_FAST = 9
+    SPEED_UNKNOWN = 10
     NO_INPUT = 20
     INPUT_STALE = 21
     INPUT_FROZEN = 22
@@ -28,9 +29,14 @@ class Reason(IntEnum):
     ROOM_NOT_SEEN_EMPTY = 26
     TOO_MANY_PEOPLE = 27
     PERSON_NOT_LOCATED = 28
+    BODY_NOT_UPRIGHT = 29
     ROBOT_STATE_STALE = 30
     ROBOT_NOT_AUTOMATIC = 31
     ROBOT_STATE_INVALID = 32
+    ROBOT_VELOCITY_WRONG = 33
+    ROBOT_STATE_JUMPED = 34
+    ROBOT_TOO_FAST = 35
+    ROBOT_STOPS_LATE = 36
     PREDICTOR_FAILED = 40
     PREDICTOR_LATE = 41
     NODE_FAULT = 42
@@ -40,6 +46,8 @@ class Reason(IntEnum):
     HORIZON_TOO_SHORT = 46
     ZONES_WIDENED = 47
     MOTION_UNLIKE = 48
+    SECOND_SENDER = 49
+    CLOCK_DRIFT = 50
 
     @property
     def text(self) -> str:
@@ -87,6 +95,10 @@ _TEXT = {
         "a person moves faster than the standard assumes",
         "the person slows down",
     ),
+    Reason.SPEED_UNKNOWN: (
+        "nobody could measure yet how fast a person is; physical limits are used instead",
+        "the person's joints are seen for long enough",
+    ),
     Reason.NO_INPUT: ("no scene received yet", "the source delivers scenes"),
     Reason.INPUT_STALE: ("the newest scene is too old", "fresh scenes arrive"),
     Reason.INPUT_FROZEN: ("the source repeats the same data", "the source's data change again"),
@@ -112,6 +124,10 @@ _TEXT = {
         "somebody is present, but their position is unknown",
         "the source sees a joint of that person that the joint map uses",
     ),
+    Reason.BODY_NOT_UPRIGHT: (
+        "a body lies in the air, is upside down, or is not on the floor (check the axes)",
+        "bodies are seen as people stand, sit or lie on the floor",
+    ),
     Reason.ROBOT_STATE_STALE: (
         "no fresh RobotState: the robot's position is unknown",
         "the controller sends RobotState again",
@@ -123,6 +139,22 @@ _TEXT = {
     Reason.ROBOT_STATE_INVALID: (
         "RobotState is outside the robot's limits",
         "the controller reports joints within the robot's limits",
+    ),
+    Reason.ROBOT_VELOCITY_WRONG: (
+        "the velocities in RobotState do not match how its positions change",
+        "the controller reports velocities, in rad/s, that match its positions",
+    ),
+    Reason.ROBOT_STATE_JUMPED: (
+        "the positions in RobotState changed faster than the robot can move",
+        "the controller reports positions that follow from each other",
+    ),
+    Reason.ROBOT_TOO_FAST: (
+        "the robot is faster than it was advised, after the time in which it should have obeyed",
+        "the robot keeps to the advised speed limit",
+    ),
+    Reason.ROBOT_STOPS_LATE: (
+        "the robot needed more way or time to stop than its stopping table says",
+        "an Acknowledge arrives, or the stopping table is corrected",
     ),
     Reason.PREDICTOR_FAILED: (
         "the predictor failed; physical limits are used instead",
@@ -150,5 +182,13 @@ _TEXT = {
     Reason.MOTION_UNLIKE: (
         "a motion is unlike the calibration data; physical limits are used instead",
         "motion resembles the calibration data for long enough",
+    ),
+    Reason.SECOND_SENDER: (
+        "somebody else sends with this node's ids",
+        "the other sender is switched off, or gets ids of its own",
+    ),
+    Reason.CLOCK_DRIFT: (
+        "scenes arrive ever later, by more than a clock can drift",
+        "scenes arrive as early as when the session began, or the source starts a new session",
     ),
 }

@@ -8,5 +8,13 @@ MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
 RECOVERY_S = 6.0  # from the fault's end until the advice is as before it
 
 Expected = Literal[
-    "unknown", "silent", "stop", "stays stopped", "may stop", "not clear", "degraded", "count only"
+    "unknown",
+    "silent",
+    "stop",
+    "stays stopped",
+    "may stop",
+    "not clear",
+    "degraded",
+    "count only",
+    "no contact",
 ]

@@ -24,6 +24,8 @@ from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import baseline_demo
 from hri_sim.fault_table.controller_restart import restart_controller
+from hri_sim.fault_table.incident import run_incident
+from hri_sim.fault_table.incidents import INCIDENTS
 from hri_sim.fault_table.live import run_live_faults
 from hri_sim.fault_table.node_death import How, die
 from hri_sim.fault_table.outcome import MOVING, RECOVERY_S, Expected
@@ -182,6 +184,9 @@ def run_table(only: str | None = None) -> Iterator[FaultOutcome]:
     for case in CASES:
         if only is None or only in case.name:
             yield run_case(base, case)
+    for incident in INCIDENTS:
+        if only is None or only in incident.name:
+            yield from run_incident(base, incident)
     for name, how, limit_ms in DEATHS:
         if only is None or only in name:
             yield _death(name, how, limit_ms)

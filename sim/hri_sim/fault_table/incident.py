@@ -1,0 +1,150 @@
+"""Incidents: a story of people and faults on the virtual clock, told in every risk mode.
+
+The whole node, the mock controllers and the referee take part, as in ``hri-predict run --speed
+max``. A row of the fault table shows one fault alone; an incident shows what a fault leads to.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from hri_predict.node.listeners import Tick
+from hri_predict.peers import FaultOutcome
+from hri_predict.protocol.messages import Level
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.run.config import Config, NodeSettings
+from hri_predict.run.session import Options, View, run
+from hri_predict.settings import validated
+from hri_sim.fault_table.outcome import MOVING
+
+Span = tuple[float, float]
+"""Seconds after the start, from and until."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Incident:
+    """One story, and what must hold in it. In every one, nobody is touched by a moving robot.
+
+    Attributes:
+        name: name in the table.
+        people: scripts of the people, as in ``source.people``.
+        duration_s: its length.
+        faults: as on the command line.
+        settings: what differs from the demo's configuration; mappings are merged, key by key.
+        modes: risk modes to tell it in.
+        not_clear: no robot may be advised *clear* in this time.
+        not_moving: every robot must be told to stand in this time.
+        moving: some advice must permit motion in this time: the cell stays usable.
+        says: each of these reasons must be given at some tick.
+        never_says: none of these may be given.
+        prepare: changes the assembled node before it starts, such as a controller that lies.
+    """
+
+    name: str
+    people: tuple[Mapping[str, Any], ...]
+    duration_s: float
+    faults: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    modes: tuple[str, ...] = ("predictive", "iso")
+    not_clear: Span | None = None
+    not_moving: Span | None = None
+    moving: Span | None = None
+    says: tuple[Reason, ...] = ()
+    never_says: tuple[Reason, ...] = ()
+    prepare: Callable[[Any], None] | None = None
+
+
+def run_incident(base: Config, incident: Incident) -> Iterator[FaultOutcome]:
+    """Tell an incident in each of its modes; yield a row of the fault table for each."""
+    for mode in incident.modes:
+        yield _told(configured(base, incident, mode), incident, mode)
+
+
+def configured(base: Config, incident: Incident, mode: str) -> Config:
+    """The configuration of an incident in one mode.
+
+    Raises:
+        ConfigError: its settings are wrong.
+    """
+    settings = dict(incident.settings)
+    changes: Mapping[str, Any] = settings.pop("source", {})
+    source = _merged(base.source.model_dump(), changes)
+    node = validated(
+        NodeSettings, _merged(base.node.model_dump(exclude_unset=True), settings), incident.name
+    )
+    risk = validated(
+        RiskSettings, node.risk.model_dump() | {"mode": mode}, f"{incident.name}: risk"
+    )
+    config = replace(base, node=node.model_copy(update={"risk": risk}))
+    people = [dict(person) for person in incident.people]
+    return config.with_source(source | {"people": people}).with_faults(list(incident.faults))
+
+
+def _told(config: Config, incident: Incident, mode: str) -> FaultOutcome:
+    watch = _Watch(incident)
+    summary = run(config, Options(factor=None, duration_s=incident.duration_s, view=watch))
+    wrong = watch.wrong()
+    if summary.contacts:
+        wrong.insert(0, f"{summary.contacts} contacts with the moving robot")
+    return FaultOutcome(
+        fault=f"{incident.name} ({mode})",
+        expected="no contact",
+        acts="node",
+        limit_ms=None,
+        measured_ms=None,
+        reason="; ".join(wrong) or ", ".join(reason.name for reason in incident.says),
+        clear_while_near=watch.count(incident.not_clear, lambda level: level is Level.CLEAR),
+        recovered_ms=None,
+        fine=not wrong,
+        counted=summary.counted,
+    )
+
+
+class _Watch(View):
+    """Records each tick's level and reason for the first robot."""
+
+    def __init__(self, incident: Incident) -> None:
+        self._incident = incident
+        self._ticks: list[tuple[float, Level, Reason]] = []
+        self._start_ns = 0
+
+    def bind(self, assembly: Any) -> None:
+        """Note the start, and prepare the assembly as the incident asks."""
+        self._start_ns = assembly.clock.now_ns()
+        if self._incident.prepare is not None:
+            self._incident.prepare(assembly)
+
+    def on_tick(self, tick: Tick) -> None:
+        """Record the advice for the first robot."""
+        advice = tick.advices[0]
+        self._ticks.append(((tick.now_ns - self._start_ns) * 1e-9, advice.level, advice.reason))
+
+    def count(self, span: Span | None, holds: Callable[[Level], bool]) -> int:
+        """Number of ticks in a span whose level is so."""
+        begin, end = span or (0.0, 0.0)
+        return sum(begin <= t < end and holds(level) for t, level, _ in self._ticks)
+
+    def wrong(self) -> list[str]:
+        """What does not hold, in words."""
+        incident, found = self._incident, []
+        if clear := self.count(incident.not_clear, lambda level: level is Level.CLEAR):
+            found.append(f"clear in {clear} ticks of {incident.not_clear}")
+        if moving := self.count(incident.not_moving, lambda level: level in MOVING):
+            found.append(f"motion permitted in {moving} ticks of {incident.not_moving}")
+        if incident.moving and not self.count(incident.moving, lambda level: level in MOVING):
+            found.append(f"no motion permitted in {incident.moving}")
+        given = {reason for _, _, reason in self._ticks}
+        found += [f"never says {r.name}" for r in incident.says if r not in given]
+        found += [f"says {r.name}" for r in incident.never_says if r in given]
+        return found
+
+
+def _merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """``data`` with changes; mappings within mappings are merged as well."""
+    result = dict(data)
+    for key, value in changes.items():
+        before = result.get(key)
+        both = isinstance(before, Mapping) and isinstance(value, Mapping)
+        result[key] = _merged(before, value) if both else value
+    return result
