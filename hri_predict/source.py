@@ -8,14 +8,14 @@ conformance source:NAME`` checks the contract on any kind.
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hri_predict.clock import Clock
 from hri_predict.joint_map import JointMap
 from hri_predict.scene import Scene
-from hri_predict.settings import Pose, Region, Settings
+from hri_predict.settings import Pose, Region, Settings, Vector3
 
 
 class SourceSettings(Settings):
@@ -32,9 +32,33 @@ class SourceSettings(Settings):
     field_of_view: Region | None = Field(
         None, description="what the sensor sees (room frame); the rest counts as occupied"
     )
+    keeps_ids: bool = Field(
+        False,
+        description="an id that comes back is the same person (suits, markers, re-identification); "
+        "false where ids may be given to somebody else",
+    )
+    sees_free_space: bool = Field(
+        False,
+        description="where no body is reported in its field of view, the sensor has seen that "
+        "nobody is there (depth camera, lidar)",
+    )
+    shadows: list[Region] = Field(
+        [], description="what it does not see within its field of view: behind machines, pallets"
+    )
+    viewpoints: list[Vector3] = Field(
+        [], description="where its cameras are (room frame), so that people may hide each other"
+    )
     faults: list[dict[str, Any]] = Field(
         [], description="faults to inject; see hri_sim.faults.injector"
     )
+
+    @model_validator(mode="after")
+    def _sees_a_field(self) -> Self:
+        if self.sees_free_space and self.field_of_view is None:
+            raise ValueError("sees_free_space needs field_of_view: say where it sees")
+        if (self.shadows or self.viewpoints) and not self.sees_free_space:
+            raise ValueError("shadows and viewpoints have no effect without sees_free_space: true")
+        return self
 
     def stale_after_s(self, rate_hz: float) -> float:
         """Age in seconds at which input of ``rate_hz`` scenes per second is stale."""

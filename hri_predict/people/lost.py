@@ -1,98 +1,223 @@
-"""Lost people: people who vanished, but not at an exit.
+"""Lost people: people who vanished, but not by an exit.
 
-A lost person is a zone that grows at walking speed for ``lost_growth_s`` (the risk stage grows it).
-After that the person may be anywhere, and the room cannot be trusted: ``unaccounted``.
+A tracker that returns no skeleton has not seen an empty place. So a lost person stays lost, a zone
+that grows at the speed last measured (the risk stage grows it), however many scenes without that
+person arrive. Being lost ends only by
 
-A lost person is found or forgotten by one of these:
-
-- The same id is seen again within reach, or another id appears inside the zone while it grows.
-- The source sees the room empty for ``empty_scenes`` scenes in a row. They count only once the zone
-  of *every* lost person has stopped growing: a person hidden behind a machine causes empty scenes
-  from the first moment, and these must not let the node forget that person sooner.
-- ``acknowledge``, again only for people whose zone has stopped growing.
+- being seen again: see ``Roster``;
+- ``acknowledge``, some time after the person was last seen;
+- being nowhere left to be, where the source sees free space: see ``FreeSpace``.
 
 Time alone never ends it.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
 from hri_predict.arrays import Floats
-from hri_predict.people.ring_buffer import NEVER
+from hri_predict.people.free_space import FreeSpace, Whereabouts
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import LostPerson
 from hri_predict.people.track import Track
+from hri_predict.skeleton import JOINTS
 
-PLACE_SLACK_M = 0.5
-"""How far the mean of a body's visible joints may move when it turns or shows other joints."""
+_UNKNOWN_AGE_S = 1e6
+SPEED_SPAN_S = 0.4
+"""The speed last measured is that over this time: a third of a step, and four captures at 10 Hz."""
+GAIN, GAIN_M_S = 1.25, 0.4
+"""A lost person may become so much faster than measured: a runner gains 4 m/s2 for a moment."""
+
+
+@dataclass(slots=True, eq=False, kw_only=True)
+class Lost:
+    """One lost person.
+
+    Attributes:
+        id: under which the body was last seen.
+        positions: (J, 3) where each joint was last seen; NaN if never.
+        joint_age_s: (J,) seconds from then to ``capture_ns``; inf if never.
+        capture_ns: when the person was last seen.
+        speed_m_s: how fast the body may go on.
+        limbs_m_s: (J,) how much faster than the body each joint was.
+        track: which a body that appears may take over; ``None`` after a restart.
+        whereabouts: where the person may be; ``None``: the source does not see free space.
+    """
+
+    id: int
+    positions: Floats
+    joint_age_s: Floats
+    capture_ns: int
+    speed_m_s: float
+    limbs_m_s: Floats
+    track: Track | None = None
+    whereabouts: Whereabouts | None = None
+
+    @property
+    def centroid(self) -> Floats:
+        """(3,) mean of the joints seen last."""
+        newest = self.joint_age_s <= self.joint_age_s.min()
+        centroid: Floats = self.positions[newest].mean(axis=0)
+        return centroid
 
 
 class LostPeople:
     """People who vanished and are not accounted for.
 
     Args:
-        settings: growth, empty scenes, exits, bounds.
-        pause_ns: scenes farther apart than this are not "in a row".
+        settings: see ``PeopleSettings``.
+        space: what the source sees free; ``None``: it does not see free space.
     """
 
-    def __init__(self, settings: PeopleSettings, pause_ns: int) -> None:
-        self.tracks: list[Track] = []
+    def __init__(self, settings: PeopleSettings, space: FreeSpace | None) -> None:
+        self.people: list[Lost] = []
         self._settings = settings
-        self._growth_ns = round(settings.lost_growth_s * 1e9)
-        self._pause_ns = pause_ns
-        self._empty_run = 0
-        self._capture_ns = NEVER
-        self._forgotten = (
-            False  # more people were lost than are kept: only an empty room clears this
-        )
+        self._space = space
+        self._most = settings.max_people
+        self._settled_ns = round(settings.acknowledge_after_s * 1e9)
+        self._forgotten = False  # more people were lost than are kept
 
     def add(self, track: Track) -> None:
         """Add a lost person. Beyond ``max_people`` the oldest place is dropped, and that person
         may be anywhere."""
-        self.tracks.append(track)
-        self._empty_run = 0
-        if len(self.tracks) > self._settings.max_people:
-            oldest = min(self.tracks, key=lambda t: t.capture_ns)
-            self.tracks.remove(oldest)
-            self._forgotten = True
-
-    def is_growing(self, track: Track, now_ns: int) -> bool:
-        """Whether the zone of ``track`` still grows."""
-        return now_ns - track.capture_ns <= self._growth_ns
-
-    def growing(self, now_ns: int) -> tuple[LostPerson, ...]:
-        """Lost people whose zone still grows."""
-        return tuple(
-            LostPerson(track.id, track.positions.copy(), track.capture_ns)
-            for track in self.tracks
-            if self.is_growing(track, now_ns)
+        ever = np.isfinite(track.positions).all(-1)
+        age_s = np.where(ever, (track.capture_ns - np.where(ever, track.stamps, 0)) * 1e-9, np.inf)
+        _, limbs_m_s = track.speeds(SPEED_SPAN_S)
+        self._keep(
+            Lost(
+                id=track.id,
+                positions=track.positions.copy(),
+                joint_age_s=age_s,
+                capture_ns=track.capture_ns,
+                speed_m_s=self.speed_of(track),
+                limbs_m_s=limbs_m_s,
+                track=track,
+            )
         )
 
-    def unaccounted(self, now_ns: int) -> bool:
-        """Whether a person has been lost for so long that they may be anywhere."""
-        return self._forgotten or any(not self.is_growing(t, now_ns) for t in self.tracks)
+    def speed_of(self, track: Track) -> float:
+        """How fast a body may go on that is no longer seen, m/s.
 
-    def see_room(self, empty: bool, capture_ns: int) -> bool:
-        """Note a scene; ``empty`` means that the source saw the room with nobody in it.
+        The speed last measured and a margin, the standard's at least; the fastest that a body can
+        be, if none was measured.
+        """
+        measured, _ = track.speeds(SPEED_SPAN_S)
+        if measured is None:
+            return self._settings.max_body_speed_m_s
+        return max(self._settings.lost_speed_m_s, GAIN * measured + GAIN_M_S)
+
+    def remove(self, lost: Lost) -> None:
+        """Forget a person who is seen again."""
+        self.people.remove(lost)
+
+    def see(self, capture_ns: int, seen: Sequence[Floats], is_whole: bool) -> int:
+        """Note a scene of a source that sees free space.
+
+        Args:
+            capture_ns: of the scene.
+            seen: (3,) places of the bodies in it.
+            is_whole: whether the source saw the room and every body was located.
 
         Returns:
-            whether the scene proved that all lost people are gone.
+            how many lost people have been proven to be gone.
         """
-        if capture_ns - self._capture_ns > self._pause_ns:
-            self._empty_run = 0
-        self._capture_ns = capture_ns
-        counts = empty and not any(self.is_growing(t, capture_ns) for t in self.tracks)
-        self._empty_run = self._empty_run + 1 if counts else 0
-        if self._empty_run < self._settings.empty_scenes:
-            return False
-        proof = bool(self.tracks) or self._forgotten
-        self.tracks.clear()
-        self._forgotten = False
-        return proof
+        if self._space is None:
+            return 0
+        free = self._space.free(seen) if is_whole else None
+        before = len(self.people)
+        for lost in self.people:
+            if lost.whereabouts is not None:
+                lost.whereabouts.update(capture_ns, free)
+        self.people = [
+            lost for lost in self.people if lost.whereabouts is None or lost.whereabouts.anywhere
+        ]
+        return before - len(self.people)
 
-    def acknowledge(self, now_ns: int) -> None:
-        """Forget people whose zone has stopped growing: an operator states that they are gone."""
-        self.tracks = [t for t in self.tracks if self.is_growing(t, now_ns)]
+    def snapshot(self) -> tuple[LostPerson, ...]:
+        """All of them, for the risk stage."""
+        return tuple(
+            LostPerson(
+                id=lost.id,
+                positions=lost.positions,
+                last_seen_ns=lost.capture_ns,
+                joint_age_s=lost.joint_age_s,
+                speed_m_s=lost.speed_m_s,
+                limbs_m_s=lost.limbs_m_s,
+                places=None if lost.whereabouts is None else lost.whereabouts.places(),
+                places_ns=None if lost.whereabouts is None else lost.whereabouts.capture_ns,
+            )
+            for lost in self.people
+        )
+
+    @property
+    def unaccounted(self) -> bool:
+        """Whether more people were lost than are kept: somebody may be anywhere."""
+        return self._forgotten
+
+    def acknowledge(self, now_ns: int) -> int:
+        """Forget people on an operator's word that they are gone; return how many.
+
+        Whoever was seen too shortly before stays lost: the operator may not have meant them.
+        """
+        before = len(self.people)
+        self.people = [p for p in self.people if now_ns - p.capture_ns <= self._settled_ns]
         self._forgotten = False
+        return before - len(self.people)
+
+    def remember(self, now_ns: int) -> dict[str, Any]:
+        """What a restart must not forget, as plain data."""
+        return {
+            "forgotten": self._forgotten,
+            "lost": [
+                {
+                    "id": lost.id,
+                    "speed_m_s": round(lost.speed_m_s, 2),
+                    "since_s": max(0.0, (now_ns - lost.capture_ns) * 1e-9),
+                    "positions": [
+                        [round(float(v), 3) for v in joint] if np.isfinite(joint).all() else None
+                        for joint in lost.positions
+                    ],
+                }
+                for lost in self.people
+            ],
+        }
+
+    def recall(self, data: dict[str, Any], now_ns: int) -> None:
+        """Take back what ``remember`` gave.
+
+        Raises:
+            ValueError, TypeError, KeyError: it is no such data.
+        """
+        self._forgotten = self._forgotten or bool(data["forgotten"])
+        for item in data["lost"]:
+            places = [[np.nan] * 3 if joint is None else joint for joint in item["positions"]]
+            positions = np.array(places, dtype=np.float64)
+            known = np.isfinite(positions).all(-1)
+            if positions.shape != (len(JOINTS), 3) or not known.any():
+                raise ValueError("a lost person has no place")
+            since_s = float(item["since_s"])
+            if not 0 <= since_s < _UNKNOWN_AGE_S:
+                since_s = _UNKNOWN_AGE_S
+            self._keep(
+                Lost(
+                    id=int(item["id"]),
+                    positions=positions,
+                    joint_age_s=np.where(known, 0.0, np.inf),
+                    capture_ns=now_ns - round(since_s * 1e9),
+                    speed_m_s=max(float(item["speed_m_s"]), self._settings.lost_speed_m_s),
+                    limbs_m_s=np.zeros(len(positions)),
+                )
+            )
+
+    def _keep(self, lost: Lost) -> None:
+        if self._space is not None and lost.track is not None:
+            lost.whereabouts = self._space.start(lost.centroid, lost.capture_ns, lost.speed_m_s)
+        self.people.append(lost)
+        if len(self.people) > self._most:
+            self.people.remove(min(self.people, key=lambda p: p.capture_ns))
+            self._forgotten = True
 
 
 def match_places(starts: list[Floats], places: list[Floats], radii: Floats) -> dict[int, int]:

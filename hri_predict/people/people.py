@@ -2,14 +2,17 @@
 
 import threading
 from collections import Counter
+from typing import Any
 
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.joint_map import JointMap
 from hri_predict.people.body_size import is_human_sized
-from hri_predict.people.lost import PLACE_SLACK_M, LostPeople, match_places
+from hri_predict.people.free_space import FreeSpace
+from hri_predict.people.lost import LostPeople
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
+from hri_predict.people.roster import Appearing, Roster
 from hri_predict.people.scene_gate import SceneGate
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import PeopleSnapshot
@@ -71,9 +74,16 @@ class People:
         )
         self._gate = SceneGate(round(period_s * 1e9), round(source_settings.min_latency_s * 1e9))
         self._lock = threading.Lock()
-        self._tracks: dict[int, Track] = {}
-        self._lost = LostPeople(settings, self.stale_ns)
-        self._counters: Counter[str] = Counter()
+        self._roster = Roster(
+            settings=settings,
+            keeps_ids=source_settings.keeps_ids,
+            lost=LostPeople(settings, _free_space(settings, source_settings)),
+            limits=self._limits,
+            gap_ns=self._gap_ns,
+            history=self._history,
+        )
+        self._tracks, self._lost = self._roster.tracks, self._roster.lost
+        self._counters: Counter[str] = self._roster.counters
         self._now_ns = NEVER
         self._receipt_ns: int | None = None
         self._newest_good_ns: int | None = None
@@ -100,7 +110,7 @@ class People:
         self._counters["blind_scenes"] += self._blind
         self._impossible = self._crowded = False
         frozen = False
-        starts: list[tuple[Body, Track | None]] = []
+        starts: list[Appearing] = []
         seen: set[int] = set()
         nowhere: list[int] = []
         for person in scene.people:
@@ -123,9 +133,9 @@ class People:
                 frozen = True
             elif (risen := self._follow(track, body, capture_ns, now_ns)) is not None:
                 starts.append((body, risen))
-        self._begin(starts, capture_ns, now_ns)
+        self._crowded |= self._roster.begin(starts, capture_ns, now_ns)
         if scene.sees_room:
-            self._expire(capture_ns)
+            self._roster.expire(capture_ns)
         unlocated = self._unlocatable(nowhere)
         self._counters["unlocated_people"] += unlocated
         self._unlocated = unlocated > 0
@@ -133,8 +143,9 @@ class People:
         if scene.sees_room and not bad:
             self._newest_good_ns = capture_ns
             self._captures += 1
-        if self._lost.see_room(scene.sees_room and not scene.people, capture_ns):
-            self._counters["seen_empty"] += 1
+        here = [track.centroid for track in self._tracks.values()]
+        is_whole = scene.sees_room and not bad and not nowhere
+        self._counters["seen_free"] += self._lost.see(capture_ns, here, is_whole)
 
     def _refuse(self, why: str) -> None:
         self._counters[why] += 1
@@ -143,11 +154,10 @@ class People:
     def _unlocatable(self, ids: list[int]) -> int:
         """Count people with no visible joint who are neither tracked nor lost.
 
-        A tracked person is where they were last seen. A lost person is in their lost zone, or
-        unaccounted for once that zone has stopped growing. Any other person is at an unknown place
-        in the room.
+        A tracked person is where they were last seen, a lost one is in the lost zone. Any other
+        person is at an unknown place in the room.
         """
-        known = self._tracks.keys() | {track.id for track in self._lost.tracks}
+        known = self._tracks.keys() | {lost.id for lost in self._lost.people}
         return sum(number not in known for number in ids)
 
     def _body(self, person: Person) -> Body | None:
@@ -205,7 +215,7 @@ class People:
         rival = track.rival
         agrees = rival.believable(body, capture_ns, self._limits) if rival else None
         if rival is None or agrees is None:
-            track.rival = Track.start(body, self._history(), capture_ns, now_ns)
+            track.rival = self._roster.start(body, capture_ns, now_ns)
             return None
         self._push(track=rival, body=body, believed=agrees, capture_ns=capture_ns, now_ns=now_ns)
         if rival.captures < self._settings.reaccept_captures:
@@ -216,7 +226,9 @@ class People:
     def _push(
         self, *, track: Track, body: Body, believed: Bools, capture_ns: int, now_ns: int
     ) -> None:
-        result = track.take(body, believed, capture_ns, now_ns)
+        result = self._roster.push(
+            track=track, body=body, believed=believed, capture_ns=capture_ns, now_ns=now_ns
+        )
         if result is not PushResult.ACCEPTED:
             self._refuse(f"push_{result.value}")
 
@@ -228,113 +240,34 @@ class People:
             future_tolerance_ns=round(self._settings.future_tolerance_s * 1e9),
         )
 
-    # -- coming and going -------------------------------------------------------------------------
-
-    def _begin(self, starts: list[tuple[Body, Track | None]], capture_ns: int, now_ns: int) -> None:
-        """Start to track bodies that appear: new ids, and ids that jumped and stayed there.
-
-        A body takes over the place of a person who vanished there, and that person's history if it
-        is plausible. So two ids that swapped bodies end up with each other's history.
-        """
-        if not starts:
-            return
-        left = [self._tracks.pop(body.id) for body, risen in starts if risen is not None]
-        gone = [t for t in self._tracks.values() if t.present_ns != capture_ns]
-        places = [*left, *gone, *self._lost.tracks]
-        radii = np.array(
-            [[self._radius(b, risen, p, capture_ns) for p in places] for b, risen in starts]
-        )
-        pairs = match_places(
-            [body.centroid for body, _ in starts], [place.centroid for place in places], radii
-        )
-        for index, (body, risen) in enumerate(starts):
-            place = places[pairs[index]] if index in pairs else None
-            if place is not None:
-                was_lost = self._forget(place)
-                if risen is not None and was_lost and place.id == body.id:
-                    # The body is back at the place that this id had jumped from: the jump was a
-                    # glitch of the source, and nobody stayed at the place in between.
-                    self._counters["glitches_undone"] += 1
-                    left = [t for t in left if t.id != body.id]
-                left = [t for t in left if t is not place]
-            self._admit(body=body, risen=risen, place=place, capture_ns=capture_ns, now_ns=now_ns)
-        for track in left:
-            self._vanish(track)
-
-    def _radius(self, body: Body, risen: Track | None, place: Track, capture_ns: int) -> float:
-        """Return the metres that the body that vanished at ``place`` may have moved since."""
-        speed = self._settings.lost_speed_m_s
-        if body.id == place.id and risen is None:
-            speed = self._settings.max_body_speed_m_s
-        elif body.id != place.id and not self._lost.is_growing(place, capture_ns):
-            return -1.0
-        return PLACE_SLACK_M + speed * (capture_ns - place.capture_ns) * 1e-9
-
-    def _forget(self, place: Track) -> bool:
-        """Drop ``place``, whose body is found; return whether that body was already lost."""
-        if self._tracks.get(place.id) is place:
-            del self._tracks[place.id]
-        was_lost = place in self._lost.tracks
-        if was_lost:
-            self._lost.tracks.remove(place)
-            self._counters["found"] += 1
-        return was_lost
-
-    def _admit(
-        self, *, body: Body, risen: Track | None, place: Track | None, capture_ns: int, now_ns: int
-    ) -> None:
-        """Track a body that appears, with the history of ``place`` if that is plausible."""
-        believed = place.believable(body, capture_ns, self._limits) if place else None
-        if place is not None and believed is not None:
-            self._counters["inherited"] += 1
-            self._push(
-                track=place, body=body, believed=believed, capture_ns=capture_ns, now_ns=now_ns
-            )
-            self._tracks[body.id] = place
-        elif risen is not None:
-            self._counters["reaccepted"] += 1
-            self._tracks[body.id] = risen
-        elif len(self._tracks) < self._settings.max_people:
-            self._counters["appeared"] += 1
-            self._tracks[body.id] = Track.start(body, self._history(), capture_ns, now_ns)
-        else:
-            self._counters["excess_people"] += 1
-            self._crowded = True
-            if place is not None:
-                self._lost.add(place)
-
-    def _expire(self, capture_ns: int) -> None:
-        """End the tracks of people absent for too long: they left by an exit, or vanished."""
-        for track in list(self._tracks.values()):
-            if capture_ns - track.present_ns > self._gap_ns:
-                del self._tracks[track.id]
-                self._vanish(track)
-
-    def _vanish(self, track: Track) -> None:
-        for place in (track, track.rival):
-            if place is None:
-                continue
-            place.rival = None
-            if any(region.contains(place.centroid) for region in self._settings.exits):
-                self._counters["left_by_exit"] += 1
-            else:
-                self._counters["vanished"] += 1
-                self._lost.add(place)
-
     # -- out --------------------------------------------------------------------------------------
 
     def acknowledge(self) -> None:
-        """Forget lost people on an operator's word, except those whose zone still grows."""
+        """Forget lost people on an operator's word, except those seen shortly before."""
         with self._lock:
             self._counters["acknowledged"] += 1
-            self._lost.acknowledge(self._now_ns)
+            self._counters["forgotten"] += self._lost.acknowledge(self._now_ns)
+
+    def remember(self) -> dict[str, Any]:
+        """The lost people, as plain data: what a restart of the node must not forget."""
+        with self._lock:
+            return self._lost.remember(self._now_ns)
+
+    def recall(self, data: dict[str, Any], now_ns: int) -> None:
+        """Take back what ``remember`` gave before a restart.
+
+        Raises:
+            ValueError, TypeError, KeyError: it is no such data.
+        """
+        with self._lock:
+            self._lost.recall(data, now_ns)
 
     def snapshot(self, now_ns: int) -> PeopleSnapshot:
         """Return all people at ``now_ns`` (node's clock), and the faults of the input."""
         with self._lock:
             self._now_ns = max(self._now_ns, now_ns)
             tracks = [(t.id, t.history, t.capture_ns) for t in self._tracks.values()]
-            lost = self._lost.growing(now_ns)
+            lost = self._lost.snapshot()
             reasons = self._reasons(now_ns)
             counters = {**self._gate.counts(), **self._counters}
             clock = self._gate.alignment.estimate()
@@ -383,6 +316,18 @@ class People:
             (self._unlocated, Reason.PERSON_NOT_LOCATED),
             (self._crowded, Reason.TOO_MANY_PEOPLE),
             (stale and not silent, Reason.INPUT_STALE),
-            (self._lost.unaccounted(now_ns), Reason.ROOM_NOT_SEEN_EMPTY),
+            (self._lost.unaccounted, Reason.ROOM_NOT_SEEN_EMPTY),
         ]
         return tuple(reason for holds, reason in found if holds)
+
+
+def _free_space(settings: PeopleSettings, source: SourceSettings) -> FreeSpace | None:
+    if not source.sees_free_space or source.field_of_view is None:
+        return None
+    return FreeSpace(
+        view=source.field_of_view,
+        room=settings.room,
+        shadows=source.shadows,
+        viewpoints=source.viewpoints,
+        captures=settings.free_captures,
+    )

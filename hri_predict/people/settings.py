@@ -20,22 +20,44 @@ class PeopleSettings(Settings):
         description="longest gap in a joint's observations that is bridged, and longest absence "
         "before a person counts as vanished; default: 0.1 s, or 2.5 source periods if longer",
     )
-    exits: list[Region] = Field([], description="where people may leave the room")
+    exits: list[Region] = Field(
+        [], description="where people may leave the room, far from every robot"
+    )
+    entrances: list[Region] | None = Field(
+        None, description="where people may enter; default: by the exits"
+    )
+    room: Region | None = Field(
+        None, description="the floor up to walls and fences; nobody can be outside it"
+    )
     absent_parts: list[Part] = Field(
         [],
         description="body parts never visible in this room, such as the legs of seated people",
     )
-    lost_growth_s: float = Field(
-        3.0, gt=0, le=60, description="how long the zone of a vanished person grows"
+    found_within_s: float = Field(
+        0.5,
+        ge=0,
+        le=5,
+        description="a body that appears may be a person who vanished at most so long before; "
+        "later, both exist",
     )
     lost_speed_m_s: float = Field(
-        1.6, gt=0, le=10, description="speed of that growth; ISO 13855 walking speed"
+        1.6,
+        gt=0,
+        le=10,
+        description="least speed of a person who vanished; ISO 13855 walking speed",
     )
-    empty_scenes: int = Field(
+    acknowledge_after_s: float = Field(
+        3.0,
+        ge=0,
+        le=60,
+        description="an Acknowledge forgets only people who were last seen so long before",
+    )
+    free_captures: int = Field(
         10,
         ge=1,
         le=10_000,
-        description="how many scenes in a row must be empty before a lost person counts as gone",
+        description="with source.sees_free_space: in how many captures the tracker finds everybody "
+        "who stands in the open",
     )
     max_joint_speed_m_s: float = Field(
         25.0, gt=0, le=100, description="a joint faster than this is not believed"

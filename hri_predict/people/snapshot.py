@@ -11,19 +11,30 @@ from hri_predict.people.clock_alignment import ClockEstimate
 from hri_predict.protocol.reasons import Reason
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LostPerson:
-    """A person who vanished, but not at an exit: a zone that grows at walking speed.
+    """A person who vanished, but not by an exit.
 
     Attributes:
         id: the id under which the body was last seen.
         positions: (J, 3) canonical joints where last observed, room frame; NaN if never observed.
+        joint_age_s: (J,) seconds from that observation to ``last_seen_ns``; inf if never.
         last_seen_ns: node's clock.
+        speed_m_s: how fast the body may go on: measured, and the standard's at least.
+        limbs_m_s: (J,) how much faster than the body each joint was.
+        places: (D, 3) x, y and radius of discs on the floor in which the person is, by what was
+            seen free until ``places_ns``; ``None``: the source does not see free space.
+        places_ns: node's clock.
     """
 
     id: int
     positions: Floats
+    joint_age_s: Floats
     last_seen_ns: int
+    speed_m_s: float
+    limbs_m_s: Floats
+    places: Floats | None = None
+    places_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -72,6 +72,11 @@ class Track:
         rival: the track that the captures refused since the last believed one would form; it takes
             over when enough of them agree with each other.
         captures: believed captures.
+        began_ns: the first capture.
+        began_at: (3,) the mean of the joints seen in it.
+        was_in_room: seen outside of every exit at least once.
+        doorstep: (3,) where the exit began in which the body is now; ``None``: in none, or it was
+            never seen outside.
     """
 
     id: int
@@ -84,6 +89,10 @@ class Track:
     repeats: int = 0
     rival: "Track | None" = field(default=None)
     captures: int = 0
+    began_ns: int = NEVER
+    began_at: Floats = field(default_factory=lambda: np.zeros(3))
+    was_in_room: bool = False
+    doorstep: Floats | None = None
 
     @classmethod
     def start(cls, body: Body, history: RingBuffer, capture_ns: int, now_ns: int) -> "Track":
@@ -94,6 +103,8 @@ class Track:
             history=history,
             positions=np.full((joints, 3), np.nan),
             stamps=np.full(joints, NEVER),
+            began_ns=capture_ns,
+            began_at=body.centroid,
         )
         track.take(body, body.observed, capture_ns, now_ns)
         return track
@@ -106,6 +117,45 @@ class Track:
             recent = self.stamps != NEVER
         centroid: Floats = self.positions[recent].mean(axis=0)
         return centroid
+
+    def moved(self, span_s: float) -> tuple[Floats, float]:
+        """How far the body moved in the last ``span_s`` before it was last seen.
+
+        Returns:
+            (3,) metres, the mean over the joints seen at both ends, and the seconds in between;
+            zeros if it was not seen twice.
+        """
+        moved, seconds = self._joints_moved(span_s)
+        both = np.isfinite(moved).all(-1)
+        if not both.any():
+            return np.zeros(3), 0.0
+        mean: Floats = moved[both].mean(axis=0)
+        return mean, seconds
+
+    def speeds(self, span_s: float) -> tuple[float | None, Floats]:
+        """Speed of the body, m/s, and (J,) how much faster each joint is; over ``span_s``.
+
+        The body's is ``None`` if it was not measured; a joint that was not is as fast as the body.
+        """
+        body, seconds = self.moved(span_s)
+        moved, _ = self._joints_moved(span_s)
+        if seconds < span_s / 2:
+            return None, np.zeros(len(moved))
+        apart = np.sqrt(np.einsum("ji,ji->j", moved, moved)) / seconds
+        speed = float(np.linalg.norm(body)) / seconds
+        return speed, np.maximum(np.nan_to_num(apart - speed), 0.0)
+
+    def _joints_moved(self, span_s: float) -> tuple[Floats, float]:
+        """(J, 3) of each joint, NaN if not seen at both ends, and the seconds in between."""
+        stamps, positions, observed = self.history.samples()
+        nothing = np.full((self.history.joints, 3), np.nan)
+        recent = np.flatnonzero(stamps >= self.capture_ns - round(span_s * 1e9))
+        if len(recent) < 2:
+            return nothing, 0.0
+        first, last = recent[0], recent[-1]
+        both = (observed[first] & observed[last])[:, None]
+        seconds = float(stamps[last] - stamps[first]) * 1e-9
+        return np.where(both, positions[last] - positions[first], nothing), seconds
 
     def take(self, body: Body, believed: Bools, capture_ns: int, now_ns: int) -> PushResult:
         """Append ``body``; only its ``believed`` (J,) joints count as observed."""

@@ -165,6 +165,14 @@ class FieldOfView:
         return distance - capsules.radius
 
 
+def floor_distance(region: Region, point: Floats) -> float:
+    """Metres over the floor from a point (3,) to a region; 0 inside."""
+    outline, at = _Outline(region), np.asarray(point, dtype=np.float64)[None]
+    if outline.contains(at[:, :2])[0]:
+        return 0.0
+    return float(outline.edge_distance(Capsules(at, at, np.zeros(1)))[0])
+
+
 def approach_m(time_s: Floats) -> Floats:
     """How far an unseen person may have come: 2.0 m/s up to 0.5 m, then 1.6 m/s (ISO 13855)."""
     near, walk = REACH_SPEED_M_S * time_s, WALK_SPEED_M_S * time_s

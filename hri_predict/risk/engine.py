@@ -1,7 +1,7 @@
 """The risk engine: forecast in, one advice per robot out."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +9,7 @@ from hri_predict.errors import ConfigError, nearest
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast, problem_in
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings
+from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, floor_distance
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.levels.advice import Levels
 from hri_predict.risk.robot_constants import RobotConstants
@@ -49,10 +49,11 @@ class RiskEngine:
         forecast_rate_hz: steps per second of the forecast.
         horizon_steps: H of the forecast.
         calibration: of the predictor, in the modes that use forecasts; ``None``: not calibrated.
+        doors: exits and entrances by their keys in the configuration.
 
     Raises:
-        ConfigError: the delay budget goes past the horizon, a zone names an unknown robot, or no
-            segment of the body is left.
+        ConfigError: the delay budget goes past the horizon, a zone names an unknown robot, no
+            segment of the body is left, or a door is too near to a robot.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class RiskEngine:
         forecast_rate_hz: float,
         horizon_steps: int,
         calibration: Calibration | None = None,
+        doors: Mapping[str, Region] | None = None,
     ) -> None:
         self._settings = settings
         self._budget = budget
@@ -77,6 +79,8 @@ class RiskEngine:
         horizon_s = trusted / forecast_rate_hz
         constants = [RobotConstants.of(each, settings, budget, horizon_s) for each in robots]
         _check_zones(named_zones, [robot.name for robot in constants])
+        for key, door in (doors or {}).items():
+            _check_door(key, door, constants)
         named = [NamedZone(zone, settings.person_uncertainty_m) for zone in named_zones]
         longest_s = max((robot.longest_s for robot in constants), default=0.0)
         steps = max(horizon_steps, math.ceil(longest_s * forecast_rate_hz - 1e-9))
@@ -211,3 +215,18 @@ def _check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> N
                     f"zones: zone {zone.name} names the unknown robot '{robot}'"
                     f"{nearest(robot, robots)} (known: {', '.join(robots)})"
                 )
+
+
+def _check_door(key: str, door: Region, robots: Sequence[RobotConstants]) -> None:
+    """Refuse a door where somebody could be touched who is taken to have left, or not yet to be
+    here."""
+    for robot in robots:
+        distance_m = floor_distance(door, robot.model.base)
+        reach_m, needed_m = robot.model.reach_m, robot.needed_m()
+        if distance_m < reach_m + needed_m:
+            raise ConfigError(
+                f"{key}: {reach_m + needed_m - distance_m:.2f} m too near to robot {robot.name}: "
+                f"it is {distance_m:.2f} m from the base, and must be farther than the robot's "
+                f"reach of {reach_m:.2f} m and the separation distance of {needed_m:.2f} m; move "
+                f"it, or make it smaller"
+            )

@@ -21,6 +21,7 @@ from hri_predict.risk.zones.radii import Calibration, calibration_for
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.run.config import Config
+from hri_predict.settings import Region
 from hri_predict.source import Source
 
 LATE_FRACTION = 0.5  # of a cycle: a prediction that takes longer is late
@@ -110,7 +111,18 @@ def build_risk(
         forecast_rate_hz=predictor.rate_hz,
         horizon_steps=predictor.horizon_steps,
         calibration=build_calibration(config),
+        doors=_doors(config),
     )
+
+
+def _doors(config: Config) -> dict[str, Region]:
+    people = config.node.people
+    doors = {"exits": people.exits, "entrances": people.entrances or ()}
+    return {
+        f"{config.path}: people.{kind}.{i}": region
+        for kind, regions in doors.items()
+        for i, region in enumerate(regions)
+    }
 
 
 def build_calibration(config: Config) -> Calibration | None:

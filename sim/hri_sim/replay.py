@@ -34,6 +34,9 @@ class RecordingSettings(SourceSettings):
 
     kind: Literal["recording"]
     room_from_source: Pose = Pose()
+    keeps_ids: bool = Field(
+        True, description="false for a recording of a tracker that may give an id to somebody else"
+    )
     path: str = Field(min_length=1, description=".npz, .bvh, .c3d, .trc, .csv or .mcap")
     place: Vector3 | None = Field(
         None, description="[x, y, yaw] in the room of the recording's start"

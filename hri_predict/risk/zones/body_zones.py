@@ -30,6 +30,7 @@ from hri_predict.risk.zones.human_speed import (
 )
 from hri_predict.risk.zones.joint_zones import FRESH_S, JointZones
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.whereabouts import anywhere_in
 from hri_predict.skeleton import Skeleton
 
 
@@ -146,9 +147,11 @@ class ZoneBuilder:
             snapshot, forecast, capture_ns=capture_ns, trust=trust, velocities=velocities
         )
         zones = self._segments(joints.mid, joints.radius, joints.joint_age)
+        zones = self._where_lost(zones, snapshot, capture_ns)
         paths = zones
         if self._with_paths:
             paths = self._segments(joints.path, joints.inflation, joints.joint_age)
+            paths = self._where_lost(paths, snapshot, capture_ns)
         ids = snapshot.ids + tuple(person.id for person in snapshot.lost)
         return BodyZones(
             zones=Zones(ids, self.segment_names, self.times_s, zones),
@@ -159,6 +162,20 @@ class ZoneBuilder:
             claimed=joints.claimed,
             speeds=measure_people(velocities, self._skeleton, self.limits),
         )
+
+    def _where_lost(
+        self, zones: Capsules, snapshot: PeopleSnapshot, capture_ns: int | None
+    ) -> Capsules:
+        """Replace the zones of lost people of whom is known where they may be."""
+        for i, person in enumerate(snapshot.lost, len(snapshot.ids)):
+            if person.places is None or person.places_ns is None:
+                continue
+            reference = snapshot.now_ns if capture_ns is None else capture_ns
+            until = (snapshot.now_ns - person.places_ns) * 1e-9 + self.times_s
+            until[0] = (reference - person.places_ns) * 1e-9
+            own = anywhere_in(person, np.maximum(until, 0.0), zones.radius.shape[-1])
+            zones.a[i], zones.b[i], zones.radius[i] = own.a, own.b, own.radius
+        return zones
 
     def _segments(self, mid: Floats, around: Floats, joint_age: Floats) -> Capsules:
         """Joints' centres and radii to capsules (P, K+1, S)."""

@@ -19,8 +19,9 @@ forecast can leave such a zone; how often is unknown.
 was not seen in the capture or only recently appeared, and to a person whose motion is out of
 distribution. Without a calibration, the standard's assumption replaces them: the joint is at most
 ``v (t + joint_age)`` from where it was last seen, where ``v`` is the physical speed or the joint's
-present speed, whichever is higher. A lost person walks from where they were last seen, with arms at
-arm speed. Past the last calibrated step the zone grows at the physical speed.
+present speed, whichever is higher. A lost person goes on from where each joint was last seen, at
+the speed last measured or the standard's, whichever is higher; a limb that was faster than its body
+gets an arm's length farther. Past the last calibrated step the zone grows at the physical speed.
 
 Zones that follow a forecast are also cut to what a body can do by then.
 """
@@ -47,6 +48,8 @@ _UNBOUNDED_M = 1e5
 _FAR_M = 1e4
 """A coordinate beyond this is no position in a room."""
 FRESH_S = 1e-6
+LIMB_M = 0.85
+"""How far a limb gets ahead of its body: an arm's reach by ISO 13855:2010."""
 RECENT_STEPS, SETTLED_STEPS = 15, 8
 """A joint is settled if it was seen in so many of the most recent steps: calibrated radii rest on
 at least as much history."""
@@ -85,6 +88,7 @@ class _Tracks:
     forecast: Bools  # (P, J) whether the joint follows the forecast
     age: Floats  # (P,) seconds from capture to now
     waited: Floats  # (P,) seconds from capture to the time of entry 0
+    limbs: Floats  # (P, J) how much faster than its body a lost person's joint was
 
 
 class JointZones:
@@ -154,7 +158,9 @@ class JointZones:
         since = tracks.age[:, None] + self._times_s  # (P, K+1) seconds since capture
         until = since.copy()
         since[:, 0] = until[:, 0] = tracks.waited
-        growth = tracks.speed[:, None] * (until[..., None] + tracks.joint_age[:, None])
+        unseen = until[..., None] + tracks.joint_age[:, None]
+        growth = tracks.speed[:, None] * unseen
+        growth += np.minimum(tracks.limbs[:, None] * unseen, LIMB_M)
         shape = (*since.shape, tracks.last.shape[1])
         follows = tracks.forecast[:, None]
         if forecast is None or not tracks.forecast.any():
@@ -212,7 +218,10 @@ class JointZones:
             ]
         )
         joint_age = np.concatenate(
-            [snapshot.joint_age_s.reshape(people, joints), np.zeros((lost, joints))]
+            [
+                snapshot.joint_age_s.reshape(people, joints),
+                np.array([p.joint_age_s for p in snapshot.lost]).reshape(lost, joints),
+            ]
         )
         seen = (np.abs(last) < _FAR_M).all(-1) & (joint_age >= 0)  # false for NaN too
         last = np.where(seen[..., None], last, 0.0)
@@ -231,11 +240,14 @@ class JointZones:
             [*snapshot.capture_ns, *(p.last_seen_ns for p in snapshot.lost)], dtype=np.int64
         )
         present = growth_speeds(velocities, self._limits.physical_speed_m_s)
+        onward = np.array([p.speed_m_s for p in snapshot.lost]).reshape(lost, 1)
+        limbs = np.array([p.limbs_m_s for p in snapshot.lost]).reshape(lost, joints)
         reference = snapshot.now_ns if capture_ns is None else capture_ns
         return _Tracks(
             last=last,
             joint_age=joint_age,
-            speed=np.concatenate([present, np.broadcast_to(self._speed, (lost, joints))]),
+            speed=np.concatenate([present, np.maximum(self._speed, onward)]),
+            limbs=np.concatenate([np.zeros((people, joints)), limbs]),
             forecast=follows,
             age=np.maximum(0.0, (snapshot.now_ns - captures) * 1e-9),
             waited=np.where(is_lost[:, 0], np.maximum(0.0, (reference - captures) * 1e-9), 0.0),

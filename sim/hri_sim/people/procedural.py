@@ -51,6 +51,7 @@ class ProceduralSettings(SourceSettings):
     people: list[PersonSettings] = Field(
         [validated(PersonSettings, person, "demo") for person in DEMO], max_length=16
     )
+    keeps_ids: bool = True
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240)
     seed: int = Field(0, ge=0)
     latency_s: float = Field(0.0, ge=0, le=2, description="time from capture to arrival")

@@ -30,6 +30,7 @@ class ApproachSettings(SourceSettings):
 
     kind: Literal["approach"]
     room_from_source: Pose = Pose()
+    keeps_ids: bool = True
     motions: list[str] = Field(
         [], max_length=16, description="recordings or procedural:SEED; simulate fills them in"
     )

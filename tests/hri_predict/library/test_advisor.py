@@ -86,11 +86,11 @@ def test_somebody_who_vanishes_is_lost_until_he_is_acknowledged():
     cell = Cell()
     cell.step([0.6, 0.0], times=5)
     assert cell.step(None, times=5).advices[0].level is not Level.CLEAR
-    cell.now += 5000 * MS  # the zone has grown to its end
+    cell.now += 5000 * MS  # long enough for an operator to mean it
     tick = cell.step(None)
-    assert Reason.ROOM_NOT_SEEN_EMPTY in tick.snapshot.reasons
+    assert [person.id for person in tick.snapshot.lost] == [1]
     cell.advisor.advise(None, [Acknowledge(0, 1)], now_ns=cell.now + MS)
-    assert cell.step(None).snapshot.reasons == ()
+    assert cell.step(None).snapshot.lost == ()
 
 
 def test_mistakes_are_one_line():

@@ -290,9 +290,11 @@ def test_any_scenes_leave_a_sound_snapshot_and_a_stage_that_recovers(
         assert snapshot.history.shape == (len(snapshot.ids), T, J, 3)
         assert (snapshot.capture_ns <= room.now).all()
         assert snapshot.newest_capture_ns is None or snapshot.newest_capture_ns <= room.now
-    # the room is seen empty until the growth of whoever was lost is over, and for ten scenes more
+    # until an operator says that whoever was lost is gone
     for _ in range(120):
-        snapshot = room.see()
+        room.see()
+    room.people.acknowledge()
+    snapshot = room.see()
     assert snapshot.reasons == ()
     assert snapshot.ids == ()
     assert snapshot.lost == ()

@@ -82,10 +82,11 @@ def test_a_teleport_that_stays_is_believed_and_leaves_a_lost_person_behind(make_
     assert snapshot.lost[0].positions == pytest.approx(SHAPE)
 
 
-def test_a_teleport_and_back_leaves_nothing_behind(make_room):
-    room = make_room()
+@pytest.mark.parametrize(("keeps_ids", "captures"), [(False, 8), (True, 8), (True, 20)])
+def test_a_teleport_and_back_leaves_nothing_behind(make_room, keeps_ids, captures):
+    room = make_room(source={"keeps_ids": keeps_ids})
     room.see(body(1, 0.0), times=5)
-    room.see(body(1, 3.0), times=20)
+    room.see(body(1, 3.0), times=captures)
     assert len(room.snapshot().lost) == 1
     room.see(body(1, 0.0), times=5)
     snapshot = room.see(body(1, 0.0))
@@ -93,6 +94,14 @@ def test_a_teleport_and_back_leaves_nothing_behind(make_room):
     assert snapshot.lost == ()
     assert snapshot.ids == (1,)
     assert snapshot.counters["glitches_undone"] == 1
+
+
+def test_an_id_that_is_long_elsewhere_may_be_two_people(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), times=5)
+    room.see(body(1, 3.0), times=20)
+    room.see(body(1, 0.0), times=6)
+    assert len(room.snapshot().lost) == 2
 
 
 def test_captures_that_never_agree_are_never_believed(make_room):

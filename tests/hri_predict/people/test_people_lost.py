@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from hri_predict.skeleton import JOINTS
 MS = 1_000_000
 RATE = 25.0
 PERIOD = 40 * MS
-GROWTH_SCENES = 75  # 3 s
+LONG_SCENES = 75  # 3 s
 J = len(JOINTS)
 T = 10
 SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
@@ -50,116 +52,6 @@ def test_who_vanishes_becomes_a_lost_person_where_last_seen(make_room):
     assert snapshot.lost[0].positions == pytest.approx(SHAPE)
     assert snapshot.lost[0].last_seen_ns == seen
     assert snapshot.reasons == ()  # the growing zone is for the risk stage
-
-
-def test_ageing_out_never_clears_while_the_room_is_not_seen_empty(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), body(2, 3.0), times=10)
-    snapshot = room.see(body(2, 3.0), times=GROWTH_SCENES)
-    assert lost_ids(snapshot) == [1]
-    assert snapshot.reasons == ()
-    for _ in range(500):  # 20 s; somebody is always there, so the room is never seen empty
-        snapshot = room.see(body(2, 3.0))
-        assert snapshot.lost == ()
-        assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
-
-
-def test_a_blind_source_never_clears_either(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), times=10)
-    room.see(times=3)
-    room.see(times=2 * GROWTH_SCENES, sees_room=False)
-    snapshot = room.see(times=9)
-    assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
-    room.see(sees_room=False)
-    assert room.see(times=9).reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)  # ten in a row are needed
-    assert room.see().reasons == ()
-
-
-def test_an_empty_room_clears_only_after_the_growth(make_room):
-    """Somebody hidden behind a machine gives empty scenes from the moment he vanishes."""
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), times=10)
-    for _ in range(GROWTH_SCENES):
-        snapshot = room.see()
-        assert snapshot.ids == (1,) or lost_ids(snapshot) == [1]
-    for _ in range(9):
-        snapshot = room.see()
-        assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
-    snapshot = room.see()
-    assert snapshot.reasons == ()
-    assert snapshot.lost == ()
-    assert snapshot.counters["seen_empty"] == 1
-
-
-def test_empty_scenes_must_follow_each_other(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), times=5)
-    room.see(times=GROWTH_SCENES + 5)
-    room.see(body(2, 9.0))
-    assert room.see(body(2, 9.0)).reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
-
-
-def test_empty_scenes_with_a_long_silence_between_are_not_in_a_row(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), times=5)
-    room.see(times=GROWTH_SCENES + 5)
-    room.now += 10_000 * MS
-    assert room.see(times=9).reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
-    assert room.see().reasons == ()
-
-
-def test_a_body_of_which_nothing_is_observed_is_not_seen_but_the_room_is_not_empty(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), times=5)
-    snapshot = room.see(body(1, 0.0, observed=~ALL), times=GROWTH_SCENES)
-    assert lost_ids(snapshot) == [1]
-    snapshot = room.see(body(1, 0.0, observed=~ALL), times=100)
-    assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
-    assert room.see(body(1, 0.5)).reasons == ()
-
-
-def test_acknowledge_clears_only_those_whose_growth_is_over(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), body(2, 3.0), body(3, 6.0), times=5)
-    room.see(body(2, 3.0), body(3, 6.0), times=GROWTH_SCENES)
-    room.people.acknowledge()
-    assert lost_ids(room.people.snapshot(room.now)) == [1]
-    snapshot = room.see(body(3, 6.0), times=10)
-    assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
-    assert lost_ids(snapshot) == [2]
-    room.people.acknowledge()
-    snapshot = room.people.snapshot(room.now)
-    assert snapshot.reasons == ()
-    assert lost_ids(snapshot) == [2]
-    assert snapshot.counters["acknowledged"] == 2
-
-
-def test_who_leaves_by_an_exit_is_gone(make_room):
-    room = make_room(latency=0, exits=[DOOR])
-    for i in range(30):
-        room.see(body(1, 0.15 * i), body(2, 0.0, 3.0))
-    snapshot = room.see(body(2, 0.0, 3.0), times=2 * GROWTH_SCENES)
-    assert snapshot.ids == (2,)
-    assert snapshot.lost == ()
-    assert snapshot.reasons == ()
-    assert snapshot.counters["left_by_exit"] == 1
-    assert lost_ids(room.see(times=3)) == [2]  # and no one else
-
-
-def test_the_same_id_is_found_again(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), times=10)
-    room.see(times=20)
-    snapshot = room.see(body(1, 1.0))
-    assert snapshot.ids == (1,)
-    assert snapshot.lost == ()
-    assert snapshot.counters["found"] == 1
-    # even after the growth: it is the source that vouches for the id
-    room.see(times=GROWTH_SCENES + 5)
-    snapshot = room.see(body(1, 2.0))
-    assert snapshot.ids == (1,)
-    assert snapshot.reasons == ()
 
 
 def test_the_same_id_too_far_away_is_somebody_else(make_room):
@@ -216,15 +108,6 @@ def test_a_new_id_outside_the_grown_zone_inherits_nothing(make_room):
     assert snapshot.observed[0].all(axis=1).tolist() == [False] * 9 + [True]
 
 
-def test_after_the_growth_a_new_id_inherits_nothing(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), times=10)
-    room.see(times=GROWTH_SCENES + 2)
-    snapshot = room.see(body(7, 0.0))
-    assert snapshot.ids == (7,)
-    assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
-
-
 def test_one_body_accounts_for_one_lost_person_only(make_room):
     room = make_room(latency=0)
     room.see(body(1, 0.0), body(2, 1.0), times=10)
@@ -232,17 +115,6 @@ def test_one_body_accounts_for_one_lost_person_only(make_room):
     snapshot = room.see(body(7, 0.9))
     assert snapshot.ids == (7,)
     assert lost_ids(snapshot) == [1]
-
-
-def test_more_lost_people_than_are_kept_need_an_empty_room(make_room):
-    room = make_room(latency=0, max_people=2, lost_growth_s=1.0)
-    for i in range(4):
-        room.see(body(i, 20.0 * i), times=3)
-        room.see(times=4)
-    snapshot = room.people.snapshot(room.now)
-    assert len(snapshot.lost) == 2
-    assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
-    assert room.see(times=40).reasons == ()
 
 
 def test_a_source_that_falls_silent_does_not_make_people_vanish(make_room):
@@ -254,7 +126,7 @@ def test_a_source_that_falls_silent_does_not_make_people_vanish(make_room):
     room.now += 60_000 * MS
     snapshot = room.see()  # and when it comes back, whoever is missing vanished long ago
     assert snapshot.ids == ()
-    assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
+    assert lost_ids(snapshot) == [1]
 
 
 def test_a_person_who_vanishes_where_it_had_jumped_to_is_lost_at_both_places(make_room):
@@ -267,6 +139,178 @@ def test_a_person_who_vanishes_where_it_had_jumped_to_is_lost_at_both_places(mak
     assert places == pytest.approx(
         [float(SHAPE[:, 0].mean()), 5.0 + float(SHAPE[:, 0].mean())], abs=1e-9
     )
+
+
+@pytest.mark.parametrize("others", [(), (2,)])
+def test_scenes_without_a_lost_person_never_end_it(make_room, others):
+    """A tracker that returns no skeleton has not seen an empty place."""
+    room = make_room(latency=0)
+    here = [body(number, 30.0) for number in others]
+    room.see(body(1, 0.0), *here, times=10)
+    for _ in range(1000):  # 40 s
+        snapshot = room.see(*here)
+    assert lost_ids(snapshot) == [1]
+    assert snapshot.reasons == ()
+
+
+def test_a_blind_source_never_ends_it_either(make_room):
+    room = make_room(latency=0)
+    room.see(body(1, 0.0), times=10)
+    room.see(times=3)
+    room.see(times=100, sees_room=False)
+    assert lost_ids(room.see(times=100)) == [1]
+
+
+def test_a_body_of_which_nothing_is_observed_is_not_seen(make_room):
+    room = make_room(latency=0)
+    room.see(body(1, 0.0), times=5)
+    snapshot = room.see(body(1, 0.0, observed=~ALL), times=100)
+    assert lost_ids(snapshot) == [1]
+    assert snapshot.reasons == ()
+
+
+def test_acknowledge_forgets_only_those_not_seen_for_long(make_room):
+    room = make_room(latency=0)
+    room.see(body(1, 0.0), body(2, 3.0), body(3, 6.0), times=5)
+    room.see(body(2, 3.0), body(3, 6.0), times=LONG_SCENES)
+    room.people.acknowledge()
+    assert lost_ids(room.people.snapshot(room.now)) == [1]
+    snapshot = room.see(body(3, 6.0), times=10)
+    assert lost_ids(snapshot) == [1, 2]
+    room.people.acknowledge()
+    snapshot = room.people.snapshot(room.now)
+    assert lost_ids(snapshot) == [2]
+    assert snapshot.counters["acknowledged"] == 2
+    assert snapshot.counters["forgotten"] == 1
+
+
+@pytest.mark.parametrize("keeps_ids", [True, False])
+def test_an_id_that_comes_back_is_that_person_if_the_source_keeps_its_ids(make_room, keeps_ids):
+    room = make_room(latency=0, source={"keeps_ids": keeps_ids})
+    room.see(body(1, 0.0), times=10)
+    room.see(times=LONG_SCENES)
+    snapshot = room.see(body(1, 1.0))
+    assert snapshot.ids == (1,)
+    assert lost_ids(snapshot) == ([] if keeps_ids else [1])
+    assert snapshot.counters.get("found", 0) == keeps_ids
+
+
+def test_an_id_that_comes_back_soon_is_that_person(make_room):
+    room = make_room(latency=0)
+    room.see(body(1, 0.0), times=10)
+    room.see(times=9)  # 0.4 s
+    snapshot = room.see(body(1, 0.5))
+    assert snapshot.lost == ()
+    assert snapshot.counters["found"] == 1
+
+
+def test_after_a_long_gap_a_new_id_is_somebody_else(make_room):
+    room = make_room(latency=0)
+    room.see(body(1, 0.0), times=10)
+    room.see(times=13)  # 0.56 s
+    snapshot = room.see(body(7, 0.0))
+    assert snapshot.ids == (7,)
+    assert lost_ids(snapshot) == [1]
+
+
+def test_who_appears_where_people_enter_is_somebody_else(make_room):
+    room = make_room(latency=0, entrances=[DOOR])
+    room.see(body(1, 3.9), times=10)
+    room.see(times=5)
+    snapshot = room.see(body(7, 4.6))
+    assert snapshot.ids == (7,)
+    assert lost_ids(snapshot) == [1]
+
+
+def test_an_id_that_changes_in_the_door_while_its_body_is_in_place_is_that_body(make_room):
+    room = make_room(latency=0, entrances=[DOOR])
+    for i in range(20):
+        snapshot = room.see(body(i, 4.5 + 0.03 * i))
+    assert snapshot.ids == (19,)
+    assert snapshot.lost == ()
+    room.see(body(19, 5.07))
+    assert lost_ids(room.see(body(50, 5.07, 0.6), times=4)) == [19]  # another one beside him
+
+
+def test_a_runner_is_found_as_far_away_as_he_ran(make_room):
+    room = make_room(latency=0)
+    for i in range(10):
+        room.see(body(1, 0.2 * i))  # 5 m/s
+    room.see(times=9)
+    assert room.see(body(7, 1.8 + 2.0)).lost == ()
+
+
+def test_a_lost_person_goes_on_at_the_speed_last_measured(make_room):
+    for speed, least, most in ((5.0, 5.0, 7.0), (0.0, 1.6, 1.6)):
+        room = make_room(latency=0)
+        for i in range(15):
+            room.see(body(1, speed * i / RATE))
+        (lost,) = room.see(times=4).lost
+        assert least <= lost.speed_m_s <= most
+    room = make_room(latency=0)
+    room.see(body(1, 0.0), times=2)  # no speed could be measured
+    assert room.see(times=4).lost[0].speed_m_s == 10.0
+
+
+def test_a_limb_that_was_faster_than_its_body_is_known(make_room):
+    room = make_room(latency=0)
+    hand = JOINTS.index("r_hand")
+    for i in range(15):
+        person = body(1, 0.0)
+        person.positions[hand, 0] += 4.0 * i / RATE
+        room.see(person)
+    (lost,) = room.see(times=4).lost
+    assert lost.limbs_m_s[hand] == pytest.approx(4.0, abs=0.5)
+    assert lost.limbs_m_s.argmax() == hand
+
+
+def test_joints_not_seen_for_long_are_older_than_the_person(make_room):
+    room = make_room(latency=0)
+    foot = JOINTS.index("l_foot")
+    room.see(body(1, 0.0), times=5)
+    without = ALL.copy()
+    without[foot] = False
+    room.see(body(1, 0.0, observed=without), times=10)
+    (lost,) = room.see(times=4).lost
+    assert lost.joint_age_s[foot] == pytest.approx(0.4)
+    assert np.delete(lost.joint_age_s, foot) == pytest.approx(0.0)
+
+
+def test_more_lost_people_than_are_kept_may_be_anywhere_until_acknowledged(make_room):
+    room = make_room(latency=0, max_people=2, acknowledge_after_s=1.0)
+    for i in range(4):
+        room.see(body(i, 20.0 * i), times=3)
+        room.see(times=4)
+    snapshot = room.see(times=200)
+    assert len(snapshot.lost) == 2
+    assert snapshot.reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
+    room.people.acknowledge()
+    snapshot = room.people.snapshot(room.now)
+    assert snapshot.lost == ()
+    assert snapshot.reasons == ()
+
+
+def test_lost_people_outlive_a_restart(make_room):
+    room = make_room(latency=0)
+    room.see(body(1, 0.0, observed=np.arange(J) != 3), times=10)
+    room.see(times=50)
+    data = json.loads(json.dumps(room.people.remember()))
+    again = make_room(latency=0)
+    again.people.recall(data, again.now)
+    (lost,) = again.see().lost
+    assert (lost.id, lost.speed_m_s) == (1, 1.6)
+    assert np.isnan(lost.positions[3]).all()
+    assert np.delete(lost.positions, 3, 0) == pytest.approx(np.delete(SHAPE, 3, 0), abs=1e-3)
+    assert again.now - lost.last_seen_ns == pytest.approx(2.0e9, abs=2 * PERIOD)
+    assert lost_ids(again.see(body(7, 0.0), times=5)) == [1]
+
+
+@pytest.mark.parametrize(
+    "data", [{}, {"lost": [{}], "forgotten": False}, {"lost": 3, "forgotten": 1}]
+)
+def test_what_is_no_memory_is_refused(make_room, data):
+    with pytest.raises((ValueError, TypeError, KeyError)):
+        make_room().people.recall(data, 0)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hri_predict.errors import ConfigError
-from hri_predict.people.snapshot import LostPerson
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import Advice, Level, RobotMode
 from hri_predict.protocol.reasons import Reason
@@ -19,6 +18,7 @@ from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from hri_predict.settings import Region
 from hri_predict.skeleton import CANONICAL, JOINTS
+from tests.hri_predict.lost_person import lost_person
 from tests.hri_predict.risk.engine_cell import (
     MODEL,
     MODES,
@@ -175,7 +175,7 @@ def test_a_forecast_that_is_no_forecast_is_not_used():
 def test_a_lost_person_counts(mode):
     cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
     cell.settle(3.5)
-    lost = LostPerson(7, body(3.5), cell.now_ns)
+    lost = lost_person(7, body(3.5), cell.now_ns)
     advices = [cell.step(lost=(lost,)) for _ in range(40)]
     limits = [advice.speed_limit_m_s for advice in advices]
     assert (advices[-1].level, advices[-1].reason) == (Level.STOP, Reason.PERSON_LOST)

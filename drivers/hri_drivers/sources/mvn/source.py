@@ -54,6 +54,7 @@ class MvnSettings(LiveSettings):
 
     kind: Literal["mvn"]
     joint_map: str = "xsens23"
+    keeps_ids: bool = True  # a suit's
     host: str = Field("127.0.0.1", description="address to listen on; default: this machine only")
     port: int = Field(DEFAULT_PORT, ge=0, le=65535)
     protocol: Literal["udp", "tcp"] = Field("udp", description="as set in MVN's network streamer")

@@ -15,6 +15,7 @@ from hri_predict.predictors.base import Forecast
 from hri_predict.risk.settings import HumanLimits, Reach
 from hri_predict.risk.zones.body_zones import BodyZones, ZoneBuilder
 from hri_predict.skeleton import CANONICAL, JOINTS
+from tests.hri_predict.lost_person import lost_person
 
 RATE_HZ = 25.0
 STEPS = 10
@@ -233,7 +234,7 @@ def test_entry_0_is_the_body_as_captured():
 
 
 def test_a_lost_person_walks_from_where_they_were_last_seen():
-    lost = LostPerson(9, body(2.0), NOW_NS - 1_000_000_000)
+    lost = lost_person(9, body(2.0), NOW_NS - 1_000_000_000)
     bodies = builder().build(snapshot_of(body()[None], [0.1], lost=(lost,)), None)
     zones = bodies.zones
     assert zones.ids == (0, 9)

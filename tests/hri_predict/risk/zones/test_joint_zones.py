@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.people.snapshot import LostPerson, PeopleSnapshot
+from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
 from hri_predict.risk.self_check.self_check import Trust
 from hri_predict.risk.settings import CoverageSettings, HumanLimits, Reach
@@ -15,6 +15,7 @@ from hri_predict.risk.zones.joint_zones import SETTLED_STEPS, JointZones
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.reach import BONE_FACTOR, BONE_MARGIN_M
 from hri_predict.skeleton import CANONICAL, JOINTS
+from tests.hri_predict.lost_person import lost_person
 
 RATE_HZ = 25.0
 STEPS = 25
@@ -333,7 +334,7 @@ def test_a_forecast_that_no_body_can_follow_gives_way_to_what_bodies_can_do(cali
 
 
 def test_a_lost_person_walks_from_where_they_were_beside_one_who_is_here(calibration):
-    lost = LostPerson(9, standing(), NOW_NS - 500_000_000)
+    lost = lost_person(9, standing(), NOW_NS - 500_000_000)
     snapshot = seen(lost=(lost,))
     spheres = built(calibration, snapshot, trusted())
     assert spheres.radius.shape == (2, STEPS + 1, COUNT)

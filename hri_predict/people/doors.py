@@ -1,0 +1,56 @@
+"""Exits and entrances: where people leave and enter the room.
+
+Whoever vanishes in an exit has not left unless his last motion led there: he was seen in the room,
+walked into the exit, and was still on his way when he was seen last. Somebody who stands in a
+doorway and is hidden by a colleague has not left, nor has somebody who has just come in.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.people.track import Track
+from hri_predict.settings import Region
+
+LAST_MOTION_S = 1.0
+"""The last motion is that of this time before a person was last seen."""
+ON_THE_WAY_M = 0.2
+"""Who moved less than this in ``LAST_MOTION_S`` stood: a slow step is 0.3 m."""
+
+
+class Doors:
+    """The exits and entrances of a room.
+
+    Args:
+        exits: where people may leave.
+        entrances: where people may appear; ``None``: in the exits.
+    """
+
+    def __init__(self, exits: Sequence[Region], entrances: Sequence[Region] | None) -> None:
+        self._exits = tuple(exits)
+        self._entrances = self._exits if entrances is None else tuple(entrances)
+
+    def is_entrance(self, point: Floats) -> bool:
+        """Whether people may enter at ``point`` (3,), room frame."""
+        return any(region.contains(point) for region in self._entrances)
+
+    def follow(self, track: Track) -> None:
+        """Note whether the newest capture of ``track`` lies in an exit, and where it came in."""
+        if not self._exits:
+            return
+        place = track.centroid
+        if not any(region.contains(place) for region in self._exits):
+            track.was_in_room, track.doorstep = True, None
+        elif track.was_in_room and track.doorstep is None:
+            track.doorstep = place
+
+    def has_left(self, track: Track) -> bool:
+        """Whether a person who has vanished left by an exit that the last motion led to."""
+        if track.doorstep is None:
+            return False
+        moved, _ = track.moved(LAST_MOTION_S)
+        if float(np.linalg.norm(moved)) < ON_THE_WAY_M:
+            return False
+        inward = track.centroid - track.doorstep  # from where the exit began
+        return float(moved @ inward) >= 0.0

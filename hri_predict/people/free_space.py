@@ -1,0 +1,191 @@
+"""What a source sees free, and where a lost person may still be.
+
+Only a sensor that can tell free space from occupied space gives such evidence (a depth camera or a
+lidar whose tracker reports everybody who stands in the open): ``source.sees_free_space``. The floor
+is a grid. A cell is *open* in a scene if nobody could stand there unseen: it and half a body's
+width around it are inside the field of view (or behind a wall), outside every static shadow, and
+not behind (or at) another body. A lost person may be wherever walking leads from where they
+were last seen, except in cells that they could only reach by staying in the open for
+``free_captures`` captures.
+
+So somebody who vanishes in the open is gone after that many captures; somebody who steps behind a
+pallet may be there for as long as nobody looks behind it, and in reach of it, but nowhere else.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.geometry import in_polygon, segment_distance
+from hri_predict.settings import Region
+
+CELL_M = 0.25
+BODY_M = 0.3
+"""Half a body's width. Who is so near to a hidden place may be half hidden, and be missed."""
+HIDES_M = 0.3
+"""Somebody who lies on the floor fits into this height."""
+TALL_M = 2.0
+"""A shadow that begins above hides nobody who stands on the floor."""
+STEP_M = 0.5
+"""A body's mean may lie this far from where it was: other joints, a step."""
+MOST_PLACES = 20
+_HALF_M = CELL_M * math.sqrt(0.5)  # from a cell's middle to its corner
+_BORDER_M = 1.0  # of the grid around the field of view: cells that are never open
+
+
+class FreeSpace:
+    """The grid and what is open in it.
+
+    Args:
+        view: what the sensor sees.
+        room: where people can be, up to walls and fences; ``None``: everywhere.
+        shadows: what it never sees within its view.
+        viewpoints: (V, 3) where the cameras are; empty: unknown, and nothing is open in a scene
+            with people in it, who may hide others.
+        captures: in how many captures somebody in the open is seen at least once.
+    """
+
+    def __init__(
+        self,
+        *,
+        view: Region,
+        room: Region | None,
+        shadows: Sequence[Region],
+        viewpoints: Sequence[Sequence[float]],
+        captures: int,
+    ) -> None:
+        corners = np.asarray((room or view).polygon, dtype=np.float64)
+        low = corners.min(0) - _BORDER_M
+        self.shape = tuple(np.ceil((np.ptp(corners, axis=0) + 2 * _BORDER_M) / CELL_M).astype(int))
+        x, y = np.meshgrid(*(np.arange(n) for n in self.shape), indexing="ij")
+        self.centres: Floats = low + CELL_M * (np.stack([x, y], axis=-1) + 0.5)
+        self.captures = captures
+        self._viewpoints = np.asarray(viewpoints, dtype=np.float64).reshape(-1, 3)[:, :2]
+        self.in_room: Bools = np.ones(self.shape, bool)
+        if room is not None:
+            self.in_room = self._contains(room)
+        seen = self._contains(view) if view.z_min <= HIDES_M else np.zeros(self.shape, bool)
+        for shadow in shadows:
+            if min(shadow.z_max, TALL_M) - max(shadow.z_min, 0.0) > HIDES_M:
+                seen &= ~self._touches(shadow)
+        hidden = (self.in_room & ~seen).astype(np.intp)
+        for _ in range(math.ceil((BODY_M + _HALF_M) / CELL_M)):
+            hidden = _spread(hidden)
+        self._open: Bools = hidden == 0
+
+    def free(self, seen: Sequence[Floats]) -> Bools:
+        """Which cells are open in a scene with these bodies at (3,) places."""
+        if not len(seen):
+            return self._open
+        if not len(self._viewpoints):
+            return np.zeros(self.shape, bool)
+        hidden = np.ones(self.shape, bool)
+        for viewpoint in self._viewpoints:
+            hidden &= self._behind(viewpoint, np.array(seen)[:, :2])
+        return self._open & ~hidden
+
+    def start(self, place: Floats, capture_ns: int, speed_m_s: float) -> "Whereabouts | None":
+        """Where a person may be who was last seen at ``place`` (3,); ``None``: off the grid."""
+        near = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0)) <= STEP_M + CELL_M
+        near &= self.in_room
+        return Whereabouts(self, near, capture_ns, speed_m_s) if near.any() else None
+
+    def _touches(self, region: Region) -> Bools:
+        """Cells any of which lies inside."""
+        return self._contains(region) | (self._edge_m(region) < _HALF_M)
+
+    def _contains(self, region: Region) -> Bools:
+        return in_polygon(self.centres, np.asarray(region.polygon, dtype=np.float64))
+
+    def _edge_m(self, region: Region) -> Floats:
+        corners = np.asarray(region.polygon, dtype=np.float64)
+        start = np.column_stack([corners, np.zeros(len(corners))])
+        end = np.roll(start, -1, axis=0)
+        points = np.concatenate([self.centres, np.zeros((*self.shape, 1))], axis=-1)[..., None, :]
+        distance: Floats = segment_distance(points, points, start, end).min(-1)
+        return distance
+
+    def _behind(self, viewpoint: Floats, bodies: Floats) -> Bools:
+        """Cells that one camera does not see for these (B, 2) bodies: behind them, or at them."""
+        way = self.centres - viewpoint  # (X, Y, 2)
+        length = np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)
+        hidden = np.zeros(self.shape, bool)
+        for body in bodies:
+            to = body - viewpoint
+            along = (way @ to) / length  # of the body, along the ray to the cell
+            aside = np.abs(way[..., 0] * to[1] - way[..., 1] * to[0]) / length
+            behind = (along > 0) & (along <= length + BODY_M + _HALF_M)
+            # seen from the camera, what is farther away is narrower
+            narrower = np.clip(along / length, 0.0, 1.0)
+            hidden |= behind & (aside <= BODY_M + (BODY_M + _HALF_M) * narrower)
+        return hidden
+
+
+class Whereabouts:
+    """Where one lost person may be.
+
+    Attributes:
+        capture_ns: the newest scene that was taken into account.
+        speed_m_s: how fast the person may walk.
+    """
+
+    def __init__(self, space: FreeSpace, cells: Bools, capture_ns: int, speed_m_s: float) -> None:
+        self._space = space
+        # In how many more captures somebody in this cell may go unseen; 0: nobody is there.
+        self._left: Ints = np.where(cells, space.captures, 0)
+        self._travel_m = 0.0
+        self.capture_ns = capture_ns
+        self.speed_m_s = speed_m_s
+
+    @property
+    def anywhere(self) -> bool:
+        """Whether a place is left where the person may be."""
+        return bool(self._left.any())
+
+    def update(self, capture_ns: int, free: Bools | None) -> None:
+        """Walk on until ``capture_ns``, then leave out what is seen free.
+
+        Args:
+            capture_ns: of the scene.
+            free: cells that are open in it; ``None``: it proves nothing, and what was seen before
+                must be seen again.
+        """
+        self._travel_m += self.speed_m_s * max(0, capture_ns - self.capture_ns) * 1e-9
+        self.capture_ns = capture_ns
+        while self._travel_m > 0:  # whole cells, before the way is walked: never too late
+            self._left = np.where(self._space.in_room, _spread(self._left), 0)
+            self._travel_m -= CELL_M
+        unseen = np.where(self._left > 0, self._space.captures, 0)
+        self._left = unseen if free is None else np.where(free, self._left - 1, unseen)
+        np.maximum(self._left, 0, out=self._left)
+
+    def places(self) -> Floats:
+        """(D, 3) x, y and radius of discs that hold every place, D <= ``MOST_PLACES``."""
+        cells = self._space.centres[self._left > 0]
+        if not len(cells):
+            return np.zeros((0, 3))
+        centres = [cells[0]]
+        nearest = np.hypot(*(cells - cells[0]).T)
+        while len(centres) < MOST_PLACES and nearest.max() > 2 * CELL_M:
+            centres.append(cells[int(nearest.argmax())])
+            nearest = np.minimum(nearest, np.hypot(*(cells - centres[-1]).T))
+        apart = np.hypot(*np.moveaxis(cells[:, None] - np.array(centres), -1, 0))
+        own = apart.argmin(1)
+        return np.array([_disc(cells[own == i]) for i in range(len(centres))])
+
+
+def _disc(cells: Floats) -> Floats:
+    """(3,) x, y and radius of a disc that holds all of these cells, by their (M, 2) middles."""
+    middle = 0.5 * (cells.min(0) + cells.max(0))
+    return np.append(middle, np.hypot(*(cells - middle).T).max() + _HALF_M)
+
+
+def _spread(left: Ints) -> Ints:
+    """Each cell takes the largest of itself and its eight neighbours."""
+    for axis in (0, 1):
+        padded = np.pad(left, [(1, 1) if a == axis else (0, 0) for a in (0, 1)])
+        a, b = np.moveaxis(padded, axis, 0), left.shape[axis]
+        left = np.moveaxis(np.maximum(np.maximum(a[:b], a[1 : b + 1]), a[2:]), 0, axis)
+    return left

@@ -1,0 +1,194 @@
+"""Who is here and who is lost: people come, change their ids, vanish, and are seen again.
+
+A body that appears may be somebody who vanished. It takes over that track only a short time after
+(``found_within_s``), within what that person could have moved, and not where people enter.
+Otherwise both exist. Where a source keeps its ids, an id that comes back is that person, at any
+time. Two bodies cannot be in one place, so an id that changes while its body is in place is that
+body, wherever it is.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hri_predict.arrays import Bools
+from hri_predict.people.doors import Doors
+from hri_predict.people.lost import Lost, LostPeople, match_places
+from hri_predict.people.ring_buffer import PushResult, RingBuffer
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.people.track import Body, MotionLimits, Track
+
+PLACE_SLACK_M = 0.5
+"""How far the mean of a body's visible joints may move when it turns or shows other joints."""
+SAME_PLACE_M = 0.25
+"""Nearer than this to where a body was a moment ago, nobody else can be."""
+
+Appearing = tuple[Body, Track | None]
+"""A body that appears, and the track of an id that jumped there; ``None``: a new id."""
+
+
+class Roster:
+    """The tracked and the lost people.
+
+    Args:
+        settings: see ``PeopleSettings``.
+        keeps_ids: an id that comes back is the same person.
+        lost: the lost people.
+        limits: of a body's motion.
+        gap_ns: longest absence of a tracked person.
+        history: makes an empty ring buffer.
+
+    Attributes:
+        tracks: by id.
+        lost: as given.
+        counters: what became of bodies.
+    """
+
+    def __init__(
+        self,
+        *,
+        settings: PeopleSettings,
+        keeps_ids: bool,
+        lost: LostPeople,
+        limits: MotionLimits,
+        gap_ns: int,
+        history: Callable[[], RingBuffer],
+    ) -> None:
+        self.tracks: dict[int, Track] = {}
+        self.lost = lost
+        self.counters: Counter[str] = Counter()
+        self._settings = settings
+        self._keeps_ids = keeps_ids
+        self._doors = Doors(settings.exits, settings.entrances)
+        self._limits = limits
+        self._gap_ns = gap_ns
+        self._found_ns = max(round(settings.found_within_s * 1e9), gap_ns)
+        self._history = history
+
+    def start(self, body: Body, capture_ns: int, now_ns: int) -> Track:
+        """A new track whose first capture is ``body``."""
+        return Track.start(body, self._history(), capture_ns, now_ns)
+
+    def push(
+        self, *, track: Track, body: Body, believed: Bools, capture_ns: int, now_ns: int
+    ) -> PushResult:
+        """Append a body's believed joints to its track."""
+        result = track.take(body, believed, capture_ns, now_ns)
+        if result is PushResult.ACCEPTED:
+            self._doors.follow(track)
+        return result
+
+    def begin(self, starts: Sequence[Appearing], capture_ns: int, now_ns: int) -> bool:
+        """Start to track bodies that appear: new ids, and ids that jumped and stayed there.
+
+        So two ids that swapped bodies end up with each other's history.
+
+        Returns:
+            whether there are more people than can be tracked.
+        """
+        if not starts:
+            return False
+        left = [self.tracks.pop(body.id) for body, risen in starts if risen is not None]
+        gone = [t for t in self.tracks.values() if t.present_ns != capture_ns]
+        places: list[Track | Lost] = [*left, *gone, *self.lost.people]
+        radii = np.array(
+            [[self._radius(b, risen, p, capture_ns) for p in places] for b, risen in starts]
+        )
+        pairs = match_places(
+            [body.centroid for body, _ in starts], [place.centroid for place in places], radii
+        )
+        crowded = False
+        for index, (body, risen) in enumerate(starts):
+            place = places[pairs[index]] if index in pairs else None
+            if place is not None:
+                was_lost = self._forget(place)
+                if risen is not None and was_lost and place.id == body.id:
+                    # The body is back at the place that this id had jumped from: the jump was a
+                    # glitch of the source, and nobody stayed at the place in between.
+                    self.counters["glitches_undone"] += 1
+                    left = [t for t in left if t.id != body.id]
+                left = [t for t in left if t is not place]
+            track = place.track if isinstance(place, Lost) else place
+            admitted = self._admit(
+                body=body, risen=risen, track=track, capture_ns=capture_ns, now_ns=now_ns
+            )
+            if not admitted:
+                crowded = True
+                if track is not None:
+                    self.lost.add(track)
+        for track in left:
+            self._vanish(track)
+        return crowded
+
+    def expire(self, capture_ns: int) -> None:
+        """End the tracks of people absent for too long: they left by an exit, or vanished."""
+        for track in list(self.tracks.values()):
+            if capture_ns - track.present_ns > self._gap_ns:
+                del self.tracks[track.id]
+                self._vanish(track)
+
+    def _radius(
+        self, body: Body, risen: Track | None, place: Track | Lost, capture_ns: int
+    ) -> float:
+        """The metres that who vanished at ``place`` may have moved to become ``body``; -1: no."""
+        # An id that jumped has been where it is since its first capture there.
+        since_ns = (capture_ns if risen is None else risen.began_ns) - place.capture_ns
+        seconds = max(since_ns, 0) * 1e-9
+        is_lost = isinstance(place, Lost)
+        speed = place.speed_m_s if isinstance(place, Lost) else self.lost.speed_of(place)
+        if body.id == place.id and (self._keeps_ids or not is_lost):
+            fastest = self._settings.max_body_speed_m_s if risen is None else speed
+            return PLACE_SLACK_M + fastest * seconds
+        if since_ns > self._found_ns or (isinstance(place, Lost) and place.track is None):
+            return -1.0
+        if self._doors.is_entrance(body.centroid):
+            return -1.0 if is_lost else SAME_PLACE_M + self._settings.lost_speed_m_s * seconds
+        return PLACE_SLACK_M + speed * seconds
+
+    def _forget(self, place: Track | Lost) -> bool:
+        """Drop ``place``, whose body is found; return whether that body was already lost."""
+        if isinstance(place, Lost):
+            self.lost.remove(place)
+            self.counters["found"] += 1
+            return True
+        if self.tracks.get(place.id) is place:
+            del self.tracks[place.id]
+        return False
+
+    def _admit(
+        self, *, body: Body, risen: Track | None, track: Track | None, capture_ns: int, now_ns: int
+    ) -> bool:
+        """Track a body that appears, with the history of ``track`` if that is plausible.
+
+        Returns:
+            whether there was room for it.
+        """
+        believed = track.believable(body, capture_ns, self._limits) if track else None
+        if track is not None and believed is not None:
+            self.counters["inherited"] += 1
+            self.push(
+                track=track, body=body, believed=believed, capture_ns=capture_ns, now_ns=now_ns
+            )
+            self.tracks[body.id] = track
+        elif risen is not None:
+            self.counters["reaccepted"] += 1
+            self.tracks[body.id] = risen
+        elif len(self.tracks) < self._settings.max_people:
+            self.counters["appeared"] += 1
+            self.tracks[body.id] = self.start(body, capture_ns, now_ns)
+        else:
+            self.counters["excess_people"] += 1
+            return False
+        return True
+
+    def _vanish(self, track: Track) -> None:
+        for place in (track, track.rival):
+            if place is None:
+                continue
+            place.rival = None
+            if self._doors.has_left(place):
+                self.counters["left_by_exit"] += 1
+            else:
+                self.counters["vanished"] += 1
+                self.lost.add(place)

@@ -1,0 +1,34 @@
+"""Zones of lost people of whom is known where they may be, by what was seen free since.
+
+Each place is a disc on the floor. Somebody in it may stand, crouch or reach out in any direction,
+so each zone is an upright capsule about the disc, an arm's reach wider.
+"""
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.geometry import Capsules
+from hri_predict.people.snapshot import LostPerson
+
+ARM_M = 0.85
+"""How far a hand gets from the body's middle: ISO 13855:2010 takes 850 mm for an arm's reach."""
+TOP_M = 2.5
+"""Nobody reaches above: a tall man's grip is at 2.2 m."""
+
+
+def anywhere_in(person: LostPerson, until_s: Floats, segments: int) -> Capsules:
+    """(K, S) capsules that hold a person who is in one of ``places``.
+
+    Args:
+        person: with places.
+        until_s: (K,) seconds since ``places_ns`` by which they may have walked on.
+        segments: S; the places are dealt out over them.
+    """
+    assert person.places is not None
+    places = person.places[np.arange(segments) % len(person.places)]
+    radius = places[:, 2] + ARM_M + person.speed_m_s * until_s[:, None]
+    a = np.broadcast_to([0.0, 0.0, 0.0], (*radius.shape, 3)).copy()
+    a[..., :2] = places[:, :2]
+    b = a.copy()
+    b[..., 2] = np.maximum(TOP_M - radius, 0.0)
+    return Capsules(a, b, radius)

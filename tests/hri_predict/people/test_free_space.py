@@ -1,0 +1,172 @@
+"""Where a lost person may be, by what was seen free: the true place is never left out."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hri_predict.people.free_space import CELL_M, MOST_PLACES, FreeSpace
+from hri_predict.settings import Region
+
+MS = 1_000_000
+PERIOD = 40 * MS
+VIEW = Region(polygon=[[-6, -6], [6, -6], [6, 6], [-6, 6]])
+PALLET = Region(polygon=[[1, -1], [2.5, -1], [2.5, 1], [1, 1]], z_max=1.2)
+CAPTURES = 10
+WALK = 1.6
+
+
+def space(shadows=(PALLET,), viewpoints=(), view=VIEW, room=None):
+    return FreeSpace(
+        view=view, room=room, shadows=shadows, viewpoints=viewpoints, captures=CAPTURES
+    )
+
+
+def at(x, y):
+    return np.array([x, y, 1.0])
+
+
+def may_be(whereabouts, point):
+    places = whereabouts.places()
+    return bool((np.hypot(*(places[:, :2] - point[:2]).T) <= places[:, 2] + 1e-9).any())
+
+
+def watch(room, whereabouts, captures, *seen, start=0):
+    for k in range(1, captures + 1):
+        whereabouts.update(start + k * PERIOD, room.free(seen))
+    return start + captures * PERIOD
+
+
+def test_who_vanishes_in_the_open_is_gone_after_so_many_captures():
+    room = space()
+    lost = room.start(at(-2, -2), 0, WALK)
+    watch(room, lost, CAPTURES - 1)
+    assert lost.anywhere
+    watch(room, lost, 1, start=(CAPTURES - 1) * PERIOD)
+    assert not lost.anywhere
+
+
+def test_who_vanishes_behind_a_pallet_stays_there_and_nowhere_else():
+    room = space()
+    lost = room.start(at(1.7, 0), 0, WALK)
+    watch(room, lost, 2000)  # 80 s
+    assert may_be(lost, at(1.7, 0.9))
+    assert may_be(lost, at(0.8, 0.0))  # half hidden at its edge, or a step out of it
+    places = lost.places()
+    assert (places[:, 0] - places[:, 2]).min() > -1.2
+    assert (places[:, 0] + places[:, 2]).max() < 4.5
+    assert not may_be(lost, at(-2, 0))
+
+
+def test_scenes_that_prove_nothing_let_the_place_grow():
+    room = space()
+    lost = room.start(at(-2, -2), 0, WALK)
+    for k in range(1, 26):  # 1 s
+        lost.update(k * PERIOD, None)
+    assert may_be(lost, at(-2 + 1.6, -2))
+    room = space(shadows=())
+    lost = room.start(at(0, 0), 0, WALK)
+    for k in range(1, 26):
+        lost.update(k * PERIOD, None)
+    watch(room, lost, 3 * CAPTURES, start=25 * PERIOD)
+    assert not lost.anywhere
+
+
+def test_people_in_view_hide_others_unless_it_is_known_from_where_they_are_seen():
+    blind, sighted = space(shadows=()), space(shadows=(), viewpoints=[[-6, 0, 2.5]])
+    assert not blind.free([at(0, 0)]).any()
+    behind, beside = sighted.start(at(2, 0), 0, WALK), sighted.start(at(0, -3), 0, WALK)
+    for lost in (behind, beside):
+        watch(sighted, lost, 3 * CAPTURES, at(0, 0))
+    assert behind.anywhere
+    assert not beside.anywhere
+
+
+def test_a_second_camera_sees_who_is_hidden_from_the_first():
+    one = space(shadows=(), viewpoints=[[-6, 0, 2.5]])
+    two = space(shadows=(), viewpoints=[[-6, 0, 2.5], [0, -6, 2.5]])
+    for room, is_there in ((one, True), (two, False)):
+        lost = room.start(at(3, 0), 0, WALK)
+        watch(room, lost, 3 * CAPTURES, at(0, 0))
+        assert lost.anywhere is is_there
+
+
+def test_who_may_be_at_another_body_is_not_seen_free():
+    two = space(shadows=(), viewpoints=[[-6, 0, 2.5], [0, -6, 2.5]])
+    lost = two.start(at(0.2, 0), 0, WALK)
+    watch(two, lost, 100, at(0, 0))
+    assert lost.anywhere
+
+
+@pytest.mark.parametrize(
+    ("shadow", "hides"),
+    [
+        ({"z_max": 1.2}, True),
+        ({"z_min": 0.8, "z_max": 3.0}, True),
+        ({"z_max": 0.2}, False),  # nobody fits into it
+        ({"z_min": 2.2, "z_max": 3.0}, False),  # above everybody
+    ],
+)
+def test_a_shadow_hides_where_somebody_fits_into_its_height(shadow, hides):
+    room = space(shadows=[Region(polygon=PALLET.polygon, **shadow)])
+    lost = room.start(at(1.7, 0), 0, WALK)
+    watch(room, lost, 3 * CAPTURES)
+    assert lost.anywhere is hides
+
+
+def test_a_view_that_begins_above_the_floor_proves_nothing():
+    view = Region(polygon=VIEW.polygon, z_min=0.8)
+    assert not space(view=view).free([]).any()
+
+
+def test_behind_a_wall_nobody_can_be():
+    view = Region(polygon=[[-3, -3], [3, -3], [3, 3], [-3, 3]])
+    for room, is_there in ((None, True), (view, False)):
+        inside = space(view=view, room=room, shadows=())
+        lost = inside.start(at(2.4, 0), 0, WALK)
+        watch(inside, lost, 3 * CAPTURES)
+        assert lost.anywhere is is_there
+
+
+def test_a_place_far_outside_the_view_cannot_be_followed():
+    assert space().start(at(20, 0), 0, WALK) is None
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([8.0, 15.0, 30.0]), st.floats(0.2, 5.0))
+def test_whoever_is_never_in_the_open_for_long_is_never_left_out(seed, rate_hz, speed):
+    """The walker steps out from behind the pallet, and is back before the tracker finds him."""
+    rng = np.random.default_rng(seed)
+    room = space(viewpoints=[[-6, 0, 2.5]])
+    place, period = at(1.7, 0.0), round(1e9 / rate_hz)
+    lost, in_open = room.start(place, 0, speed), 0
+    for k in range(1, 120):
+        other = at(*rng.uniform(-4, 4, 2))
+        step = rng.normal(size=2)
+        step *= rng.uniform(0, speed * period * 1e-9) / np.linalg.norm(step)
+        free = room.free([other]) if rng.random() < 0.9 else None
+        there = place + np.append(step, 0.0)
+        cell = np.floor((there[:2] - room.centres[0, 0] + CELL_M / 2) / CELL_M).astype(int)
+        if (cell < 0).any() or (cell >= room.shape).any():
+            break
+        in_open = in_open + 1 if free is not None and free[tuple(cell)] else 0
+        if in_open == CAPTURES:  # now the tracker finds him
+            break
+        place = there
+        lost.update(k * period, free)
+        assert lost._left[tuple(cell)] > 0
+        assert may_be(lost, place)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_places_hold_every_cell(seed):
+    rng = np.random.default_rng(seed)
+    room = space()
+    lost = room.start(at(*rng.uniform(-3, 3, 2)), 0, WALK)
+    lost._left = np.where(rng.random(room.shape) < rng.uniform(0.001, 0.3), 1, 0)
+    places = lost.places()
+    assert len(places) <= MOST_PLACES
+    corners = room.centres[lost._left > 0][:, None] + CELL_M / 2 * np.array(
+        [[-1, -1], [-1, 1], [1, -1], [1, 1]]
+    )
+    for point in corners.reshape(-1, 2):
+        assert may_be(lost, point)
