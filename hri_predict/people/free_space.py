@@ -12,6 +12,7 @@ So somebody who vanishes in the open is gone after that many captures; somebody 
 pallet may be there for as long as nobody looks behind it, and in reach of it, but nowhere else.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -163,23 +164,23 @@ class Whereabouts:
 
     def places(self) -> Floats:
         """(D, 3) x, y and radius of discs that hold every place, D <= ``MOST_PLACES``."""
-        cells = self._space.centres[self._left > 0]
-        if not len(cells):
-            return np.zeros((0, 3))
-        centres = [cells[0]]
-        nearest = np.hypot(*(cells - cells[0]).T)
-        while len(centres) < MOST_PLACES and nearest.max() > 2 * CELL_M:
-            centres.append(cells[int(nearest.argmax())])
-            nearest = np.minimum(nearest, np.hypot(*(cells - centres[-1]).T))
-        apart = np.hypot(*np.moveaxis(cells[:, None] - np.array(centres), -1, 0))
-        own = apart.argmin(1)
-        return np.array([_disc(cells[own == i]) for i in range(len(centres))])
+        index = np.argwhere(self._left > 0)
+        for size in itertools.count(2):  # cells along a block's edge
+            _, block = np.unique(index // size @ [len(self._left[0]) + 1, 1], return_inverse=True)
+            if block.max(initial=0) < MOST_PLACES:
+                break
+        return _discs(self._space.centres[index[:, 0], index[:, 1]], block)
 
 
-def _disc(cells: Floats) -> Floats:
-    """(3,) x, y and radius of a disc that holds all of these cells, by their (M, 2) middles."""
-    middle = 0.5 * (cells.min(0) + cells.max(0))
-    return np.append(middle, np.hypot(*(cells - middle).T).max() + _HALF_M)
+def _discs(cells: Floats, block: Ints) -> Floats:
+    """(D, 3) a disc about all cells of each block, by their (M, 2) middles; x, y and radius."""
+    if not len(cells):
+        return np.zeros((0, 3))
+    order = np.argsort(block, kind="stable")
+    cells, starts = cells[order], np.flatnonzero(np.diff(block[order], prepend=-1))
+    middle = 0.5 * (np.minimum.reduceat(cells, starts) + np.maximum.reduceat(cells, starts))
+    apart = np.hypot(*(cells - middle[block[order]]).T)
+    return np.column_stack([middle, np.maximum.reduceat(apart, starts) + _HALF_M])
 
 
 def _spread(left: Ints) -> Ints:
