@@ -1,4 +1,4 @@
-"""Judges over time whether the bodies of a source can be right: on the floor, upright, not mirrored.
+"""Judges over time whether a source's bodies can be right: on the floor, upright, not mirrored.
 
 Wrong axes (a camera's taken for the room's, y up for z up) turn every body of a source, all the
 time. One capture proves nothing, since people lie, jump and tumble. So each person is judged by
@@ -6,7 +6,7 @@ postures smoothed over half a second, and a verdict needs a span of them, to be 
 taken back.
 
 Who lies flat is believed only near the floor, nearly at rest, and if somebody has stood upright
-before. Until then a body that lies is as likely a body whose axes are wrong, and is refused at once.
+before. Until then a body that lies is as likely one whose axes are wrong, and is refused at once.
 """
 
 import math
@@ -15,7 +15,7 @@ from enum import Enum
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.arrays import Bools, Floats
 from hri_predict.geometry import in_polygon
 from hri_predict.people.posture import Posture, posture_of
 from hri_predict.people.ring_buffer import NEVER
@@ -54,6 +54,20 @@ class Verdict(Enum):
     MIRRORED = "mirrored_bodies"
     OFF_FLOOR = "off_floor_bodies"
     OUT_OF_VIEW = "out_of_view_bodies"
+
+    @property
+    def text(self) -> str:
+        """The same for a person, after "bodies are"."""
+        return _TEXT[self]
+
+
+_TEXT = {
+    Verdict.TILTED: "lying in the air or gliding",
+    Verdict.UPSIDE_DOWN: "upside down",
+    Verdict.MIRRORED: "mirrored (left and right swapped)",
+    Verdict.OFF_FLOOR: "below the floor, or higher above it than people stand",
+    Verdict.OUT_OF_VIEW: "outside the field of view",
+}
 
 
 @dataclass(slots=True, kw_only=True)
@@ -188,6 +202,24 @@ class PostureWatch:
         if record.feet_m is not None:
             return not self._below <= record.feet_m <= self._above
         return posture.heights[1] < self._below
+
+
+def refusal_of(
+    positions: Floats,
+    observed: Bools,
+    settings: PeopleSettings,
+    field_of_view: Region | None = None,
+) -> Verdict | None:
+    """Why one person's captures (n, J, 3) and (n, J), taken one after another, cannot be right.
+
+    ``None`` too if they are not checked, or too little is seen; see ``posture_of``.
+    """
+    watch = PostureWatch(settings, field_of_view)
+    verdict = None
+    for index, (joints, seen) in enumerate(zip(positions, observed, strict=True)):
+        if seen.any():
+            verdict = watch.judge(Body(0, joints, seen), (index + 1) * JUDGE_NS)
+    return verdict
 
 
 def _smooth(record: _Record, posture: Posture, capture_ns: int) -> float:

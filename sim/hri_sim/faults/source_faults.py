@@ -14,7 +14,6 @@ from hri_predict.settings import Pose, Quaternion, Vector3
 from hri_predict.source import Source, live_part
 from hri_sim.faults.settings import FaultSettings, faults_from
 
-
 SIN_45 = 0.5**0.5
 
 

@@ -33,6 +33,10 @@ TILTS = [turn for turn in TURNS if turn[2, 2] < 0.5]
 LYING = (BODY - BODY[0]) @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]).T + [2.0, 0.3, 0.2]
 
 
+def moved(body, *shift):
+    return body + np.array(shift)
+
+
 class Watched:
     """A watch at 30 Hz."""
 
@@ -61,7 +65,7 @@ def test_each_wrong_rotation_of_a_standing_body_is_found_within_a_second(turn, o
 
 
 def test_until_somebody_stood_upright_a_turned_body_is_refused_at_once():
-    assert Watched().see(LYING + [0, 0, 0.9], 0.04) is Verdict.TILTED
+    assert Watched().see(moved(LYING, 0, 0, 0.9), 0.04) is Verdict.TILTED
 
 
 @pytest.mark.parametrize("observed", [ALL, COCO], ids=["all joints", "coco"])
@@ -83,13 +87,13 @@ def test_who_has_fallen_is_believed_on_the_floor_and_not_in_the_air():
     watched = Watched()
     assert watched.see(BODY, 1.5) is None
     assert watched.see(LYING, 5.0) is None
-    assert watched.see(LYING + [0, 0, 1.0], 2.0) is Verdict.TILTED
+    assert watched.see(moved(LYING, 0, 0, 1.0), 2.0) is Verdict.TILTED
 
 
 def test_who_lies_before_anybody_stood_is_refused_until_somebody_stands():
     watched = Watched()
     assert watched.see(LYING, 0.5) is Verdict.TILTED
-    assert watched.see(BODY + [2, 0, 0], 1.5, person=2) is None
+    assert watched.see(moved(BODY, 2, 0, 0), 1.5, person=2) is None
     assert watched.see(LYING, 1.5) is None
 
 
@@ -97,7 +101,7 @@ def test_who_glides_over_the_floor_lying_does_not_lie():
     watched = Watched()
     watched.see(BODY, 1.5)
     for step in range(90):
-        verdict = watched.see(LYING + [1.2 * step / 30, 0, 0], 0.04)
+        verdict = watched.see(moved(LYING, 1.2 * step / 30, 0, 0), 0.04)
     assert verdict is Verdict.TILTED
 
 
@@ -115,13 +119,13 @@ def test_a_cartwheel_of_a_second_is_no_reason():
     ("shift", "refused"), [(-0.5, True), (-0.2, False), (0.9, False), (2, True)]
 )
 def test_feet_are_on_the_floor_or_on_a_platform(shift, refused):
-    verdict = Watched().see(BODY + [0, 0, shift], 1.5)
+    verdict = Watched().see(moved(BODY, 0, 0, shift), 1.5)
     assert verdict is (Verdict.OFF_FLOOR if refused else None)
 
 
 def test_the_floor_is_where_the_configuration_says():
     assert Watched(floor_m=-0.8).see(BODY - [0, 0, 0.8], 1.5) is None
-    assert Watched(platform_m=3.0).see(BODY + [0, 0, 2.5], 1.5) is None
+    assert Watched(platform_m=3.0).see(moved(BODY, 0, 0, 2.5), 1.5) is None
 
 
 VIEW = Region(polygon=[[1, -2], [5, -2], [5, 2], [1, 2]])
@@ -137,10 +141,10 @@ def test_who_is_only_seen_outside_the_field_of_view_is_refused():
 def test_an_upper_body_needs_more_evidence_and_arms_alone_give_none():
     arms = UPPER & ~np.isin(JOINTS, ("waist", "torso"))
     watched = Watched()
-    assert watched.see(LYING + [0, 0, 1], 1.5, UPPER) is None
-    assert watched.see(LYING + [0, 0, 1], 1.5, UPPER) is Verdict.TILTED
+    assert watched.see(moved(LYING, 0, 0, 1), 1.5, UPPER) is None
+    assert watched.see(moved(LYING, 0, 0, 1), 1.5, UPPER) is Verdict.TILTED
     watched = Watched()
-    assert watched.see(LYING + [0, 0, 1], 3.0, arms) is None
+    assert watched.see(moved(LYING, 0, 0, 1), 3.0, arms) is None
     assert watched.watch.unjudged == 90
 
 
@@ -160,12 +164,12 @@ def test_it_is_believed_again_after_a_second():
 
 
 def test_the_check_can_be_left_out_with_a_reason():
-    assert Watched(posture_unchecked="acrobats train here").see(LYING + [0, 0, 1], 2.0) is None
+    assert Watched(posture_unchecked="acrobats train here").see(moved(LYING, 0, 0, 1), 2.0) is None
 
 
 def test_in_a_scene_it_is_a_reason_and_a_counter_and_the_person_stays_there(make_room):
     room = make_room(posture_unchecked=None)
-    snapshot = room.see(Person(1, LYING + [0, 0, 1], ALL), times=5)
+    snapshot = room.see(Person(1, moved(LYING, 0, 0, 1), ALL), times=5)
     assert snapshot.reasons[0] is Reason.BODY_NOT_UPRIGHT
     assert snapshot.ids == (1,)
     assert snapshot.captures == 0
