@@ -23,6 +23,10 @@ from hri_predict.run import assemble
 from hri_predict.run.config import Config
 
 LEAST_CAPTURES = 10
+STANDS = 0.95
+"""Cosine from which people stand so straight that the axes are right and only the floor is not."""
+ALIKE = 0.02
+"""Axes that make people stand no straighter than this are not better than more common ones."""
 COMMON = (["x", "y", "z"], ["z", "-x", "-y"], ["z", "x", "y"], ["-z", "-x", "y"])
 """Axes that trackers use (REP-103, a camera's optical frame, y up): tried first."""
 
@@ -94,22 +98,35 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
         people: as heard with it.
         rotation: (3, 3) of the joint map now.
     """
-    if refusals(config, people, np.eye(4)) == [Verdict.OFF_FLOOR] * len(people):
+    off_floor = refusals(config, people, np.eye(4)) == [Verdict.OFF_FLOOR] * len(people)
+    if off_floor and uprightness(people, np.eye(4)) > STANDS:
         return _off_floor(config, people)
     pose = config.source.room_from_source.matrix()
     for hands in (1.0, -1.0):  # all proper axes before any that mirror
+        best, chosen = 0.0, ""
         for axes, turn in _all_axes(hands):
             correction = np.eye(4)
             correction[:3, :3] = turn @ rotation.T
-            if np.linalg.det(correction[:3, :3]) * hands < 0:
-                continue
             correction = pose @ correction @ np.linalg.inv(pose)
-            if not refusals(config, people, correction):
-                return _named(axes, correction @ pose, mirrored=hands < 0)
+            upright = uprightness(people, correction)
+            if upright > best + ALIKE and not refusals(config, people, correction):
+                best, chosen = upright, _named(axes, correction @ pose, mirrored=hands < 0)
+        if chosen:
+            return chosen
     return (
         "no exchange of axes makes them stand; measure the pose with hri-predict register, and "
         "check people.floor_m and the joint map's joints and units"
     )
+
+
+def uprightness(people: Heard, correction: Floats) -> float:
+    """Cosine between gravity and the sum of all bodies' down, if all is moved by ``correction``."""
+    down = np.zeros(3)
+    for captures in people.values():
+        for posture in map(posture_of, *captures):
+            down += 0.0 if posture is None else posture.down
+    length = float(np.linalg.norm(down))
+    return float(-(correction[:3, :3] @ down)[2] / length) if length else 0.0
 
 
 def _all_axes(hands: float) -> Iterator[tuple[list[str], Floats]]:

@@ -23,6 +23,7 @@ what its noise explains."""
 FEET = "feet"
 TOUCHING = ("r_hand", "r_wrist", "l_hand", "l_wrist")
 _SIGMA_OF_MAD = 1.4826  # standard deviation of a normal distribution per median absolute deviation
+_CHI_99 = 3.37  # length of a normal vector of three axes that one in a hundred passes
 _MEDIAN_ERROR = 1.2533  # standard error of a median, of sigma / sqrt(n): sqrt(pi / 2)
 
 
@@ -180,14 +181,16 @@ def place_of(sensor: Sensor, sights: Sights, joint: str) -> Place:
         )
     middle = np.median(points, axis=0)
     spread = _spread(points)
-    half = len(points) // 2
-    moved = float(norm(np.median(points[half:], axis=0) - np.median(points[:half], axis=0)))
+    first, second = np.array_split(points, 2)
+    moved = float(norm(np.median(second, axis=0) - np.median(first, axis=0)))
+    noise = (_spread(first) + _spread(second)) / 2
+    explained = _CHI_99 * _MEDIAN_ERROR * noise * np.sqrt(2 / len(second))
     if spread > MOST_SPREAD_M:
         raise ConfigError(
             f"{joint}: scatters by {spread * 1e3:.0f} mm (at most {MOST_SPREAD_M * 1e3:.0f}); keep "
             f"it still, and look after the tracker"
         )
-    if moved > STILL_M + 3 * _MEDIAN_ERROR * spread * np.sqrt(3 * 2 / half):
+    if moved > STILL_M + explained:
         raise ConfigError(f"{joint}: it moved by {moved * 1e3:.0f} mm; keep it still and repeat")
     return Place(middle=middle, spread_m=spread, count=len(points))
 

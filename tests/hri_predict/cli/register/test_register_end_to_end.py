@@ -142,7 +142,8 @@ def test_the_wizard_finds_the_pose_and_writes_it(cell: Cell) -> None:
     assert degrees < 2.0
     assert metres < 0.03
     assert (cell.path.parent / "cell.yaml.before-register-1").read_text() == before
-    changed = [a for a, b in zip(before.split("\n"), cell.path.read_text().split("\n")) if a != b]
+    lines = zip(before.split("\n"), cell.path.read_text().split("\n"), strict=True)
+    changed = [old for old, new in lines if old != new]
     assert [line.split(":")[0].strip() for line in changed] == ["room_from_source"]
     cell.touch("1.5,0.3,1.0")
     assert command("check", str(cell.path), "--touched", "1.5,0.3,1.0").returncode == 0

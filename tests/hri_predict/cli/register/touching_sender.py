@@ -4,7 +4,8 @@
 
 Each line on standard input, ``x y z``, moves the person's right wrist there (room, metres); with a
 fourth word ``walk`` the person stands over x, y instead. HOW is ``camera`` (as a camera above sees
-it), ``room`` (the room's axes, as if no camera were there) or ``mirrored``. Prints a line when done.
+it), ``room`` (the room's axes, as if no camera were there) or ``mirrored``. Prints a line when it
+has moved.
 """
 
 import importlib.util
