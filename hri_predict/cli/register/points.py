@@ -5,13 +5,14 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Protocol
 
 import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import ConfigError, nearest
-from hri_predict.link import Link
+from hri_predict.link import Received
 from hri_predict.protocol.messages import RobotState
 from hri_predict.robots.model import RobotModel
 from hri_predict.run import assemble
@@ -55,10 +56,21 @@ def point_from(text: str, numbers: int, where: str) -> Floats:
     return np.array(point)
 
 
+class Hears(Protocol):
+    """What the place of a tool needs of a link."""
+
+    @property
+    def last_error(self) -> str | None:
+        """One line about the newest trouble."""
+
+    def take(self) -> list[Received]:
+        """See ``Link``."""
+
+
 class Tool:
     """The place of a robot's tool, from the RobotState that its controller sends."""
 
-    def __init__(self, *, model: RobotModel, index: int, link: Link, tool: Floats) -> None:
+    def __init__(self, *, model: RobotModel, index: int, link: Hears, tool: Floats) -> None:
         self._model, self._index, self._link, self._tool = model, index, link, tool
 
     def position(self) -> Floats:

@@ -193,7 +193,9 @@ def _solved(config: Config, wizard: Wizard) -> dict[str, Any]:
     Raises:
         ConfigError: the points do not fit each other, or people would not stand upright.
     """
-    source_from_room: Floats = np.linalg.inv(config.source.room_from_source.matrix())
+    source_from_room = np.asarray(
+        np.linalg.inv(config.source.room_from_source.matrix()), np.float64
+    )
     seen = transform(source_from_room, np.array([place.middle for place in wizard.places]))
     result = solve(seen, np.array(wizard.points))
     allowed_m = config.node.risk.person_uncertainty_m

@@ -18,6 +18,7 @@ J = len(JOINTS)
 _WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.5, 0.6]), 2.0))
 TRUTH = Pose(xyz=[-0.5, 0.0, 1.8], quaternion_xyzw=[0.0, 0.13, 0.0, 0.9915])
+SOURCE_FROM_ROOM = np.asarray(np.linalg.inv(TRUTH.matrix()), np.float64)
 COCO = load_joint_map("coco17").rotation
 AXES = [(axes, turn) for axes, turn in _all_axes(1.0)]
 
@@ -41,7 +42,7 @@ def heard(sent):
 
 @pytest.mark.parametrize(("axes", "turn"), AXES, ids=[",".join(axes) for axes, _ in AXES])
 def test_whatever_the_axes_a_remedy_makes_people_stand(axes, turn):
-    source = transform(np.linalg.inv(TRUTH.matrix()), BODY)
+    source = transform(SOURCE_FROM_ROOM, BODY)
     config, people = configured(), heard(source @ turn)  # sent = turn^T source
     if not refusals(config, people, np.eye(4)):
         return  # only the heading is wrong, if anything: no body shows that
@@ -54,19 +55,19 @@ def test_whatever_the_axes_a_remedy_makes_people_stand(axes, turn):
 
 
 def test_of_four_headings_the_common_axes_are_named():
-    source = transform(np.linalg.inv(TRUTH.matrix()), BODY)
+    source = transform(SOURCE_FROM_ROOM, BODY)
     assert "axes: [x, y, z]" in remedy(configured(), heard(source), COCO)
 
 
 def test_a_mirrored_body_needs_left_and_right_exchanged():
-    source = transform(np.linalg.inv(TRUTH.matrix()), BODY)
+    source = transform(SOURCE_FROM_ROOM, BODY)
     people = heard((source @ COCO) * [-1.0, 1.0, 1.0])
     assert refusals(configured(), people, np.eye(4)) == [Verdict.MIRRORED]
     assert "exchange left and right" in remedy(configured(), people, COCO)
 
 
 def test_a_wrong_floor_is_told_as_such():
-    source = transform(np.linalg.inv(TRUTH.matrix()), BODY - [0, 0, 0.8])
+    source = transform(SOURCE_FROM_ROOM, BODY - [0, 0, 0.8])
     text = remedy(configured(), heard(source @ COCO), COCO)
     assert "ankles are at -0.73 m and people.floor_m is 0" in text
     fine = configured(floor_m=-0.8)
