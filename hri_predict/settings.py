@@ -33,6 +33,7 @@ Metres = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
 """A coordinate. No cell is a kilometre away from its origin, and with such limits products of
 coordinates stay accurate."""
 Vector3 = Annotated[list[Metres], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 Point = Annotated[list[Metres], Field(min_length=2, max_length=2)]
 
 
@@ -40,12 +41,7 @@ class Pose(Settings):
     """A rigid pose (REP-103): ``xyz`` metres, ``quaternion_xyzw`` a unit quaternion."""
 
     xyz: Vector3 = [0.0, 0.0, 0.0]
-    quaternion_xyzw: Annotated[list[float], Field(min_length=4, max_length=4)] = [
-        0.0,
-        0.0,
-        0.0,
-        1.0,
-    ]
+    quaternion_xyzw: Quaternion = [0.0, 0.0, 0.0, 1.0]
 
     @field_validator("quaternion_xyzw")
     @classmethod

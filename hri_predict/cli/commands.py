@@ -20,6 +20,7 @@ from hri_predict.cli import (
 )
 from hri_predict.cli.bench import bench
 from hri_predict.cli.check import check, conformance
+from hri_predict.cli.register import register
 
 app = typer.Typer(
     help="Predict where people near a robot will be, and advise the robot's controller in time.",
@@ -48,6 +49,7 @@ def options(
 app.command()(run.demo)
 app.command()(run.run)
 app.command()(check.check)
+app.command()(register.register)
 app.command()(run.replay)
 app.command()(listen.listen)
 app.command()(fleet.fleet)

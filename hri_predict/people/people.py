@@ -11,6 +11,7 @@ from hri_predict.joint_map import JointMap
 from hri_predict.people.body_size import is_human_sized
 from hri_predict.people.free_space import FreeSpace
 from hri_predict.people.lost import LostPeople
+from hri_predict.people.posture_watch import PostureWatch
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.roster import Appearing, Roster
 from hri_predict.people.scene_gate import SceneGate
@@ -84,12 +85,14 @@ class People:
         )
         self._tracks, self._lost = self._roster.tracks, self._roster.lost
         self._counters: Counter[str] = self._roster.counters
+        self._posture = PostureWatch(settings, source_settings.field_of_view)
         self._now_ns = NEVER
         self._receipt_ns: int | None = None
         self._newest_good_ns: int | None = None
         self._captures = 0
         self._blind = False
         self._impossible = False
+        self._misplaced = False
         self._crowded = False
         self._unlocated = False
 
@@ -108,7 +111,7 @@ class People:
         """Track all people in a scene that advances."""
         self._blind = not scene.sees_room
         self._counters["blind_scenes"] += self._blind
-        self._impossible = self._crowded = False
+        self._impossible = self._misplaced = self._crowded = False
         frozen = False
         starts: list[Appearing] = []
         seen: set[int] = set()
@@ -127,6 +130,9 @@ class People:
             if body is None:
                 nowhere.append(person.id)
                 continue
+            if (wrong := self._posture.judge(body, capture_ns)) is not None:
+                self._counters[wrong.value] += 1
+                self._misplaced = True  # still tracked: whoever it is, somebody is there
             if track is None:
                 starts.append((body, None))
             elif self._is_repeat(track, body, capture_ns):
@@ -139,7 +145,8 @@ class People:
         unlocated = self._unlocatable(nowhere)
         self._counters["unlocated_people"] += unlocated
         self._unlocated = unlocated > 0
-        bad = self._impossible or self._crowded or self._unlocated or frozen
+        self._counters["unjudged_bodies"] = self._posture.unjudged
+        bad = self._impossible or self._misplaced or self._crowded or self._unlocated or frozen
         if scene.sees_room and not bad:
             self._newest_good_ns = capture_ns
             self._captures += 1
@@ -313,6 +320,7 @@ class People:
             (frozen and not silent, Reason.INPUT_FROZEN),
             (self._gate.alignment.jumped, Reason.CLOCK_JUMP),
             (self._impossible, Reason.INPUT_IMPOSSIBLE),
+            (self._misplaced, Reason.BODY_NOT_UPRIGHT),
             (self._unlocated, Reason.PERSON_NOT_LOCATED),
             (self._crowded, Reason.TOO_MANY_PEOPLE),
             (stale and not silent, Reason.INPUT_STALE),

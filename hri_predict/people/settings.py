@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from hri_predict.settings import Region, Settings
+from hri_predict.settings import Metres, Region, Settings
 
 Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
 
@@ -76,4 +76,17 @@ class PeopleSettings(Settings):
     )
     future_tolerance_s: float = Field(
         0.02, ge=0, le=1, description="how far ahead of the node's clock a capture may lie"
+    )
+    floor_m: Metres = Field(0.0, description="height of the floor (room frame)")
+    floor_tolerance_m: float = Field(
+        0.3, ge=0.05, le=2, description="how far off the floor a foot may seem to be"
+    )
+    platform_m: float = Field(
+        1.0, ge=0, le=100, description="highest place above the floor where people stand"
+    )
+    posture_unchecked: str | None = Field(
+        None,
+        min_length=10,
+        description="why bodies are not checked against gravity and the floor here; without a "
+        "reason they are, and a body that cannot be right makes the advice unknown",
     )

@@ -125,7 +125,8 @@ _TEXT = {
         "the source sees a joint of that person that the joint map uses",
     ),
     Reason.BODY_NOT_UPRIGHT: (
-        "a body lies in the air, is upside down, or is not on the floor (check the axes)",
+        "a body lies in the air, is upside down or mirrored, or is not on the floor or in view "
+        "(check the axes)",
         "bodies are seen as people stand, sit or lie on the floor",
     ),
     Reason.ROBOT_STATE_STALE: (

@@ -134,6 +134,12 @@ class RobotModel:
         """Capsules (..., C) in the room at joint positions ``q`` (..., N) rad."""
         return self._capsules(self._ends_at(self._chain.links(q)))
 
+    def tool_position(self, q: Floats, tool: Floats) -> Floats:
+        """(3,) room position of the point ``tool`` (3,) of the last link at positions ``q``."""
+        last = self._chain.links(q)[-1]
+        position: Floats = last[:, :3] @ tool + last[:, 3]
+        return position
+
     def tip_speed(self, q: Floats, qd: Floats) -> Floats:
         """Speed bound (...,) m/s of the fastest point of any capsule.
 

@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
+from hri_predict.cli.check.listen import listen as hear
+from hri_predict.cli.check.listen import show as show_heard
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError
@@ -31,7 +33,13 @@ def check(
             help="Check the sensor: x,y,z of the point in the room that a person touches now."
         ),
     ] = None,
-    joint: Annotated[str, typer.Option(help="The joint that touches the point.")] = "r_hand",
+    joint: Annotated[
+        str | None, typer.Option(help="The joint that touches; default: a hand, else a wrist.")
+    ] = None,
+    listen: Annotated[
+        float | None,
+        typer.Option(min=1, max=60, help="Listen to the source so many seconds: do people stand?"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
     """Validate a configuration; print the delay budget and each link's load.
@@ -40,11 +48,19 @@ def check(
     where the sensor sees the joint. Exit status 1 if they are further apart
     than risk.person_uncertainty_m.
 
+    With --listen, check the people whom the source shows against gravity and
+    the floor. Exit status 1, with the axes that would be right, if they lie in
+    the air, hang upside down or have left and right swapped.
+
     Example: hri-predict check cell.yaml --touched 0.5,-0.2,0.9
     """
     loaded = configuration.load(config)
     if touched is not None:
         if not show_touch(measure_touch(loaded, touched, joint), as_json):
+            raise typer.Exit(1)
+        return
+    if listen is not None:
+        if not show_heard(hear(loaded, listen), loaded, as_json):
             raise typer.Exit(1)
         return
     found = examine(loaded)
@@ -155,6 +171,8 @@ def _notes(config: Config) -> list[str]:
     notes += [f"source {config.source.kind}: {note}" for note in config.source.notes]
     if config.source.field_of_view is None:
         notes.append("no source.field_of_view: the whole room counts as seen")
+    if (reason := config.node.people.posture_unchecked) is not None:
+        notes.append(f"people.posture_unchecked: no check against gravity and the floor: {reason}")
     if config.node.risk.intrusion_m == 0:
         notes.append("risk.intrusion_m (C) is 0: valid only if the sensor sees even fingers")
     if unused := assemble.unused_coverage(config):

@@ -1,56 +1,48 @@
 """``check --touched``: is the sensor where ``room_from_source`` says it is?"""
 
 import json
-import math
 from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.clock import MonotonicClock
+from hri_predict.cli.register.points import point_from
+from hri_predict.cli.register.sight import choose_joint, opened, place_of
 from hri_predict.errors import ConfigError
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
-from hri_predict.skeleton import CANONICAL
-from hri_predict.source import Source, wait_for
 
 WATCH_S = 3.0
-LEAST_SIGHTS = 10
-STILL_M = 0.03
 
 
-def measure_touch(config: Config, touched: str, joint: str) -> dict[str, Any]:
+def measure_touch(config: Config, touched: str, joint: str | None = None) -> dict[str, Any]:
     """Watch the source for a while and compare a joint with the point that the joint touches.
 
-    One point shows how far the sensor is displaced, not how it is turned. A second point, a metre
-    away, shows that.
+    One point shows how far the sensor is displaced, not how it is turned: see ``register``.
+
+    Args:
+        config: with the source.
+        touched: x,y,z in the room, metres.
+        joint: canonical joint; default: a hand, else a wrist, that the source's joint map has.
 
     Raises:
-        ConfigError: the point or the joint is wrong, or the joint was seen too rarely or moved.
+        ConfigError: the point or the joint is wrong, no sender is there, or the joint was seen too
+            rarely or moved.
     """
-    point = _point(touched)
-    index = CANONICAL.index(joint)
-    seen = _sights(assemble.build_source(config), index)
-    if len(seen) < LEAST_SIGHTS:
-        raise ConfigError(
-            f"--joint {joint}: seen {len(seen)} times in {WATCH_S:g} s; keep it in view, or name "
-            f"another joint ({', '.join(CANONICAL.joints)})"
-        )
-    middle = np.median(seen, axis=0)
-    spread = float(np.linalg.norm(seen.std(axis=0)))
-    if spread > STILL_M:
-        raise ConfigError(
-            f"--joint {joint}: it moved by {spread * 1e3:.0f} mm in {WATCH_S:g} s; keep it still "
-            f"on the point and repeat"
-        )
-    error = point - middle
-    corrected = np.asarray(config.source.room_from_source.xyz) + error
+    point = point_from(touched, 3, "--touched")
+    try:
+        with opened(assemble.build_source(config)) as sensor:
+            joint = choose_joint(sensor.source, joint)
+            place = place_of(sensor, sensor.watch(WATCH_S), joint)
+    except ConfigError as error:
+        raise ConfigError(f"--touched: {error}") from error
+    error_m = point - place.middle
+    corrected = np.asarray(config.source.room_from_source.xyz) + error_m
     return {
         "joint": joint,
         "touched": point.tolist(),
-        "seen": [round(v, 4) for v in middle.tolist()],
-        "spread_m": round(spread, 4),
-        "off_m": round(float(np.linalg.norm(error)), 4),
+        "seen": [round(v, 4) for v in place.middle.tolist()],
+        "spread_m": round(place.spread_m, 4),
+        "off_m": round(float(np.linalg.norm(error_m)), 4),
         "allowed_m": config.node.risk.person_uncertainty_m,
         "room_from_source_xyz": [round(v, 4) for v in corrected.tolist()],
     }
@@ -67,43 +59,7 @@ def show_touch(found: dict[str, Any], as_json: bool) -> bool:
     print(f"off by   {found['off_m'] * 1e3:.0f} mm; allowed {found['allowed_m'] * 1e3:.0f} mm")
     if not fine:
         print(f"remedy: source.room_from_source.xyz: {found['room_from_source_xyz']}")
-        print("then touch a second point a metre away: if it is off too, the sensor is turned")
+        print("if the sensor is turned, this point says nothing of others: hri-predict register")
     else:
         print("ok: within risk.person_uncertainty_m")
     return fine
-
-
-def _point(text: str) -> Floats:
-    try:
-        point = [float(part) for part in text.split(",")]
-    except ValueError:
-        point = []
-    if len(point) != 3 or not all(math.isfinite(v) for v in point):
-        raise ConfigError(f"--touched {text}: give three numbers: x,y,z (m)")
-    return np.array(point)
-
-
-def _sights(source: Source, joint: int) -> Floats:
-    """Return the observed positions (n, 3) of the joint, in the room frame.
-
-    Raises:
-        ConfigError: more than one person is in view.
-    """
-    clock = MonotonicClock()
-    start_ns = clock.now_ns()
-    end_ns = start_ns + round(WATCH_S * 1e9)
-    source.open(start_ns)
-    seen = []
-    try:
-        while (due_ns := source.next_ns()) is not None and clock.now_ns() < end_ns:
-            wait_for(source, min(due_ns, end_ns), clock)
-            while (scene := source.poll(clock.now_ns())) is not None:
-                if len(scene.people) > 1:
-                    raise ConfigError("--touched: more than one person is in view; leave only one")
-                for person in scene.people:
-                    positions, observed = source.joint_map.map(person.positions, person.observed)
-                    if observed[joint]:
-                        seen.append(positions[joint])
-    finally:
-        source.close()
-    return np.array(seen).reshape(-1, 3)

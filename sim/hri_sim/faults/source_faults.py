@@ -10,9 +10,11 @@ from pydantic import Field
 
 from hri_predict.joint_map import JointMap
 from hri_predict.scene import Person, Scene
-from hri_predict.settings import Vector3
+from hri_predict.settings import Pose, Quaternion, Vector3
 from hri_predict.source import Source, live_part
 from hri_sim.faults.settings import FaultSettings, faults_from
+
+SIN_45 = 0.5**0.5
 
 
 class Drop(FaultSettings):
@@ -64,6 +66,19 @@ class Teleport(FaultSettings):
     person: int | None = None
 
 
+class Rotate(FaultSettings):
+    """All people are turned about the point ``about`` (room frame), as by wrong axes."""
+
+    quaternion_xyzw: Quaternion = [SIN_45, 0.0, 0.0, SIN_45]
+    about: Vector3 = [0.0, 0.0, 0.0]
+
+
+class Mirror(FaultSettings):
+    """All people are mirrored at the plane y = ``at_y`` of the room: left and right are swapped."""
+
+    at_y: float = Field(0.0, ge=-1000, le=1000)
+
+
 class IdentitySwap(FaultSettings):
     """People's ids rotate; a single person gets a new id."""
 
@@ -99,6 +114,8 @@ SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
     "reorder": Reorder,
     "nan": Nan,
     "teleport": Teleport,
+    "rotate": Rotate,
+    "mirror": Mirror,
     "identity_swap": IdentitySwap,
     "vanish": Vanish,
     "blind": Blind,
@@ -226,6 +243,15 @@ class FaultySource:
                 else p
                 for p in people
             )
+        if isinstance(fault, Rotate):
+            turn = Pose(quaternion_xyzw=fault.quaternion_xyzw).matrix()[:3, :3]
+            about = np.asarray(fault.about)
+            return tuple(
+                replace(p, positions=(p.positions - about) @ turn.T + about) for p in people
+            )
+        if isinstance(fault, Mirror):
+            over, plane = np.array([1.0, -1.0, 1.0]), np.array([0.0, 2.0 * fault.at_y, 0.0])
+            return tuple(replace(p, positions=p.positions * over + plane) for p in people)
         if isinstance(fault, IdentitySwap):
             ids = [p.id for p in people]
             ids = [*ids[1:], ids[0]] if len(ids) > 1 else [(i + 1000) % 65536 for i in ids]

@@ -1,0 +1,180 @@
+"""``check --listen``: do the people of a live source stand on the floor, and if not, what would?
+
+A wrong joint map or pose is nearly always one of the 24 rotations that carry axes to axes. Each is
+tried on what was heard; the one in which people stand is named in the configuration's terms.
+"""
+
+import itertools
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.cli.register.sight import opened
+from hri_predict.cli.register.solve import quaternion
+from hri_predict.errors import ConfigError
+from hri_predict.geometry import transform
+from hri_predict.joint_map import axes_rotation
+from hri_predict.people.posture import posture_of
+from hri_predict.people.posture_watch import Verdict, refusal_of
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+
+LEAST_CAPTURES = 10
+STANDS = 0.95
+"""Cosine from which people stand so straight that the axes are right and only the floor is not."""
+ALIKE = 0.02
+"""Axes that make people stand no straighter than this are not better than more common ones."""
+COMMON = (["x", "y", "z"], ["z", "-x", "-y"], ["z", "x", "y"], ["-z", "-x", "y"])
+"""Axes that trackers use (REP-103, a camera's optical frame, y up): tried first."""
+
+Heard = dict[int, tuple[Floats, Bools]]
+"""For each person the captures (n, J, 3), (n, J) as the configuration places them."""
+
+
+def listen(config: Config, seconds: float) -> dict[str, Any]:
+    """Listen to the source for so long and judge the people whom it shows.
+
+    Raises:
+        ConfigError: nothing was heard, with the reason.
+    """
+    with opened(assemble.build_source(config)) as sensor:
+        people, scenes = sensor.everybody(seconds)
+        if not scenes:
+            raise ConfigError(f"--listen: no scene arrived in {seconds:g} s: {sensor.trouble()}")
+        rotation = sensor.source.joint_map.rotation
+    people = {n: p for n, p in people.items() if len(p[0]) >= LEAST_CAPTURES}
+    why = refusals(config, people, np.eye(4))
+    judged = sum(any(map(posture_of, *captures)) for captures in people.values())
+    return {
+        "scenes": scenes,
+        "people": len(people),
+        "judged": judged if config.node.people.posture_unchecked is None else 0,
+        "refused": sorted({verdict.text for verdict in why}),
+        "remedy": remedy(config, people, rotation) if why else None,
+    }
+
+
+def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
+    """Print what was found; return whether nobody was refused."""
+    if as_json:
+        print(json.dumps(found))
+        return not found["refused"]
+    print(f"heard {found['scenes']} scenes, people: {found['people']}")
+    reason = config.node.people.posture_unchecked
+    if reason is not None:
+        print(f"not checked against gravity and the floor: {reason}")
+    elif not found["judged"]:
+        print("the orientation could not be verified: let somebody stand in view, trunk and legs")
+    elif found["refused"]:
+        print(f"wrong: bodies are {'; '.join(found['refused'])}")
+        print(f"remedy: {found['remedy']}")
+    else:
+        print("ok: bodies stand upright on the floor, left and right where they belong")
+    return not found["refused"]
+
+
+def refusals(config: Config, people: Heard, correction: Floats) -> list[Verdict]:
+    """Why people are refused if everything is moved by ``correction`` (4, 4) first."""
+    found = (
+        refusal_of(
+            transform(correction, positions),
+            observed,
+            config.node.people,
+            config.source.field_of_view,
+        )
+        for positions, observed in people.values()
+    )
+    return [verdict for verdict in found if verdict is not None]
+
+
+def remedy(config: Config, people: Heard, rotation: Floats) -> str:
+    """What to configure so that people stand, in one line.
+
+    Args:
+        config: as it is.
+        people: as heard with it.
+        rotation: (3, 3) of the joint map now.
+    """
+    off_floor = refusals(config, people, np.eye(4)) == [Verdict.OFF_FLOOR] * len(people)
+    if off_floor and uprightness(people, np.eye(4)) > STANDS:
+        return _off_floor(config, people)
+    pose = config.source.room_from_source.matrix()
+    for hands in (1.0, -1.0):  # all proper axes before any that mirror
+        best, chosen = 0.0, ""
+        for axes, turn in _all_axes(hands):
+            correction = np.eye(4)
+            correction[:3, :3] = turn @ rotation.T
+            correction = pose @ correction @ np.linalg.inv(pose)
+            upright = uprightness(people, correction)
+            if upright > best + ALIKE and not refusals(config, people, correction):
+                best, chosen = upright, _named(axes, correction @ pose, mirrored=hands < 0)
+        if chosen:
+            return chosen
+    return (
+        "no exchange of axes makes them stand; measure the pose with hri-predict register, and "
+        "check people.floor_m and the joint map's joints and units"
+    )
+
+
+def uprightness(people: Heard, correction: Floats) -> float:
+    """Cosine between gravity and the sum of all bodies' down, if all is moved by ``correction``."""
+    down = np.zeros(3)
+    for captures in people.values():
+        for posture in map(posture_of, *captures):
+            down += 0.0 if posture is None else posture.down
+    length = float(np.linalg.norm(down))
+    return float(-(correction[:3, :3] @ down)[2] / length) if length else 0.0
+
+
+def _all_axes(hands: float) -> Iterator[tuple[list[str], Floats]]:
+    """All 24 axes of one handedness that point forward, left and up; common ones first."""
+    letters = [list(order) for order in itertools.permutations("xyz")]
+    signs = itertools.product(("", "-"), repeat=3)
+    every = [
+        [s + a for s, a in zip(sign, order, strict=True)] for sign in signs for order in letters
+    ]
+    for axes in sorted(every, key=lambda a: COMMON.index(a) if a in COMMON else len(COMMON)):
+        rows = [axes_rotation(axes, left_handed=left) for left in _handedness(axes)]
+        if np.linalg.det(rows[0]) * hands > 0:
+            yield axes, rows[0]
+
+
+def _handedness(axes: list[str]) -> Iterator[bool]:
+    for left in (False, True):
+        try:
+            axes_rotation(axes, left)
+        except ValueError:
+            continue
+        yield left
+
+
+def _named(axes: list[str], matrix: Floats, mirrored: bool) -> str:
+    shown = f"[{', '.join(axes)}]"
+    end = "; then measure the heading and the place with hri-predict register"
+    if mirrored:
+        return (
+            f"exchange left and right in the joint map, or give it axes: {shown} with left_handed: "
+            f"true{end}"
+        )
+    numbers = [round(float(v), 6) + 0.0 for v in quaternion(matrix[:3, :3])]
+    return (
+        f"bodies would stand with axes: {shown} in the joint map, or with "
+        f"source.room_from_source.quaternion_xyzw: {numbers}{end}"
+    )
+
+
+def _off_floor(config: Config, people: Heard) -> str:
+    feet = [
+        posture.feet_m
+        for captures in people.values()
+        for posture in map(posture_of, *captures)
+        if posture is not None and posture.feet_m is not None
+    ]
+    at = f"ankles are at {np.median(feet):.2f} m" if feet else "bodies are below the floor"
+    return (
+        f"{at} and people.floor_m is {config.node.people.floor_m:g}: correct it, or the height in "
+        f"source.room_from_source.xyz"
+    )

@@ -1,0 +1,120 @@
+"""Where the touched points are in the room: given, asked for, or where a robot holds its tool."""
+
+import math
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.clock import MonotonicClock
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.link import Received
+from hri_predict.protocol.messages import RobotState
+from hri_predict.robots.model import RobotModel
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+
+FRESH_S = 1.0
+"""A RobotState that is to say where the tool is must come within this time."""
+
+
+def say(text: str) -> None:
+    """Print for the user; standard output is kept for the result."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def ask(text: str) -> str:
+    """Ask for one line.
+
+    Raises:
+        ConfigError: the input ended.
+    """
+    print(text, end=" ", file=sys.stderr, flush=True)
+    line = sys.stdin.readline()
+    if not line:
+        raise ConfigError("the input ended; run it in a terminal, or give --point and --every")
+    return line.strip()
+
+
+def point_from(text: str, numbers: int, where: str) -> Floats:
+    """Return ``x,y,z`` (or ``x,y``) as metres.
+
+    Raises:
+        ConfigError: it is not so many finite numbers.
+    """
+    try:
+        point = [float(part) for part in text.split(",")]
+    except ValueError:
+        point = []
+    if len(point) != numbers or not all(math.isfinite(v) and abs(v) <= 1000 for v in point):
+        letters = ",".join("xyz"[:numbers])
+        raise ConfigError(f"{where} {text}: give {numbers} numbers: {letters} (m, room)")
+    return np.array(point)
+
+
+class Hears(Protocol):
+    """What the place of a tool needs of a link."""
+
+    @property
+    def last_error(self) -> str | None:
+        """One line about the newest trouble."""
+
+    def take(self) -> list[Received]:
+        """See ``Link``."""
+
+
+class Tool:
+    """The place of a robot's tool, from the RobotState that its controller sends."""
+
+    def __init__(self, *, model: RobotModel, index: int, link: Hears, tool: Floats) -> None:
+        self._model, self._index, self._link, self._tool = model, index, link, tool
+
+    def position(self) -> Floats:
+        """(3,) metres in the room, now.
+
+        Raises:
+            ConfigError: no RobotState comes.
+        """
+        self._link.take()
+        end_s = time.monotonic() + FRESH_S
+        while time.monotonic() < end_s:
+            for received in reversed(self._link.take()):
+                state = received.message
+                if isinstance(state, RobotState) and state.robot == self._index:
+                    q = np.asarray(state.positions, np.float64)
+                    if q.shape == (self._model.dof,) and np.isfinite(q).all():
+                        return self._model.tool_position(q, self._tool)
+            time.sleep(0.02)
+        trouble = self._link.last_error or "the controller sends none"
+        raise ConfigError(
+            f"robot {self._model.name}: no RobotState within {FRESH_S:g} s ({trouble}); give the "
+            f"points with --point instead"
+        )
+
+
+@contextmanager
+def tool_of(config: Config, robot: str, tool: Floats) -> Iterator[Tool]:
+    """Open the link on which a robot reports its state.
+
+    Raises:
+        ConfigError: there is no such robot, or no link to its controller.
+    """
+    names = [settings.name for settings in config.node.robots]
+    if robot not in names:
+        raise ConfigError(
+            f"--robot {robot}: no such robot{nearest(robot, names)} (there are: {', '.join(names)})"
+        )
+    settings = next((k for k in config.links if not k.robots or robot in k.robots), None)
+    if settings is None:
+        raise ConfigError(f"--robot {robot}: no link to its controller; give --point instead")
+    model = assemble.build_robots(config)[names.index(robot)]
+    link = assemble.build_link(settings=settings, config=config, clock=MonotonicClock())
+    link.start()
+    try:
+        yield Tool(model=model, index=names.index(robot), link=link, tool=tool)
+    finally:
+        link.stop()

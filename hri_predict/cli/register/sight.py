@@ -1,0 +1,210 @@
+"""Watches one person of a source for a while: where a joint is, and how still it was kept."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.clock import Clock, MonotonicClock
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.geometry import norm
+from hri_predict.scene import Scene
+from hri_predict.skeleton import CANONICAL, JOINTS
+from hri_predict.source import Source, live_part, wait_for
+
+LEAST_SIGHTS = 10
+MOST_SPREAD_M = 0.15
+"""More scatter than this is no noise of a tracker that may work beside a robot."""
+STILL_M = 0.03
+"""From the first half to the second, a joint that is kept still moves no farther than this, plus
+what its noise explains."""
+FEET = "feet"
+TOUCHING = ("r_hand", "r_wrist", "l_hand", "l_wrist")
+_SIGMA_OF_MAD = 1.4826  # standard deviation of a normal distribution per median absolute deviation
+_CHI_99 = 3.37  # length of a normal vector of three axes that one in a hundred passes
+_MEDIAN_ERROR = 1.2533  # standard error of a median, of sigma / sqrt(n): sqrt(pi / 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Sights:
+    """What a source showed in some seconds.
+
+    Attributes:
+        positions, observed: (n, J, 3) metres in the room as configured, (n, J); one person.
+        scenes: number of scenes, with or without somebody.
+    """
+
+    positions: Floats
+    observed: Bools
+    scenes: int
+
+    def seen(self) -> list[str]:
+        """Joints in view most of the time."""
+        if not len(self.observed):
+            return []
+        often = self.observed.mean(axis=0) > 0.5
+        return [name for name, there in zip(JOINTS, often, strict=True) if there]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Place:
+    """Where a joint was kept: median (3,) metres, noise per axis (standard deviation), sights."""
+
+    middle: Floats
+    spread_m: float
+    count: int
+
+
+def choose_joint(source: Source, joint: str | None) -> str:
+    """Return the joint that touches, one that this source can send.
+
+    Raises:
+        ConfigError: there is no such joint, or the source's joint map has none for it.
+    """
+    mapped = [name for name, there in zip(JOINTS, source.joint_map.mapped, strict=True) if there]
+    if joint is None:
+        joint = next((name for name in TOUCHING if name in mapped), None)
+        if joint is None:
+            raise ConfigError(
+                f"the joint map {source.joint_map.name} has neither hand nor wrist; name the joint "
+                f"that touches with --joint ({', '.join(mapped)})"
+            )
+    if joint == FEET:
+        return joint
+    CANONICAL.index(joint)
+    if joint not in mapped:
+        raise ConfigError(
+            f"--joint {joint}: the joint map {source.joint_map.name} has no such joint"
+            f"{nearest(joint, mapped)} (it has: {', '.join(mapped)})"
+        )
+    return joint
+
+
+class Sensor:
+    """An open source that is watched for some seconds at a time."""
+
+    def __init__(self, source: Source, clock: Clock) -> None:
+        self.source = source
+        self._clock = clock
+
+    def watch(self, seconds: float) -> Sights:
+        """Watch from now on; what came before is dropped.
+
+        Raises:
+            ConfigError: more than one person is in view.
+        """
+        bodies, seen, scenes = [], [], 0
+        for scene in self._scenes(seconds):
+            scenes += 1
+            if len(scene.people) > 1:
+                raise ConfigError("more than one person is in view; leave only one")
+            for person in scene.people:
+                body, there = self.source.joint_map.map(person.positions, person.observed)
+                bodies.append(body)
+                seen.append(there)
+        return Sights(positions=_bodies(bodies), observed=_flags(seen), scenes=scenes)
+
+    def everybody(self, seconds: float) -> tuple[dict[int, tuple[Floats, Bools]], int]:
+        """Watch any number of people; return each one's captures by id, and the scenes."""
+        found: dict[int, tuple[list[Floats], list[Bools]]] = {}
+        scenes = 0
+        for scene in self._scenes(seconds):
+            scenes += 1
+            for person in scene.people:
+                body, there = self.source.joint_map.map(person.positions, person.observed)
+                bodies, seen = found.setdefault(person.id, ([], []))
+                bodies.append(body)
+                seen.append(there)
+        return {n: (_bodies(b), _flags(s)) for n, (b, s) in found.items()}, scenes
+
+    def _scenes(self, seconds: float) -> Iterator[Scene]:
+        """Scenes of so many seconds from now on; what came before is dropped."""
+        while self.source.poll(self._clock.now_ns()) is not None:
+            pass
+        end_ns = self._clock.now_ns() + round(seconds * 1e9)
+        while (due_ns := self.source.next_ns()) is not None and self._clock.now_ns() < end_ns:
+            wait_for(self.source, min(due_ns, end_ns), self._clock)
+            while (scene := self.source.poll(self._clock.now_ns())) is not None:
+                yield scene
+
+    def trouble(self) -> str:
+        """Why nothing may have come, for a source that hears a sender."""
+        live = live_part(self.source)
+        if live is None:
+            return "the source ended"
+        if live.counters.last_error is not None:
+            return f"what came was refused: {live.counters.last_error}"
+        if not live.counters.packets:
+            return "nobody sends; start the tracker and its sender, and check host and port"
+        return "no whole scene arrived"
+
+
+@contextmanager
+def opened(source: Source) -> Iterator[Sensor]:
+    """Open a source, and close it after use."""
+    clock = MonotonicClock()
+    source.open(clock.now_ns())
+    try:
+        yield Sensor(source, clock)
+    finally:
+        source.close()
+
+
+def _bodies(positions: list[Floats]) -> Floats:
+    return np.array(positions, np.float64).reshape(-1, len(JOINTS), 3)
+
+
+def _flags(observed: list[Bools]) -> Bools:
+    return np.array(observed, np.bool_).reshape(-1, len(JOINTS))
+
+
+def place_of(sensor: Sensor, sights: Sights, joint: str) -> Place:
+    """Return where ``joint`` was kept.
+
+    The median bears noise and outliers. What it can't bear is a joint that moved meanwhile.
+
+    Raises:
+        ConfigError: no sender, nobody in view, the joint not in view, not still, or too noisy.
+    """
+    if not sights.scenes:
+        raise ConfigError(f"no scene arrived: {sensor.trouble()}")
+    if not len(sights.positions):
+        raise ConfigError(f"{sights.scenes} scenes arrived, and nobody is in view; step into it")
+    points = _points(sights, joint)
+    if len(points) < LEAST_SIGHTS:
+        others = ", ".join(sights.seen()) or "none"
+        raise ConfigError(
+            f"{joint}: seen {len(points)} times in {sights.scenes} scenes; keep it in view, or "
+            f"name a joint that is seen with --joint (seen now: {others})"
+        )
+    middle = np.median(points, axis=0)
+    spread = _spread(points)
+    first, second = np.array_split(points, 2)
+    moved = float(norm(np.median(second, axis=0) - np.median(first, axis=0)))
+    noise = (_spread(first) + _spread(second)) / 2
+    explained = _CHI_99 * _MEDIAN_ERROR * noise * np.sqrt(2 / len(second))
+    if spread > MOST_SPREAD_M:
+        raise ConfigError(
+            f"{joint}: scatters by {spread * 1e3:.0f} mm (at most {MOST_SPREAD_M * 1e3:.0f}); keep "
+            f"it still, and look after the tracker"
+        )
+    if moved > STILL_M + explained:
+        raise ConfigError(f"{joint}: it moved by {moved * 1e3:.0f} mm; keep it still and repeat")
+    return Place(middle=middle, spread_m=spread, count=len(points))
+
+
+def _points(sights: Sights, joint: str) -> Floats:
+    """(n, 3) where the joint was; for ``feet`` the middle of both ankles."""
+    names = ("l_ankle", "r_ankle") if joint == FEET else (joint,)
+    indices = [CANONICAL.index(name) for name in names]
+    there = sights.observed[:, indices].all(axis=1)
+    points: Floats = sights.positions[there][:, indices].mean(axis=1)
+    return points
+
+
+def _spread(points: Floats) -> float:
+    """Standard deviation per axis, by the median absolute deviation: outliers do not count."""
+    mads = np.median(np.abs(points - np.median(points, axis=0)), axis=0)
+    return float(_SIGMA_OF_MAD * np.sqrt(np.mean(mads**2)))

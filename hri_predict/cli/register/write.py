@@ -1,0 +1,92 @@
+"""Writes a pose into ``source.room_from_source`` of a configuration; all else stays as it is."""
+
+from pathlib import Path
+
+import yaml
+
+from hri_predict.errors import ConfigError
+from hri_predict.files import atomic_write, data_path, load_yaml
+from hri_predict.run import config as configuration
+
+PoseLists = tuple[list[float], list[float]]
+"""``xyz`` and ``quaternion_xyzw``."""
+
+
+def lines_to_paste(pose: PoseLists) -> str:
+    """The pose as it stands under ``source:``."""
+    xyz, quaternion = pose
+    return f"room_from_source: {{xyz: {xyz}, quaternion_xyzw: {quaternion}}}"
+
+
+def with_pose(text: str, pose: PoseLists) -> str | None:
+    """Return a configuration's text with another pose; ``None`` if its form is unusual.
+
+    Only the pose's own numbers are replaced, so comments stay. The result reads back as the same
+    configuration with this pose.
+    """
+    before = load_yaml(text)
+    node = _value(_value(yaml.compose(text, Loader=yaml.SafeLoader), "source"), "room_from_source")
+    if not isinstance(node, yaml.MappingNode) or not isinstance(before, dict):
+        return None
+    changes: list[tuple[int, int, str]] = []
+    missing = []
+    for key, numbers in zip(("xyz", "quaternion_xyzw"), pose, strict=True):
+        value = _value(node, key)
+        if value is None:
+            missing.append(f"{key}: {numbers}")
+        elif isinstance(value, yaml.SequenceNode) and value.flow_style:
+            changes.append((value.start_mark.index, value.end_mark.index, str(numbers)))
+        else:
+            return None
+    if missing:
+        if not node.flow_style or not node.value:
+            return None
+        end = node.value[-1][1].end_mark.index
+        changes.append((end, end, ", " + ", ".join(missing)))
+    for start, end, new in sorted(changes, reverse=True):
+        text = text[:start] + new + text[end:]
+    after = load_yaml(text)
+    before["source"]["room_from_source"] = dict(zip(("xyz", "quaternion_xyzw"), pose, strict=True))
+    return text if after == before else None
+
+
+def write_pose(path: Path, pose: PoseLists) -> Path:
+    """Write the pose into a configuration; return the backup of what it was before.
+
+    Raises:
+        ConfigError: the file is one that the package ships, cannot be written, or has an unusual
+            form; the line to paste is in the message.
+    """
+    paste = f"write under 'source:' yourself: {lines_to_paste(pose)}"
+    if path.resolve().is_relative_to(data_path().resolve()):
+        raise ConfigError(f"{path}: belongs to the package; copy it first, or {paste}")
+    try:
+        text = path.read_bytes().decode()  # with the file's own line ends
+        new = with_pose(text, pose)
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: cannot be read any more; {paste}") from error
+    if new is None:
+        raise ConfigError(f"{path}: 'room_from_source' has an unusual form; {paste}")
+    backup = _free_name(path)
+    try:
+        atomic_write(backup, text.encode())
+        atomic_write(path, new.encode())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}; {paste}") from error
+    configuration.load(path)
+    return backup
+
+
+def _value(node: yaml.Node | None, key: str) -> yaml.Node | None:
+    """The value under a key of a mapping; ``None`` if it is another kind of node, or has none."""
+    if not isinstance(node, yaml.MappingNode):
+        return None
+    return next((value for name, value in node.value if name.value == key), None)
+
+
+def _free_name(path: Path) -> Path:
+    """A name beside ``path`` that no file has: an older backup is never overwritten."""
+    number = 1
+    while (backup := path.with_name(f"{path.name}.before-register-{number}")).exists():
+        number += 1
+    return backup

@@ -1,0 +1,267 @@
+"""Judges over time whether a source's bodies can be right: on the floor, upright, not mirrored.
+
+Wrong axes (a camera's taken for the room's, y up for z up) turn every body of a source, all the
+time. One capture proves nothing, since people lie, jump and tumble. So each person is judged by
+postures smoothed over half a second, and a verdict needs a span of them, to be given and to be
+taken back.
+
+Who lies flat is believed only near the floor, nearly at rest, and if somebody has stood upright
+before. Until then a body that lies is as likely one whose axes are wrong, and is refused at once.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import in_polygon
+from hri_predict.people.posture import Posture, posture_of
+from hri_predict.people.ring_buffer import NEVER
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.people.track import Body
+from hri_predict.settings import Region
+
+UPRIGHT = 0.7
+"""Cosine between a body's down and gravity's from which the body confirms the axes."""
+TILTED, TILTED_UPPER = 0.35, 0.2
+"""The same below which it does not stand, sit or kneel; for a body without a leg in view."""
+COHERENT, COHERENT_UPPER = 0.4, 0.6
+"""Least length of ``Posture.down`` per length of bones: below, the bones do not agree on a down."""
+MIRRORED_M = 0.025
+"""A body whose knees, toes and elbows are this far on the wrong side has left and right swapped;
+the least of any recording was 0.05 m on the right side, with a leg in view."""
+LYING_M = 0.9
+"""Who lies has nine tenths of the joints no higher than this above the floor: a bench's height."""
+GLIDING_M_S = 0.8
+"""A lying person is not faster; somebody who walks is."""
+VIEW_MARGIN_M = 0.5
+"""A body seen this far outside the field of view cannot be where it seems."""
+
+SMOOTH_S = 0.5
+JUDGE_NS = 30_000_000
+HOLD_S, HOLD_UPPER_S, RELEASE_S = 0.5, 2.0, 1.0
+FORGET_NS = 5_000_000_000
+INHERIT_M = 0.5
+
+
+class Verdict(Enum):
+    """What is wrong with a body; the value is the name of its counter."""
+
+    TILTED = "lying_bodies"
+    UPSIDE_DOWN = "upside_down_bodies"
+    MIRRORED = "mirrored_bodies"
+    OFF_FLOOR = "off_floor_bodies"
+    OUT_OF_VIEW = "out_of_view_bodies"
+
+    @property
+    def text(self) -> str:
+        """The same for a person, after "bodies are"."""
+        return _TEXT[self]
+
+
+_TEXT = {
+    Verdict.TILTED: "lying in the air or gliding",
+    Verdict.UPSIDE_DOWN: "upside down",
+    Verdict.MIRRORED: "mirrored (left and right swapped)",
+    Verdict.OFF_FLOOR: "below the floor, or higher above it than people stand",
+    Verdict.OUT_OF_VIEW: "outside the field of view",
+}
+
+
+@dataclass(slots=True, kw_only=True)
+class _Record:
+    """One person: smoothed posture, and for how long it has been wrong or right."""
+
+    seen_ns: int
+    judged_ns: int
+    middle: Floats
+    down: Floats
+    bones_m: float = 0.0
+    velocity: Floats
+    handed_m: float | None = None
+    feet_m: float | None = None
+    wrong_s: float = 0.0
+    right_s: float = 0.0
+    upright_s: float = 0.0
+    refused: Verdict | None = None
+
+
+class PostureWatch:
+    """The verdicts on the people of one source. One thread only.
+
+    Attributes:
+        upright_seen: somebody has stood upright, and nobody has contradicted it since: gravity is
+            where ``room_from_source`` and the joint map put it.
+        unjudged: captures of bodies too little of which is seen to be judged.
+    """
+
+    def __init__(self, settings: PeopleSettings, field_of_view: Region | None = None) -> None:
+        self._on = settings.posture_unchecked is None
+        self._floor = settings.floor_m
+        self._below = settings.floor_m - settings.floor_tolerance_m
+        self._above = settings.floor_m + settings.platform_m + settings.floor_tolerance_m
+        self._view = field_of_view
+        self._records: dict[int, _Record] = {}
+        self.upright_seen = False
+        self.unjudged = 0
+
+    def judge(self, body: Body, capture_ns: int) -> Verdict | None:
+        """Take in one body and return why it cannot be right, if it has been wrong for long enough.
+
+        The room's frame; ``capture_ns`` rises from call to call for one person.
+        """
+        if not self._on:
+            return None
+        record = self._records.get(body.id)
+        if record is not None and capture_ns - record.judged_ns < JUDGE_NS:
+            record.seen_ns = capture_ns
+            return record.refused
+        posture = posture_of(body.positions, body.observed)
+        if posture is None:
+            self.unjudged += 1
+            if record is not None:
+                record.seen_ns = capture_ns
+            return record.refused if record is not None else None
+        record = record or self._begin(body.id, posture, capture_ns)
+        elapsed_s = _smooth(record, posture, capture_ns)
+        self._decide(record, posture, elapsed_s)
+        return record.refused
+
+    def _begin(self, person: int, posture: Posture, capture_ns: int) -> _Record:
+        """Start a record, or continue that of a body that stood here under another id."""
+        for other, record in list(self._records.items()):
+            if record.seen_ns == capture_ns:
+                continue
+            if capture_ns - record.seen_ns > FORGET_NS:
+                del self._records[other]
+            elif math.dist(record.middle, posture.middle) < INHERIT_M:
+                self._records[person] = self._records.pop(other)
+                return record
+        record = self._records[person] = _Record(
+            seen_ns=NEVER,
+            judged_ns=NEVER,
+            middle=posture.middle,
+            down=np.zeros(3),
+            velocity=np.zeros(3),
+        )
+        return record
+
+    def _decide(self, record: _Record, posture: Posture, elapsed_s: float) -> None:
+        """Count how long the record has been wrong, right and upright, and judge."""
+        wrong = self._wrong(record, posture)
+        if wrong is None:
+            record.wrong_s, record.right_s = 0.0, record.right_s + elapsed_s
+        else:
+            record.wrong_s, record.right_s = record.wrong_s + elapsed_s, 0.0
+        turned = wrong in (Verdict.TILTED, Verdict.UPSIDE_DOWN)
+        if wrong is not None and record.wrong_s >= self._hold_s(wrong, turned, posture):
+            record.refused = wrong
+            self.upright_seen &= not turned
+        elif record.right_s >= RELEASE_S:
+            record.refused = None
+        stands = posture.has_leg and wrong is None and _cosine(record) > UPRIGHT
+        record.upright_s = record.upright_s + elapsed_s if stands else 0.0
+        self.upright_seen |= record.upright_s >= HOLD_S
+
+    def _hold_s(self, wrong: Verdict, turned: bool, posture: Posture) -> float:
+        """For how long a body must be wrong before it is refused."""
+        if not posture.has_leg and wrong is not Verdict.MIRRORED:
+            return HOLD_UPPER_S
+        return HOLD_S if self.upright_seen or not turned else 0.0
+
+    def _wrong(self, record: _Record, posture: Posture) -> Verdict | None:
+        """What is wrong with the smoothed posture."""
+        cosine, whole = _cosine(record), posture.has_leg
+        length_m = float(np.linalg.norm(record.down))
+        agree = length_m > (COHERENT if whole else COHERENT_UPPER) * record.bones_m
+        if agree and cosine < -(TILTED if whole else TILTED_UPPER):
+            return Verdict.UPSIDE_DOWN
+        if agree and cosine < (TILTED if whole else TILTED_UPPER):
+            return None if self._may_lie(record, posture) else Verdict.TILTED
+        if record.handed_m is not None and record.handed_m < -MIRRORED_M:
+            return Verdict.MIRRORED
+        if self._off_floor(record, posture):
+            return Verdict.OFF_FLOOR
+        if self._view is not None:
+            if _outside(self._view, posture.middle) > VIEW_MARGIN_M:
+                return Verdict.OUT_OF_VIEW
+            if whole and cosine > UPRIGHT:
+                self._view = None  # somebody is where the sensor sees: the heading is right
+        return None
+
+    def _may_lie(self, record: _Record, posture: Posture) -> bool:
+        """Whether somebody may lie here, on the floor or little above it."""
+        low, high = posture.heights
+        near_floor = self._below <= low and high <= self._floor + LYING_M
+        return self.upright_seen and near_floor and _speed(record) < GLIDING_M_S
+
+    def _off_floor(self, record: _Record, posture: Posture) -> bool:
+        """Whether the feet are below the floor, or higher than anybody stands in this room."""
+        if record.feet_m is not None:
+            return not self._below <= record.feet_m <= self._above
+        return posture.heights[1] < self._below
+
+
+def refusal_of(
+    positions: Floats,
+    observed: Bools,
+    settings: PeopleSettings,
+    field_of_view: Region | None = None,
+) -> Verdict | None:
+    """Why one person's captures (n, J, 3) and (n, J), taken one after another, cannot be right.
+
+    ``None`` too if they are not checked, or too little is seen; see ``posture_of``.
+    """
+    watch = PostureWatch(settings, field_of_view)
+    verdict = None
+    for index, (joints, seen) in enumerate(zip(positions, observed, strict=True)):
+        if seen.any():
+            verdict = watch.judge(Body(0, joints, seen), (index + 1) * JUDGE_NS)
+    return verdict
+
+
+def _smooth(record: _Record, posture: Posture, capture_ns: int) -> float:
+    """Take a posture into the record; return the seconds since the one before it, at most 0.5."""
+    first = record.judged_ns == NEVER
+    elapsed_s = 0.0 if first else min((capture_ns - record.judged_ns) * 1e-9, SMOOTH_S)
+    share = 1.0 if first else 1.0 - math.exp(-elapsed_s / SMOOTH_S)
+    if not first:
+        moved = (posture.middle - record.middle) / ((capture_ns - record.judged_ns) * 1e-9)
+        record.velocity += share * (moved - record.velocity)
+    record.down += share * (posture.down - record.down)
+    record.bones_m += share * (posture.bones_m - record.bones_m)
+    record.handed_m = _mixed(record.handed_m, posture.handed_m, share)
+    record.feet_m = _mixed(record.feet_m, posture.feet_m, share)
+    record.middle = posture.middle
+    record.seen_ns = record.judged_ns = capture_ns
+    return elapsed_s
+
+
+def _mixed(before: float | None, now: float | None, share: float) -> float | None:
+    if before is None or now is None:
+        return before if now is None else now
+    return before + share * (now - before)
+
+
+def _cosine(record: _Record) -> float:
+    """Cosine between the smoothed down and gravity's."""
+    return float(-record.down[2] / max(float(np.linalg.norm(record.down)), 1e-9))
+
+
+def _speed(record: _Record) -> float:
+    return float(np.linalg.norm(record.velocity))
+
+
+def _outside(region: Region, point: Floats) -> float:
+    """Metres by which ``point`` (3,) lies outside a prism; 0 inside."""
+    up = max(region.z_min - point[2], point[2] - region.z_max, 0.0)
+    corners = np.asarray(region.polygon, np.float64)
+    if in_polygon(point[:2], corners):
+        return float(up)
+    along = np.roll(corners, -1, axis=0) - corners
+    to_point = point[:2] - corners
+    part = (to_point * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-12)
+    nearest = to_point - np.clip(part, 0.0, 1.0)[:, None] * along
+    return float(math.hypot(np.linalg.norm(nearest, axis=1).min(), up))

@@ -1,0 +1,81 @@
+"""The rotation that would make sense is found and named, for each wrong one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hri_predict.cli.check.listen import _all_axes, refusals, remedy
+from hri_predict.geometry import transform
+from hri_predict.joint_map import load_joint_map
+from hri_predict.people.posture_watch import Verdict
+from hri_predict.settings import Pose
+from hri_predict.skeleton import JOINTS
+from hri_sim.baseline_demo import baseline_demo
+from hri_sim.people.body import Body
+
+J = len(JOINTS)
+_WHO = Body(1.75)
+BODY = _WHO.joints(_WHO.standing(np.array([2.5, 0.6]), 2.0))
+TRUTH = Pose(xyz=[-0.5, 0.0, 1.8], quaternion_xyzw=[0.0, 0.13, 0.0, 0.9915])
+SOURCE_FROM_ROOM = np.asarray(np.linalg.inv(TRUTH.matrix()), np.float64)
+COCO = load_joint_map("coco17").rotation
+AXES = [(axes, turn) for axes, turn in _all_axes(1.0)]
+
+
+def configured(**people):
+    config = baseline_demo()
+    return replace(
+        config,
+        source=config.source.model_copy(update={"room_from_source": TRUTH}),
+        node=config.node.model_copy(
+            update={"people": config.node.people.model_copy(update=people)}
+        ),
+    )
+
+
+def heard(sent):
+    """What the node makes of ``sent`` (J, 3), raw, with the map of COCO."""
+    placed = transform(TRUTH.matrix(), sent @ COCO.T)
+    return {1: (np.tile(placed, (40, 1, 1)), np.ones((40, J), bool))}
+
+
+@pytest.mark.parametrize(("axes", "turn"), AXES, ids=[",".join(axes) for axes, _ in AXES])
+def test_whatever_the_axes_a_remedy_makes_people_stand(axes, turn):
+    source = transform(SOURCE_FROM_ROOM, BODY)
+    config, people = configured(), heard(source @ turn)  # sent = turn^T source
+    if not refusals(config, people, np.eye(4)):
+        return  # only the heading is wrong, if anything: no body shows that
+    text = remedy(config, people, COCO)
+    named = next(t for a, t in AXES if f"axes: [{', '.join(a)}]" in text)
+    # the axes named are those that were sent, up to a turn about the vertical
+    assert (named @ turn.T)[2] == pytest.approx([0, 0, 1], abs=1e-9)
+    assert "quaternion_xyzw: [" in text
+    assert "hri-predict register" in text
+
+
+def test_of_four_headings_the_common_axes_are_named():
+    source = transform(SOURCE_FROM_ROOM, BODY)
+    assert "axes: [x, y, z]" in remedy(configured(), heard(source), COCO)
+
+
+def test_a_mirrored_body_needs_left_and_right_exchanged():
+    source = transform(SOURCE_FROM_ROOM, BODY)
+    people = heard((source @ COCO) * [-1.0, 1.0, 1.0])
+    assert refusals(configured(), people, np.eye(4)) == [Verdict.MIRRORED]
+    assert "exchange left and right" in remedy(configured(), people, COCO)
+
+
+def test_a_wrong_floor_is_told_as_such():
+    source = transform(SOURCE_FROM_ROOM, BODY - [0, 0, 0.8])
+    text = remedy(configured(), heard(source @ COCO), COCO)
+    assert "ankles are at -0.73 m and people.floor_m is 0" in text
+    fine = configured(floor_m=-0.8)
+    assert refusals(fine, heard(source @ COCO), np.eye(4)) == []
+
+
+def test_there_are_24_axes_of_each_handedness():
+    for hands in (1.0, -1.0):
+        turns = [turn for _, turn in _all_axes(hands)]
+        assert len({turn.tobytes() for turn in turns}) == 24
+        assert all(np.sign(np.linalg.det(turn)) == hands for turn in turns)

@@ -1,0 +1,95 @@
+"""A body's own down and its handedness follow the body, wherever it is and wherever it faces."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hri_predict.people.posture import Posture, posture_of
+from hri_predict.settings import Pose
+from hri_predict.skeleton import CANONICAL, JOINTS
+from hri_sim.people.body import Body
+
+J = len(JOINTS)
+ALL = np.ones(J, bool)
+_WHO = Body(1.75)
+BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.4))
+SWAPPED = np.arange(J)
+for left, right in CANONICAL.left_right_pairs:
+    SWAPPED[left], SWAPPED[right] = right, left
+
+rotations = (
+    st.lists(st.floats(-1, 1), min_size=4, max_size=4)
+    .filter(lambda q: np.linalg.norm(q) > 0.1)
+    .map(lambda q: Pose(quaternion_xyzw=list(np.array(q) / np.linalg.norm(q))).matrix()[:3, :3])
+)
+moves = st.lists(st.floats(-5, 5), min_size=3, max_size=3).map(np.array)
+
+
+def posture(body, observed=ALL) -> Posture:
+    found = posture_of(body, observed)
+    assert found is not None
+    return found
+
+
+def handed(body, observed=ALL) -> float:
+    found = posture(body, observed).handed_m
+    assert found is not None
+    return found
+
+
+def unseen(*words):
+    return np.array([not any(word in name for word in words) for name in JOINTS])
+
+
+@given(turn=rotations, move=moves)
+def test_down_turns_with_the_body_and_handedness_never_changes(turn, move):
+    before, after = posture(BODY), posture(BODY @ turn.T + move)
+    assert after.down == pytest.approx(turn @ before.down, abs=1e-9)
+    assert after.bones_m == pytest.approx(before.bones_m)
+    assert handed(BODY @ turn.T + move) == pytest.approx(handed(BODY), abs=1e-9)
+
+
+@given(yaw=st.floats(-4, 4), x=st.floats(-9, 9), y=st.floats(-9, 9))
+def test_turns_and_moves_over_the_floor_change_no_height_and_no_tilt(yaw, x, y):
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    before, after = posture(BODY), posture(BODY @ turn.T + [x, y, 0])
+    assert after.down[2] == pytest.approx(before.down[2])
+    assert (after.feet_m, *after.heights) == pytest.approx((before.feet_m, *before.heights))
+
+
+@given(turn=rotations)
+def test_a_mirror_and_swapped_names_invert_the_handedness(turn):
+    natural = handed(BODY)
+    assert natural > 0.1
+    assert handed((BODY * [1, -1, 1]) @ turn.T) == pytest.approx(-natural)
+    assert handed(BODY[SWAPPED] @ turn.T) == pytest.approx(-natural)
+
+
+def test_who_stands_agrees_on_down_in_all_bones():
+    found = posture(BODY)
+    assert -found.down[2] > 0.95 * found.bones_m
+    assert found.has_leg
+
+
+def test_without_a_trunk_nothing_is_said():
+    arms = np.array([name[2:] in ("shoulder", "elbow", "wrist") for name in JOINTS])
+    arms[JOINTS.index("neck")] = True
+    assert posture_of(BODY, arms) is None
+
+
+def test_a_thigh_without_its_shank_does_not_count_as_a_leg():
+    found = posture(BODY, unseen("ankle", "foot"))
+    assert not found.has_leg
+    assert found.down == pytest.approx(posture(BODY, unseen("knee", "ankle", "foot")).down)
+    assert found.feet_m is None
+
+
+def test_a_raised_arm_says_nothing_of_left_and_right():
+    raised = BODY.copy()
+    for side in "lr":
+        for joint, up in (("elbow", 0.3), ("wrist", 0.6), ("hand", 0.8)):
+            shoulder = raised[JOINTS.index(f"{side}_shoulder")]
+            raised[JOINTS.index(f"{side}_{joint}")] = shoulder + np.array([0.05, 0.0, up])
+    assert posture(raised, unseen("hip", "knee", "ankle", "foot")).handed_m is None

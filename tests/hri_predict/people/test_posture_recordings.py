@@ -1,0 +1,40 @@
+"""No recorded person is refused, and every wrong rotation of one who stands or walks is found."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.hri_predict.people.posture_table import (
+    COCO,
+    noisy,
+    recordings,
+    refused_after_s,
+    verdicts,
+    wrong,
+)
+
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(not DATA.exists(), reason="the data pack is not here"),
+]
+
+
+def test_no_recorded_capture_is_refused():
+    for played in recordings(DATA):
+        assert not any(verdicts(played.positions, played.observed)), played.name
+
+
+def test_every_wrong_rotation_and_mirror_of_a_walker_is_found_within_a_second():
+    walks = [p for p in recordings(DATA) if p.group == "cmu_mocap/test"]
+    for played in walks[::4]:
+        for kind, positions, view in wrong(played, 1.2):
+            seen = played.observed[: len(positions)] & COCO
+            assert refused_after_s(noisy(positions), seen, view) <= 1.0, (played.name, kind)
+
+
+def test_the_recordings_are_there():
+    assert len({played.group for played in recordings(DATA)}) == 8
+    assert all(np.isfinite(played.positions).all() for played in recordings(DATA))
