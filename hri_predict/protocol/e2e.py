@@ -97,8 +97,10 @@ class CounterCheck:
     """Judges the counters of one stream of messages.
 
     The very first message is fresh, and so is any that advances the counter by 1..MAX_DELTA. After
-    a jump (the sender restarted, the wire was down) RESYNC consecutive messages must arrive; the
-    last of them is fresh again. A single old message is never fresh.
+    a jump (the sender restarted, the wire was down) RESYNC messages must arrive in a row, each
+    following the one before by 1; the last of them is fresh again. The first message after the jump
+    is the first of the row. Whatever else comes between, a repeat too, ends the row. A single old
+    message is never fresh.
     """
 
     __slots__ = ("_candidate", "_last", "_modulus", "_run", "lost")
@@ -126,6 +128,7 @@ class CounterCheck:
             self.lost = delta - 1
             return Verdict.SOME_LOST if self.lost else Verdict.OK
         if delta == 0:
+            self._run = 0
             return Verdict.REPEATED
         follows = self._candidate is not None and (counter - self._candidate) % self._modulus == 1
         self._run = self._run + 1 if self._run and follows else 1
