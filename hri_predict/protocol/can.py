@@ -229,6 +229,7 @@ class CanReceiver:
         elif stream.closed or part in stream.parts:
             self.counters.counter_errors += 1
             stream.closed = True
+            stream.sequence.repeated()
             return None
         stream.parts[part] = data[2:]
         if len(stream.parts) < parts:

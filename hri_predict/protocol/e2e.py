@@ -116,6 +116,10 @@ class CounterCheck:
         self._run = 0
         self.lost = 0  # messages that the last verdict found missing
 
+    def repeated(self) -> None:
+        """End the row: something came again."""
+        self._run = 0
+
     def check(self, counter: int) -> Verdict:
         """Judge the next ``counter``; if it is not fresh, only the resync state changes."""
         self.lost = 0
@@ -127,8 +131,8 @@ class CounterCheck:
             self._last, self._run = counter, 0
             self.lost = delta - 1
             return Verdict.SOME_LOST if self.lost else Verdict.OK
-        if delta == 0:
-            self._run = 0
+        if delta == 0 or (self._run and counter == self._candidate):
+            self.repeated()
             return Verdict.REPEATED
         follows = self._candidate is not None and (counter - self._candidate) % self._modulus == 1
         self._run = self._run + 1 if self._run and follows else 1
