@@ -98,7 +98,7 @@ class InPlc:
         self._counter, self._sent_ms = 0, [0] * 32
 
     def step(self, ms: int, frames: list[CanFrame]) -> bool:
-        state = {"StateCounter": self._counter, "Sent": min(self._counter, 32)}
+        state: dict[str, Any] = {"StateCounter": self._counter, "Sent": min(self._counter, 32)}
         state |= {"SentMs": self._sent_ms, "NowMs": ms}
         for f in frames:
             data = [*f.data, *bytes(8)][:8]

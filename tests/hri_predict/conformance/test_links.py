@@ -114,6 +114,9 @@ class Pickles:
 
     decode = feed
 
+    def watch(self, own):
+        pass
+
     def reset(self):
         pass
 
