@@ -1,5 +1,7 @@
 """The fault of a second node: what it says, to whom, and from when."""
 
+from typing import Any
+
 import pytest
 
 from hri_drivers.wires.transport import pipe
@@ -11,7 +13,7 @@ from hri_predict.protocol.serial import SerialReceiver, SerialSender
 from hri_sim.faults.link_faults import FaultyTransport
 
 STEP_NS = 20_000_000
-ENDS = {
+ENDS: dict[str, Any] = {
     "can": (CanSender, CanReceiver),
     "fd": (lambda: CanSender(True), lambda: CanReceiver(True)),
     "serial": (SerialSender, SerialReceiver),
@@ -27,7 +29,7 @@ def state(counter):
 def told(kind, direction, seconds=1.0):
     """Messages heard by the node and by the controller, each with the time in s."""
     clock = VirtualClock()
-    near, far = pipe()
+    near, far = pipe()  # type: ignore[var-annotated]
     fault = {"kind": "second_sender", "start_s": 0.5, "direction": direction}
     wire = FaultyTransport(inner=near, faults=[fault], clock=clock, seed=0)
     make_sender, make_receiver = ENDS[kind]

@@ -1,5 +1,7 @@
 """Two nodes with the same ids on one CAN bus: each link tells the other's frames from its own."""
 
+from typing import Any
+
 import pytest
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
@@ -11,8 +13,8 @@ from tests.hri_drivers.links.pairs import advice, robot_state
 
 def two_on_a_bus(clock, **settings):
     """Two links with the same ids, each reading what the other writes."""
-    near, far = pipe()
-    data = {"name": "cell", "interface": "virtual", "channel": "none"} | settings
+    near, far = pipe()  # type: ignore[var-annotated]
+    data: dict[str, Any] = {"name": "cell", "interface": "virtual", "channel": "none"} | settings
     return [CanLink(CanLinkSettings(**data), clock, wire) for wire in (near, far)]
 
 
@@ -44,8 +46,8 @@ def test_on_can_the_id_alone_tells_whatever_the_frame_holds():
 
 
 def test_a_link_that_only_listens_hears_the_productive_node_and_no_second_sender():
-    near, far = pipe()
-    settings = {"name": "cell", "interface": "virtual", "channel": "none"}
+    near, far = pipe()  # type: ignore[var-annotated]
+    settings: dict[str, Any] = {"name": "cell", "interface": "virtual", "channel": "none"}
     ears = CanLink(CanLinkSettings(**settings, listen_only=True), VirtualClock(), near)
     node = CanLink(CanLinkSettings(**settings), VirtualClock(), far)
     ears.service(0)
