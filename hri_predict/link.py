@@ -79,7 +79,8 @@ class LinkCounters:
     malformed: int = 0  # right CRC, wrong length, id or values
     incomplete: int = 0  # a multi-frame message whose parts do not belong together
     ignored: int = 0  # frames of other senders, which are not ours to judge
-    unexpected: int = 0  # right, but nothing that a controller sends: our own, or another node's
+    unexpected: int = 0  # with ids that only a node sends: our own frames that came back
+    foreign: int = 0  # with ids that only this node sends, but from somebody else
     overrun: int = 0  # received, but not taken in time; the oldest RobotState goes first
     bus_errors: int = 0  # error frames that the CAN controller reported
     error_passive: int = 0  # times that it became error-passive
@@ -163,12 +164,16 @@ class Link(Protocol):
         connected: whether the device is open now.
         on_sent: called with (name, bytes, time) after each unit written, where set.
         last_error: one line about the newest trouble, ``None`` if there was none.
+        foreign_ns: when the newest frame came that has ids which only this node sends, and that
+            this node did not send (``counters.foreign``); ``None`` if there was none. An echo of
+            the node's own frame is not one. A link that sends nothing hears no such frame.
     """
 
     name: str
     counters: LinkCounters
     connected: bool
     last_error: str | None
+    foreign_ns: int | None
     on_sent: Callable[[str, bytes, int], None] | None
 
     def start(self) -> None:

@@ -54,6 +54,21 @@ def test_contributing_names_only_files_that_are_there():
             assert any((ROOT / base / name).exists() for base in BASES), name
 
 
+def test_every_reason_that_the_safety_page_names_is_given_by_the_code():
+    text = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+    reasons = set(re.findall(r"`([A-Z]+(?:_[A-Z]+)+)`", text))
+    rooms = [p for p in (ROOT / "hri_predict").rglob("*.py") if p.name != "reasons.py"]
+    code = "".join(p.read_text(encoding="utf-8") for p in rooms)
+    assert len(reasons) > 10
+    assert [reason for reason in sorted(reasons) if f"Reason.{reason}" not in code] == []
+
+
+def test_links_of_the_safety_page_lead_somewhere():
+    page = ROOT / "docs" / "safety.md"
+    targets = re.findall(r"\]\((?!http)([^)#]+)", page.read_text(encoding="utf-8"))
+    assert [target for target in targets if not (page.parent / target).exists()] == []
+
+
 def test_contributing_names_every_room():
     rooms = [p.name for p in (ROOT / "hri_predict").iterdir() if (p / "__init__.py").exists()]
     text = CONTRIBUTING.read_text(encoding="utf-8")

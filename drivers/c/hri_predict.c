@@ -224,12 +224,14 @@ static bool fresh(hri_sequence *s, hri_counts *counts, uint16_t counter, uint32_
     if (in_order) {
         counts->counter_errors += s->started ? (delta - 1u) : 0u;
     } else {
-        if (delta != 0u) {
-            bool follows = (s->run > 0u) && ((((uint32_t)counter - s->candidate) & mask) == 1u);
-            s->run = follows ? (uint8_t)(s->run + 1u) : 1u;
-            s->candidate = counter;
-            in_order = (s->run >= HRI_RESYNC);
+        uint32_t step = ((uint32_t)counter - s->candidate) & mask;
+        if ((delta == 0u) || ((s->run > 0u) && (step == 0u))) {
+            s->run = 0u; /* a repeat ends the row */
+        } else {
+            s->run = ((s->run > 0u) && (step == 1u)) ? (uint8_t)(s->run + 1u) : 1u;
         }
+        s->candidate = counter;
+        in_order = (s->run >= HRI_RESYNC);
         counts->counter_errors += in_order ? 0u : 1u;
     }
     if (in_order) {
@@ -369,6 +371,8 @@ static uint8_t take_classic(hri_receiver *r, uint8_t kind, uint32_t number, cons
         r->part_mask = 0u;
     } else if ((r->part_mask & bit) != 0u) {
         r->counts.counter_errors++;
+        r->part_mask = ALL_PARTS; /* void: the two may come from two senders */
+        r->sequences[HRI_ADVICE].run = 0u;
         return HRI_NOTHING;
     } else {
         /* another part of the incomplete message */

@@ -152,7 +152,7 @@ typedef struct {
     uint32_t base_id;            /* CAN: the link's base_id, HRI_DEFAULT_BASE_ID by default */
     uint16_t silence_timeout_ms; /* the link's silence_timeout_s, 150 by default */
     uint16_t max_age_ms;         /* printed by `hri-predict check` for controllers */
-    uint16_t tolerated_errors;   /* more bad or missing messages than this stop the robot ... */
+    uint16_t tolerated_errors;   /* more bad or missing messages than this stop the robot: 0, ... */
     uint16_t error_window_ms;    /* ... until none comes for this time; 0: forever */
     uint16_t first_state_counter; /* from a clock or random: different after each start */
 } hri_settings;

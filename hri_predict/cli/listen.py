@@ -15,11 +15,14 @@ from hri_predict.errors import ConfigError
 from hri_predict.link import AnyLinkClass, LinkSettings
 from hri_predict.protocol.can import DEFAULT_BASE_ID
 from hri_predict.protocol.messages import Advice, Level, Message, Schema, Status
-from hri_predict.protocol.reception import FORGET_S, SchemaGate
+from hri_predict.protocol.reception import ERRORS, FORGET_S, ReceiveCounters, SchemaGate
 from hri_predict.settings import set_key, validated
 
 READ_TIMEOUT_S = 0.2
 SILENCE_S = 0.5
+ERRORS_S = 1.0  # errors are told so often at most
+DISPUTE = 3  # errors within ERRORS_S that are more than a restarted node makes
+HINT = "a bad line, or two nodes with the same ids"
 
 
 def listen(
@@ -87,6 +90,7 @@ def listen(
                 for message in receiver.feed(unit):
                     printer.show(message, time.monotonic() - began)
                     last, silent = time.monotonic(), False
+            printer.errors(receiver.counters, time.monotonic() - began)
             silence_s = time.monotonic() - last
             if not silent and silence_s > SILENCE_S:
                 printer.silent(time.monotonic() - began)
@@ -129,6 +133,8 @@ class Printer:
         self._alerts, self._json = alerts, as_json
         self._last: dict[Any, Any] = {}
         self._gate = SchemaGate()
+        self._errors = 0
+        self._told_s = -math.inf
 
     def show(self, message: Message, seconds: float) -> None:
         """Print a message that arrived ``seconds`` after the start."""
@@ -145,6 +151,17 @@ class Printer:
             robot = {"robot": message.robot} if isinstance(message, Advice) else {}
             shown = {**robot, **self._unknown()}
         self._out(type(message).__name__.lower(), shown, seconds)
+
+    def errors(self, counters: ReceiveCounters, seconds: float) -> None:
+        """Print that there were errors since the last time, once a second at most."""
+        counts = {name: getattr(counters, name) for name in ERRORS}
+        new = sum(counts.values()) - self._errors
+        if new == 0 or seconds - self._told_s < ERRORS_S:
+            return
+        self._errors += new
+        self._told_s = seconds
+        hint = {"why": HINT} if new >= DISPUTE else {}
+        self._out("errors", {"new": new, **counts, **hint}, seconds)
 
     def silent(self, seconds: float) -> None:
         """Print that the link is silent."""

@@ -39,6 +39,7 @@ REOPENS_S = 10.0
 MANY = 1000
 NOISE_SHARE = 0.01  # of pure noise; an eight-bit CRC lets one frame in 256 through
 AGE_S = 0.1
+REFUSED = "crc_errors counter_errors malformed incomplete ignored unexpected foreign"
 AGE_STEP_S = 0.01  # as fine as any protocol here carries an age
 
 
@@ -116,7 +117,8 @@ def opens_nothing_until_started(part: LinkPart) -> str:
     demand(wire.opened == 0, "it opens its device when it is made")
     demand(link.name == part.settings.name, f"name is {link.name!r}")
     demand(isinstance(link.counters, LinkCounters), "counters: must be LinkCounters")
-    demand(not link.connected and link.last_error is None, "it is connected, or has had trouble")
+    untroubled = not link.connected and link.last_error is None and link.foreign_ns is None
+    demand(untroubled, "it is connected, or has had trouble")
     demand(link.on_sent is None, "on_sent must be None until somebody sets it")
     demand(link.take() == [], "it has received something")
     return "closed, all counters 0"
@@ -218,13 +220,24 @@ def hears_the_controller(part: LinkPart) -> str:
 
 
 def does_not_hear_itself(part: LinkPart) -> str:
-    """What no controller sends (our own messages, another node's) is counted, not handed on."""
+    """Its own messages that come back are counted, not handed on, and not taken for another's."""
     link, wire = part.make()
-    wire.incoming.extend(part.units(status(1)))
+    wire.incoming.extend(units_from(link, wire, part.clock, status(1)))
     part.run(link, 0.04)
-    demand(link.take() == [], "a node's own Status is taken for a controller's message")
-    demand(_refused(link.counters) > 0, "what is not a controller's is not counted")
+    demand(link.take() == [] and _refused(link.counters) > 0, "its own Status is not counted")
+    demand(link.foreign_ns is None, "its own Status is taken for a second sender's")
     return "Status heard back: counted"
+
+
+def tells_a_second_sender(part: LinkPart) -> str:
+    """What another sends with this node's ids is counted, with its time, and not handed on."""
+    link, wire = part.make()
+    wire.incoming.extend(part.units(status(2)))
+    part.run(link, 0.04)
+    counted = link.take() == [] and link.counters.foreign > 0
+    counted &= link.foreign_ns == part.clock.now_ns()
+    demand(counted, "another node's Status is not counted as foreign, with its time")
+    return f"Status of another node: {link.counters.foreign} counted"
 
 
 def finds_messages_in_a_stream(part: LinkPart) -> str:
@@ -352,7 +365,7 @@ def stops_twice(part: LinkPart) -> str:
     link.stop()
     cycles = [m.cycle for m in part.decoded(wire.written) if isinstance(m, Status)]
     demand(cycles == [1], "the last word posted does not leave the node")
-    demand(not wire.is_open and not link.connected, "stop leaves its device open")
+    demand(not (wire.is_open or link.connected), "stop leaves its device open")
     return "the last word sent, then closed"
 
 
@@ -366,6 +379,7 @@ CHECKS: tuple[Callable[[LinkPart], str], ...] = (
     says_how_old_it_is,
     hears_the_controller,
     does_not_hear_itself,
+    tells_a_second_sender,
     finds_messages_in_a_stream,
     believes_nothing_damaged,
     survives_noise,
@@ -378,13 +392,9 @@ CHECKS: tuple[Callable[[LinkPart], str], ...] = (
 
 def _refused(counters: LinkCounters | ReceiveCounters) -> int:
     """How many times something was refused, for whatever reason."""
-    refused = counters.crc_errors + counters.counter_errors + counters.malformed
-    refused += counters.incomplete + counters.ignored
-    return refused + (counters.unexpected if isinstance(counters, LinkCounters) else 0)
+    return sum(getattr(counters, name, 0) for name in REFUSED.split())
 
 
 def _short(c: LinkCounters) -> str:
-    return (
-        f"{c.messages_sent} sent, {c.superseded} superseded, {c.decimated} decimated, "
-        f"{c.write_errors} failed"
-    )
+    dropped = f"{c.superseded} superseded, {c.decimated} decimated"
+    return f"{c.messages_sent} sent, {dropped}, {c.write_errors} failed"

@@ -149,6 +149,7 @@ class _Inbox:
         self.counters = LinkCounters()
         self.connected = True
         self.last_error: str | None = None
+        self.foreign_ns: int | None = None
         self.on_sent: Callable[[str, bytes, int], None] | None = None
         self.waiting: deque[Received] = deque()
 

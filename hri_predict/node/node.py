@@ -6,12 +6,14 @@ itself never sleeps and never reads a clock.
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from hri_predict.link import Link, Received
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.publisher import Publisher
+from hri_predict.node.second_sender import SecondSender
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
@@ -60,6 +62,7 @@ class Node:
         self._risk = risk
         self._robots = robots
         self._links = links
+        self._second_sender = SecondSender(links)
         self._advised = advised  # per link: indices of the robots advised on it
         self._publisher = publisher
         self._predictor_index = predictor_index
@@ -86,10 +89,16 @@ class Node:
         try:
             self._take_received()
             snapshot = self._people.snapshot(now_ns)
+            second_sender = self._second_sender.heard(now_ns)
+            if second_sender:  # like an untrusted scene, so that the release takes its time
+                reasons = (Reason.SECOND_SENDER, *snapshot.reasons)
+                snapshot = replace(snapshot, reasons=reasons)
             forecast, reason = self._prediction.run(snapshot)
             reasons = (reason,) if reason is not None else ()
             assessment = self._risk.assess(snapshot, forecast, reasons)
             advices, reasons = assessment.advices, assessment.reasons
+            if second_sender:
+                advices = tuple(replace(advice, level=Level.FAULT) for advice in advices)
         except Exception:  # last line of defence: the robots stop, whatever failed
             if self.assess_failures == 0 or self.assess_failures % 1000 == 0:
                 log.exception("the tick failed (earlier failures: %d)", self.assess_failures)
@@ -201,7 +210,7 @@ class Node:
         assessment: Assessment | None,
         reasons: tuple[Reason, ...],
     ) -> NodeState:
-        if assessment is None or snapshot is None:
+        if assessment is None or snapshot is None or Reason.SECOND_SENDER in snapshot.reasons:
             return NodeState.FAULT
         if self.state is NodeState.STARTING and snapshot.newest_capture_ns is None:
             return NodeState.STARTING

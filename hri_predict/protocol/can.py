@@ -20,6 +20,7 @@ from hri_predict.protocol.fields import (
     frame_number,
 )
 from hri_predict.protocol.messages import Message
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters, fresh
 
 DEFAULT_BASE_ID = 0x680  # up to 0x6C5: neither a default nor a reserved id of CANopen
@@ -53,19 +54,34 @@ def check_base_id(base_id: int, extended: bool) -> None:
         )
 
 
-def padded(payload: bytes) -> bytes:
-    """Pad an FD payload with zeros until it and its header have a valid FD length."""
-    size = e2e.PROFILE_5_HEADER + len(payload)
-    length = next(n for n in FD_LENGTHS if n >= size)
-    return payload + bytes(length - size)
+def fd_length(definition: Definition, payload_bytes: int) -> int:
+    """Length of the FD frame that carries a payload.
+
+    Zone and Pose always have the length of a full frame, however many items they hold: then each
+    id has one length, as a DBC says.
+    """
+    if definition.item:
+        payload_bytes = definition.max_bytes
+    return next(n for n in FD_LENGTHS if n >= e2e.PROFILE_5_HEADER + payload_bytes)
+
+
+def padded(definition: Definition, payload: bytes) -> bytes:
+    """Pad an FD payload with zeros to its length in the frame."""
+    length = fd_length(definition, len(payload)) - e2e.PROFILE_5_HEADER
+    return payload + bytes(length - len(payload))
 
 
 class CanSender:
-    """Encodes messages of one link and keeps their counters."""
+    """Encodes messages of one link and keeps their counters.
+
+    Attributes:
+        own: remembers what is sent, where set.
+    """
 
     def __init__(self, fd: bool = False, base_id: int = DEFAULT_BASE_ID, extended: bool = False):
         check_base_id(base_id, extended)
         self._fd, self._base, self._extended = fd, base_id, extended
+        self.own: OwnFrames | None = None
         self._counters: dict[int, int] = {}
 
     def carries(self, message_type: type[Message]) -> bool:
@@ -84,8 +100,18 @@ class CanSender:
         number = frame_number(definition, robot_of(message))
         payloads = encode_payloads(message)
         if self._fd:
-            return [self._fd_frame(number, payload) for payload in payloads]
-        payload, counter = payloads[0], self._next(number)
+            frames = [self._fd_frame(number, padded(definition, payload)) for payload in payloads]
+        else:
+            frames = self._classic_frames(definition, number, payloads[0])
+        if self.own is not None:
+            for frame in frames:
+                self.own.sent(frame)
+        return frames
+
+    def _classic_frames(
+        self, definition: Definition, number: int, payload: bytes
+    ) -> list[CanFrame]:
+        counter = self._next(number)
         return [
             CanFrame(
                 self._base + number + part,
@@ -101,7 +127,7 @@ class CanSender:
         ]
 
     def _fd_frame(self, number: int, payload: bytes) -> CanFrame:
-        data = e2e.protect_profile5(self._next(number), padded(payload), e2e.data_id_16(number))
+        data = e2e.protect_profile5(self._next(number), payload, e2e.data_id_16(number))
         return CanFrame(self._base + number, data, True, self._extended)
 
     def _next(self, number: int) -> int:
@@ -116,28 +142,32 @@ _ID_LISTS = {number: e2e.data_id_list(number) for number in frame_table(classic=
 class _Stream:
     """State of one message (of one robot): its sequence, and the parts received so far."""
 
-    __slots__ = ("complete", "counter", "parts", "sequence")
+    __slots__ = ("closed", "counter", "parts", "sequence")
 
     def __init__(self) -> None:
         self.sequence = e2e.CounterCheck(256)
         self.counter: int | None = None  # of the parts below
         self.parts: dict[int, bytes] = {}
-        self.complete = False
+        self.closed = False  # complete, or void: no part of this counter counts any more
 
 
 class CanReceiver:
     """Decodes frames of one link; it counts errors and continues.
 
-    A multi-frame message is complete when all its parts have arrived with the same counter.
+    A multi-frame message is complete when all its parts have arrived with the same counter. A part
+    that comes twice before that makes it void: the two may come from two senders.
 
     Attributes:
         counters: see ``ReceiveCounters``.
+        own: judges frames that only a node sends, whatever they hold, where set: then the receiver
+            is a node's, and hands none of them on.
     """
 
     def __init__(self, fd: bool = False, base_id: int = DEFAULT_BASE_ID, extended: bool = False):
         check_base_id(base_id, extended)
         self._fd, self._base, self._extended = fd, base_id, extended
         self._table = frame_table(classic=not fd)
+        self.own: OwnFrames | None = None
         self._streams: dict[int, _Stream] = {}
         self.counters = ReceiveCounters()
 
@@ -152,6 +182,9 @@ class CanReceiver:
             self.counters.ignored += 1
             return []
         definition, robot, part = known
+        if self.own is not None and definition.sender == "node":
+            self.own.hear(frame)
+            return []
         number = frame_number(definition, robot)
         if frame.fd != self._fd:
             self.counters.malformed += 1
@@ -193,19 +226,21 @@ class CanReceiver:
             return data[2:]
         if data[1] != stream.counter:
             self._start(stream, data[1])
-        elif stream.complete or part in stream.parts:
+        elif stream.closed or part in stream.parts:
             self.counters.counter_errors += 1
+            stream.closed = True
+            stream.sequence.repeated()
             return None
         stream.parts[part] = data[2:]
         if len(stream.parts) < parts:
             return None
-        stream.complete = True
+        stream.closed = True
         return b"".join(stream.parts[i] for i in range(parts))
 
     def _start(self, stream: _Stream, counter: int) -> None:
-        if stream.counter is not None and not stream.complete:
+        if stream.counter is not None and not stream.closed:
             self.counters.incomplete += 1
-        stream.counter, stream.complete = counter, False
+        stream.counter, stream.closed = counter, False
         stream.parts = {}
 
     def _decoded(self, definition: Definition, robot: int, payload: bytes) -> list[Message]:

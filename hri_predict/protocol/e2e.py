@@ -97,8 +97,10 @@ class CounterCheck:
     """Judges the counters of one stream of messages.
 
     The very first message is fresh, and so is any that advances the counter by 1..MAX_DELTA. After
-    a jump (the sender restarted, the wire was down) RESYNC consecutive messages must arrive; the
-    last of them is fresh again. A single old message is never fresh.
+    a jump (the sender restarted, the wire was down) RESYNC messages must arrive in a row, each
+    following the one before by 1; the last of them is fresh again. The first message after the jump
+    is the first of the row. Whatever else comes between, a repeat too, ends the row. A single old
+    message is never fresh.
     """
 
     __slots__ = ("_candidate", "_last", "_modulus", "_run", "lost")
@@ -114,6 +116,10 @@ class CounterCheck:
         self._run = 0
         self.lost = 0  # messages that the last verdict found missing
 
+    def repeated(self) -> None:
+        """End the row: something came again."""
+        self._run = 0
+
     def check(self, counter: int) -> Verdict:
         """Judge the next ``counter``; if it is not fresh, only the resync state changes."""
         self.lost = 0
@@ -125,7 +131,8 @@ class CounterCheck:
             self._last, self._run = counter, 0
             self.lost = delta - 1
             return Verdict.SOME_LOST if self.lost else Verdict.OK
-        if delta == 0:
+        if delta == 0 or (self._run and counter == self._candidate):
+            self.repeated()
             return Verdict.REPEATED
         follows = self._candidate is not None and (counter - self._candidate) % self._modulus == 1
         self._run = self._run + 1 if self._run and follows else 1

@@ -24,6 +24,7 @@ from hri_predict.protocol.messages import (
     Status,
     Zone,
 )
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Receiver, Profile4Sender
 from hri_predict.protocol.reception import ReceiveCounters
 
@@ -95,6 +96,10 @@ class KeyedSender:
     def __init__(self) -> None:
         self._frames = Profile4Sender()
 
+    def watch(self, own: OwnFrames) -> None:
+        """Let ``own`` remember what is sent."""
+        self._frames.own = own
+
     def encode(self, message: Message) -> Keyed:
         """Return the message with its key within the cell.
 
@@ -114,6 +119,10 @@ class KeyedReceiver:
     def counters(self) -> ReceiveCounters:
         """Counts of messages received and of errors."""
         return self._frames.counters
+
+    def watch(self, own: OwnFrames) -> None:
+        """Let ``own`` judge frames that only a node sends; they are not handed on."""
+        self._frames.own = own
 
     def reset(self) -> None:
         """Forget sequences, as after a reconnection; counters stay."""

@@ -14,6 +14,7 @@ from hri_predict.protocol.definition import (
 )
 from hri_predict.protocol.fields import frame_number
 from hri_predict.protocol.messages import Message
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters, fresh
 
 MAX_FRAME = e2e.PROFILE_4_HEADER + max(d.max_bytes for d in DEFINITIONS)
@@ -27,10 +28,14 @@ class Profile4Sender:
     """Encodes messages of one wire and keeps their counters.
 
     ``items``: how many items of a Zone or Pose fit one frame; default: as on a serial line.
+
+    Attributes:
+        own: remembers what is sent, where set.
     """
 
     def __init__(self, items: int | None = None) -> None:
         self._items = items
+        self.own: OwnFrames | None = None
         self._counters: dict[int, int] = {}
 
     def encode(self, message: Message) -> list[bytes]:
@@ -45,7 +50,10 @@ class Profile4Sender:
     def _frame(self, number: int, payload: bytes) -> bytes:
         counter = self._counters.get(number, 0)
         self._counters[number] = (counter + 1) & 0xFFFF
-        return e2e.protect_profile4(counter, payload, e2e.data_id_32(number))
+        frame = e2e.protect_profile4(counter, payload, e2e.data_id_32(number))
+        if self.own is not None:
+            self.own.sent(frame)
+        return frame
 
 
 class Profile4Receiver:
@@ -55,10 +63,13 @@ class Profile4Receiver:
 
     Attributes:
         counters: see ``ReceiveCounters``.
+        own: judges frames that only a node sends, where set: then the receiver is a node's, and
+            hands none of them on.
     """
 
     def __init__(self, items: int | None = None) -> None:
         self._items = items
+        self.own: OwnFrames | None = None
         self._table = {e2e.data_id_32(n): entry for n, entry in frame_table(classic=False).items()}
         self._sequences: dict[int, e2e.CounterCheck] = {}
         self.counters = ReceiveCounters()
@@ -78,6 +89,9 @@ class Profile4Receiver:
             self.counters.ignored += 1
             return None
         definition, robot, _ = known
+        if self.own is not None and definition.sender == "node":
+            self.own.hear(frame)
+            return None
         sequence = self._sequences.get(data_id)
         if sequence is None:
             sequence = self._sequences[data_id] = e2e.CounterCheck(0x10000)

@@ -9,6 +9,9 @@ from hri_predict.protocol.messages import Schema
 OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 FORGET_S = 1.0  # after this silence, another node may answer, even one of another version
 
+ERRORS = ("crc_errors", "counter_errors", "malformed", "incomplete")
+"""Of ``ReceiveCounters``, those that must stop a controller if there are too many."""
+
 
 @dataclass(slots=True, kw_only=True)
 class ReceiveCounters:

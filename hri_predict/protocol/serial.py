@@ -3,6 +3,7 @@
 from cobs import cobs
 
 from hri_predict.protocol.messages import Message
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Receiver, Profile4Sender
 from hri_predict.protocol.reception import ReceiveCounters
 
@@ -15,6 +16,10 @@ class SerialSender:
 
     def __init__(self) -> None:
         self._frames = Profile4Sender()
+
+    def watch(self, own: OwnFrames) -> None:
+        """Let ``own`` remember what is sent."""
+        self._frames.own = own
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of ``message``: one frame, or several for Zone and Pose.
@@ -43,6 +48,10 @@ class SerialReceiver:
     def counters(self) -> ReceiveCounters:
         """Counts of messages received and of errors."""
         return self._frames.counters
+
+    def watch(self, own: OwnFrames) -> None:
+        """Let ``own`` judge frames that only a node sends; they are not handed on."""
+        self._frames.own = own
 
     def reset(self) -> None:
         """Forget sequences and the current frame, as after a reconnection; counters stay."""

@@ -8,7 +8,7 @@ Sources: ISO 11898-1:2015 frame formats; the worst case of bit stuffing on class
 from typing import Literal, NamedTuple
 
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can import CLASSIC_BYTES, FD_LENGTHS
+from hri_predict.protocol.can import CLASSIC_BYTES, fd_length
 from hri_predict.protocol.definition import BY_TYPE
 from hri_predict.protocol.messages import Message
 
@@ -78,8 +78,7 @@ def wire_bits(
         if kind == "serial":
             nominal += 10 * (e2e.PROFILE_4_HEADER + payload + 2)  # COBS overhead and 0x00
         else:
-            size = e2e.PROFILE_5_HEADER + payload
-            bits = fd_bits(next(n for n in FD_LENGTHS if n >= size), extended)
+            bits = fd_bits(fd_length(definition, payload), extended)
             nominal, data = nominal + bits.nominal, data + bits.data
         left -= room
         if left <= 0:

@@ -17,6 +17,7 @@ class PlayedLink:
         self.counters = LinkCounters()
         self.connected = True
         self.last_error: str | None = None
+        self.foreign_ns: int | None = None
         self.on_sent: Callable[[str, bytes, int], None] | None = None
         self._source = source
         self._clock = clock

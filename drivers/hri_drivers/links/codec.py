@@ -4,6 +4,7 @@ from typing import Protocol, TypeVar
 
 from hri_predict.link import LinkCounters
 from hri_predict.protocol.messages import Message, Pose, Zone
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters
 
 U = TypeVar("U")
@@ -14,6 +15,12 @@ class Codec(Protocol[U]):
 
     def carries(self, message: Message) -> bool:
         """Whether this kind of link carries the message."""
+
+    def watch(self, own: OwnFrames) -> None:
+        """Be a node's end from now on: tell ``own`` of every frame that is sent.
+
+        ``own`` also hears the frames with the ids of what only a node sends; they are not decoded.
+        """
 
     def encode(self, message: Message) -> list[U]:
         """Units of one message, protected; advances its counters."""

@@ -15,6 +15,7 @@ from hri_drivers.links.supervised import BULK_AHEAD_NS
 from hri_drivers.wires.transport import Transport
 from hri_predict.link import LinkCounters, LinkLoad
 from hri_predict.protocol.messages import Message
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
 from hri_predict.protocol.wire import wire_bits
 
@@ -56,6 +57,11 @@ class SerialCodec:
     def carries(self, message: Message) -> bool:
         """Everything."""
         return True
+
+    def watch(self, own: OwnFrames) -> None:
+        """See ``Codec``."""
+        self._sender.watch(own)
+        self._receiver.watch(own)
 
     def encode(self, message: Message) -> list[bytes]:
         """Packets of the message, each with its delimiter."""

@@ -22,6 +22,7 @@ from hri_predict.clock import Clock
 from hri_predict.errors import LinkError
 from hri_predict.link import LinkCounters, LinkSettings, Received
 from hri_predict.protocol.messages import Acknowledge, Advice, Message, RobotState, at_encoding
+from hri_predict.protocol.own_frames import OwnFrames
 
 log = logging.getLogger(__name__)
 
@@ -33,13 +34,17 @@ FLUSH_NS = 200_000_000  # longest time that a stop may take to write the last me
 BULK_AHEAD_NS = 2_000_000  # how far ahead of the wire bulk is written
 BULK_WAIT_S = 0.001  # shortest wait, so that a fast wire does not wake its writer for every frame
 READS_PER_SERVICE = 1024
+SECOND_SENDER = (
+    "somebody else sends with this node's ids; switch it off, or give one of the two other ids "
+    "(base_id, or site and cell) or a line of its own"
+)
 
 
 class SupervisedLink(Generic[U]):
     """A ``Link`` over any ``Transport``; see ``hri_predict.link.Link``.
 
     Attributes:
-        name, counters, connected: see the contract.
+        name, counters, connected, foreign_ns: see the contract.
         last_error: one line about the newest error; ``None`` if there was none.
         on_sent: called with (link name, unit as bytes, time) after each unit written; the recorder.
     """
@@ -58,10 +63,14 @@ class SupervisedLink(Generic[U]):
         self.counters = LinkCounters()
         self.connected = False
         self.last_error: str | None = None
+        self.foreign_ns: int | None = None
         self.on_sent: Callable[[str, bytes, int], None] | None = None
         self._clock = clock
         self._transport = transport
         self._codec = codec
+        self._own = OwnFrames()
+        codec.watch(self._own)
+        self._not_ours = 0  # messages that a codec decoded, though no controller sends them
         self._bulk_waits = False  # until the wire is free
         self._wire_free_ns = 0  # calculated time at which all written units will have left
         self._wait_for_device = wait_for_device
@@ -351,7 +360,7 @@ class SupervisedLink(Generic[U]):
             self.counters.bytes_received += self._codec.size(unit)
             for message in self._codec.decode(unit):
                 if not isinstance(message, RobotState | Acknowledge):
-                    self.counters.unexpected += 1  # our own echo, or another node's
+                    self._not_ours += 1  # a node's, on a link that only listens
                     continue
                 self.counters.messages_received += 1
                 if isinstance(message, RobotState):
@@ -359,3 +368,8 @@ class SupervisedLink(Generic[U]):
                 self._inbox.put(Received(message, now_ns))
         self._codec.count(self.counters)
         self.counters.overrun = self._inbox.overrun
+        self.counters.unexpected = self._own.echoes + self._not_ours
+        if self._own.foreign > self.counters.foreign:
+            self.counters.foreign = self._own.foreign
+            self.foreign_ns = now_ns
+            self._note(LinkError(SECOND_SENDER))

@@ -69,7 +69,9 @@ class ZenohTransport:
         try:
             for key in self._subscribed:
                 self._session.declare_subscriber(
-                    self._prefix + key, Callback(self._hear, indirect=False)
+                    self._prefix + key,
+                    Callback(self._hear, indirect=False),
+                    allowed_origin=zenoh.Locality.REMOTE,
                 )
             self._wait_for_neighbour()
         except (zenoh.ZError, LinkError) as error:

@@ -79,9 +79,11 @@ class ControllerSettings(Settings):
         0.4, gt=0, le=5, description="greatest age of an advice that it obeys, with the link delay"
     )
     tolerated_errors: int = Field(
-        0, ge=0, description="number of bad or missing messages tolerated within error_window_s"
+        0, ge=0, description="more bad or missing messages than this stop the robot"
     )
-    error_window_s: float = Field(0.5, gt=0, le=10)
+    error_window_s: float = Field(
+        0.5, gt=0, le=10, description="until none comes for this time, it stays stopped"
+    )
     state_rate_hz: float | None = Field(
         None,
         gt=0,
@@ -159,7 +161,8 @@ class ControllerCore(Generic[U]):
         self._codec = codec
         self._full_speed = full_speed_m_s
         self._counters = LinkCounters()
-        self._errors: deque[int] = deque()  # time of each
+        self._errors = 0  # since the last window without any
+        self._error_ns = 0  # time of the last
         self._schema = SchemaGate()
         self._heard: _Heard | None = None
         self._last_advice_ns: int | None = None
@@ -187,9 +190,9 @@ class ControllerCore(Generic[U]):
                 self._report.messages += 1
                 self._take(message, now_ns)
         self._codec.count(self._counters)
-        # it is enough to know that there are more errors than tolerated; keep no more
-        new = min(self._error_count() - before, self._settings.tolerated_errors + 1)
-        self._errors.extend([now_ns] * new)
+        if (new := self._error_count() - before) > 0:
+            self._errors += new
+            self._error_ns = now_ns
 
     def permit(self, now_ns: int) -> Permit:
         """Return what this controller allows now."""
@@ -335,16 +338,15 @@ class ControllerCore(Generic[U]):
             self._heard = None
             self._schema.reset()
             self._codec.reset()
-        window_ns = int(self._settings.error_window_s * 1e9)
-        while self._errors and self._errors[0] <= now_ns - window_ns:
-            self._errors.popleft()
+        if now_ns - self._error_ns >= self._settings.error_window_s * 1e9:
+            self._errors = 0
         if silent_ns > self._silence_ns:
             return "silent"
         if not self._schema.open:
             return "schema"
         if self._heard is None:
             return "starting"
-        if len(self._errors) > self._settings.tolerated_errors:
+        if self._errors > self._settings.tolerated_errors:
             return "errors"
         if self._heard.level not in _MOVING_LEVELS:
             return ""  # a stop is a stop at any age

@@ -14,6 +14,7 @@ Expected = Literal[
     "stays stopped",
     "may stop",
     "not clear",
+    "fault",
     "degraded",
     "count only",
     "no contact",

@@ -39,7 +39,7 @@ _SOURCE = (
 _LINK = (
     "drop", "drop:probability=0.05", "delay:delay_s=0.02", "delay:delay_s=0.5", "jitter",
     "stretch:rate=0.5", "bit_errors:rate=0.001", "bit_errors:rate=0.0001", "truncate", "freeze",
-    "duplicate", "reorder", "unplug",
+    "duplicate", "reorder", "unplug", "second_sender",
 )  # fmt: skip
 _DIRECTIONS = ("out", "in", "both")
 

@@ -43,8 +43,9 @@ class Case:
         expected: ``unknown`` (the node advises it), ``stop`` (the controller permits no motion),
             ``stays stopped`` (nor permits it again before the fault's end), ``may stop`` (chance
             decides which messages the fault hits; the controller may stop), ``not clear`` (the
-            node does not advise *clear*), ``degraded`` (the node reports it and continues with the
-            physical limits), ``count only`` (only counters change).
+            node does not advise *clear*), ``fault`` (the node advises it), ``degraded`` (the node
+            reports it and continues with the physical limits), ``count only`` (only counters
+            change).
         acts: the part that must act: node or controller.
         limit_ms: longest time from the fault's start until the outcome.
         reasons: the node's advice must give one of these.
@@ -161,6 +162,20 @@ CASES = (
     # 0.4 s, the controllers' max_age_s, whatever its age was before.
     Case("both links: advice ever later", _both("stretch@{t}:rate=0.5,direction=out"),
          "stays stopped", "controller", 1200 + 8, length_s=12.0, drain_s=6.0),
+    # A second node on the wire says clear: the controllers find its counters wrong in its first
+    # cycle, whether or not the first node hears it; the first node stops them in its next.
+    *(
+        Case(f"{link}: second sender{what}", (f"{link}:second_sender@{{t}}{how}",), "stays stopped",
+             "controller", 40 + 8)
+        for link in ("drive", "monitor")
+        for what, how in (("", ""), (", unheard by the node", ":direction=out"))
+    ),
+    *(
+        Case(f"{link}: second sender, heard by the node alone",
+             (f"{link}:second_sender@{{t}}:direction=in",), "fault", "node", SEEN,
+             (Reason.SECOND_SENDER,))
+        for link in ("drive", "monitor")
+    ),
     Case("drive: out of order", ("drive:reorder@{t}:direction=out",), "stop", "controller", 88),
     # Two adjacent CAN frames that change places belong to one message, whose parts may arrive in
     # any order, or to different messages: for the receiver nothing is out of order.
@@ -356,6 +371,8 @@ class _Watch(View):
     def _is_outcome(self, case: Case, level: Level, reason: Reason, state: NodeState) -> bool:
         if case.expected == "unknown":
             return level is Level.UNKNOWN and (not case.reasons or reason in case.reasons)
+        if case.expected == "fault":
+            return level is Level.FAULT and reason in case.reasons and state is NodeState.FAULT
         if case.expected == "degraded":
             return state is NodeState.DEGRADED and level is not Level.CLEAR
         if case.expected == "not clear":

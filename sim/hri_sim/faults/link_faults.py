@@ -12,8 +12,9 @@ from pydantic import Field
 from hri_drivers.wires.transport import Transport
 from hri_predict.clock import Clock
 from hri_predict.errors import LinkError
-from hri_predict.protocol.can import CanFrame
+from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame
 from hri_predict.protocol.keyed import Keyed
+from hri_sim.faults.second_sender import EmptyRoom
 from hri_sim.faults.settings import FaultSettings, faults_from
 
 U = TypeVar("U", bytes, CanFrame, Keyed)
@@ -86,6 +87,15 @@ class Unplug(LinkFault):
     """The device is gone: every call fails."""
 
 
+class SecondSender(LinkFault):
+    """A second node with the same ids says *clear*; ``direction``: who hears it.
+
+    ``out``: the controllers; ``in``: the first node.
+    """
+
+    base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="of its CAN frames")
+
+
 LINK_FAULTS: dict[str, type[LinkFault]] = {
     "drop": Drop,
     "delay": Delay,
@@ -98,6 +108,7 @@ LINK_FAULTS: dict[str, type[LinkFault]] = {
     "flood": Flood,
     "reorder": Reorder,
     "unplug": Unplug,
+    "second_sender": SecondSender,
 }
 
 
@@ -138,6 +149,9 @@ class FaultyTransport(Generic[U]):
         """
         self._inner: Transport[U] = inner
         self._faults = faults_from(faults, LINK_FAULTS, f"{where}.faults")
+        self._others = [
+            (f, EmptyRoom(f.base_id)) for f in self._faults if isinstance(f, SecondSender)
+        ]
         self._makes_late = any(isinstance(f, Delay | Jitter | Stretch) for f in self._faults)
         self._clock = clock
         self._start_ns: int | None = None
@@ -165,9 +179,25 @@ class FaultyTransport(Generic[U]):
         self._flush()
         if self._makes_late:
             timeout_s = min(timeout_s, _FLUSH_S)  # do not sleep past what is due
-        self._pass(self._in, "in", self._inner.read(timeout_s))
+        arrived = self._inner.read(timeout_s)
+        self._pass(self._in, "in", arrived)
         self._flush()
-        return self._due(self._in)
+        return self._due(self._in) + self._from_others(arrived)
+
+    def _from_others(self, arrived: Sequence[U]) -> list[U]:
+        """What second senders say to the node; to the controllers they say it as well."""
+        heard: list[U] = []
+        now_ns = self._clock.now_ns()
+        for fault, other in self._others:
+            for unit in arrived:
+                other.hear(unit)
+            if fault.active(now_ns - (self._start_ns or 0)):
+                said = other.says(now_ns)
+                self.injected[fault.kind] = self.injected.get(fault.kind, 0) + len(said)
+                heard += said if fault.direction != "out" else []
+                for unit in said if fault.direction != "in" else ():
+                    self._inner.write(unit)
+        return heard
 
     @property
     def device(self) -> Transport[U]:
@@ -213,7 +243,7 @@ class FaultyTransport(Generic[U]):
 
     def _pass(self, way: _Way[U], direction: Direction, units: Sequence[U]) -> None:
         """Pass ``units`` through the list of faults, into the queue of leaving units."""
-        faults = self._active(direction)
+        faults = [f for f in self._active(direction) if not isinstance(f, SecondSender)]
         passing = list(units)
         due_ns = self._clock.now_ns()
         elapsed_ns = due_ns - (self._start_ns or 0)

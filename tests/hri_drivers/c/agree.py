@@ -89,12 +89,15 @@ def random_payload(definition: Definition, rng: np.random.Generator) -> bytes:
     return packed(definition.fields, row) + b"".join(packed(definition.item, i) for i in items)
 
 
-def units(link: str, number: int, counter: int, payload: bytes) -> list[Any]:
+def units(
+    definition: Definition, link: str, number: int, counter: int, payload: bytes
+) -> list[Any]:
     """Frames (id and bytes), or the packet with its zero."""
     if link == "serial":
         return [cobs.encode(e2e.protect_profile4(counter, payload, e2e.data_id_32(number))) + b"\0"]
     if link == "fd":
-        data = e2e.protect_profile5(counter & 0xFF, padded(payload), e2e.data_id_16(number))
+        whole = padded(definition, payload)
+        data = e2e.protect_profile5(counter & 0xFF, whole, e2e.data_id_16(number))
         return [CanFrame(BASE_ID + number, data, True)]
     parts = [payload[i : i + PART_BYTES] for i in range(0, len(payload), PART_BYTES)]
     return [
@@ -152,9 +155,8 @@ class Cantools:
         named: dict[str, Any] = {}
         for frame in frames:
             message = self._database.get_message_by_frame_id(frame.arbitration_id)
-            how = {"allow_truncated": True}
-            raw |= message.decode(frame.data, decode_choices=False, scaling=False, **how)
-            named |= message.decode(frame.data, decode_choices=True, **how)
+            raw |= message.decode(frame.data, decode_choices=False, scaling=False)
+            named |= message.decode(frame.data, decode_choices=True)
         for signal in ("CHECKSUM", "COUNTER", "COUNTER_HIGH"):
             raw.pop(signal, None)
             named.pop(signal, None)
@@ -222,7 +224,8 @@ def node_to_controller(decode: str, messages: int, rng: np.random.Generator) -> 
             number = frame_number(definition, robot)
             payload = random_payload(definition, rng)
             links = [link for link in LINKS if definition.classic or link != "classic"]
-            sent = {link: units(link, number, counters[number] & 0xFFFF, payload) for link in links}
+            count = counters[number] & 0xFFFF
+            sent = {link: units(definition, link, number, count, payload) for link in links}
             counters[number] += 1
             chunk.append((definition, robot, sent))
         answers: dict[str, Iterator[str]] = {}

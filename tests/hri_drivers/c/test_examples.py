@@ -14,7 +14,7 @@ from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS
 from hri_predict.protocol.generate import c_header
 from hri_predict.protocol.generate.dbc import FILES
 from hri_predict.protocol.generate.examples import EXAMPLES
-from hri_predict.protocol.messages import Acknowledge, Message, RobotState
+from hri_predict.protocol.messages import Acknowledge, Advice, Message, RobotState, Status
 from hri_predict.protocol.serial import SerialReceiver
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -82,9 +82,8 @@ def test_cantools_decodes_it(message: Message) -> None:
         named: dict[str, Any] = {}
         for frame in example.frames(link):
             what = database.get_message_by_frame_id(frame.arbitration_id)
-            how = {"allow_truncated": True}
-            raw |= what.decode(frame.data, decode_choices=False, scaling=False, **how)
-            named |= what.decode(frame.data, **how)
+            raw |= what.decode(frame.data, decode_choices=False, scaling=False)
+            named |= what.decode(frame.data)
         for signal in example.raw if raw else ():
             bits = max(8, 4 * len(f"{example.raw[signal]:X}"))
             assert raw[signal] & ((1 << bits) - 1) == example.raw[signal], signal
@@ -126,8 +125,8 @@ def test_the_c_code_reads_values_that_nobody_knows_as_unknown(build: Any) -> Non
     program = build(C / "examples" / "decode.c")
     advice, status = bytes((77, 2)) + bytes(16), bytes((0x3F, 2)) + bytes(4)
     lines = ""
-    for number, payload in ((8, advice), (0x40, status)):
-        data = e2e.protect_profile5(0, padded(payload), e2e.data_id_16(number))
+    for number, kind, payload in ((8, Advice, advice), (0x40, Status, status)):
+        data = e2e.protect_profile5(0, padded(BY_TYPE[kind], payload), e2e.data_id_16(number))
         lines += f"{DEFAULT_BASE_ID + number:x} {data.hex()}\n"
     done = subprocess.run([program, "fd", "1", "1"], input=lines, capture_output=True, text=True)
     advised, told, _ = done.stdout.splitlines()

@@ -1,6 +1,7 @@
 """What every link does, over every transport: the same checks back to back."""
 
 import itertools
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -264,14 +265,35 @@ def test_an_inbox_that_nobody_empties_keeps_every_acknowledge():
     assert len(received) + pair.link.counters.overrun == 401
 
 
-def test_what_a_node_sends_is_not_taken_for_a_controllers():
-    pair = make("serial pipe", VirtualClock())
+@pytest.mark.parametrize("kind", VIRTUAL_TIME)
+def test_what_another_node_sends_with_our_ids_is_foreign_and_no_controllers(kind):
+    pair = make(kind, VirtualClock())
     pair.link.service(0)
+    assert pair.link.foreign_ns is None
     pair.peer.transport.open()
     pair.peer.say(advice())
-    pair.link.service(0)
+    pair.link.service(7)
     assert pair.link.take() == []
-    assert pair.link.counters.unexpected == 1
+    assert pair.link.counters.foreign >= 1
+    assert pair.link.counters.unexpected == 0
+    assert pair.link.foreign_ns == 7
+    assert "somebody else sends with this node's ids" in str(pair.link.last_error)
+
+
+@pytest.mark.parametrize("kind", VIRTUAL_TIME)
+def test_an_echo_of_what_we_sent_is_not_foreign(kind):
+    pair = make(kind, VirtualClock())
+    pair.peer.transport.open()
+    for k in range(30):
+        pair.link.post(replace(advice(), latch_id=k))
+        pair.link.service(k)
+        for unit in pair.peer.transport.read(0.0):
+            pair.peer.transport.write(unit)
+    pair.link.service(30)
+    assert pair.link.take() == []
+    assert pair.link.counters.unexpected >= 30
+    assert pair.link.counters.foreign == 0
+    assert pair.link.foreign_ns is None
 
 
 def test_the_recorder_hears_every_unit_that_was_written():

@@ -37,6 +37,10 @@ class Controller:
         self.counter, self.sent, self.sent_ms = 65_530, 0, [0] * 32
         self.state()
 
+    def tolerate(self, errors: int) -> "Controller":
+        self.block.variables["TOLERATED_ERRORS"] = errors
+        return self
+
     def state(self) -> None:
         self.counter = (self.counter + 1) % 65536
         self.sent_ms[self.counter % 32] = self.ms
@@ -137,7 +141,7 @@ def test_another_schema_or_none_stops_it(controller: Controller) -> None:
 
 
 def test_corrupt_incomplete_repeated_and_old_advice_is_not_heard(controller: Controller) -> None:
-    controller.hear(OURS)
+    controller.tolerate(100).hear(OURS)
     first, second, third = controller.node.encode(replace(SLOW, echo=controller.counter))
     for frame in (first, second, replace(third, data=third.data[:-1] + b"\x01")):
         assert controller.call(frame) == 0
@@ -151,7 +155,7 @@ def test_corrupt_incomplete_repeated_and_old_advice_is_not_heard(controller: Con
 
 
 def test_after_a_jump_the_third_in_a_row_counts(controller: Controller) -> None:
-    controller.hear(OURS, SLOW)
+    controller.tolerate(100).hear(OURS, SLOW)
     controller.wait(160).state()
     for _ in range(20):
         controller.node.encode(SLOW)  # lost
@@ -176,6 +180,32 @@ def test_what_is_too_old_or_of_no_known_age_stops_it(controller: Controller) -> 
 def test_frames_of_others_and_of_other_robots_are_nothing_to_it(controller: Controller) -> None:
     assert controller.hear(OURS, SLOW, replace(SLOW, robot=1, level=Level.STOP)) == 750
     controller.call(replace(controller.node.encode(OURS)[0], arbitration_id=0x100))
-    controller.call(replace(controller.node.encode(OURS)[0], data=b"\x00" * 3))
+    other = replace(controller.node.encode(OURS)[0], arbitration_id=0x68A, data=b"\x00" * 3)
+    controller.call(other)
     assert controller.call() == 750
-    assert controller["CrcErrors"] == 0
+    assert controller["CrcErrors"] == controller["Malformed"] == 0
+
+
+@pytest.mark.parametrize("spoil", ["crc", "lost", "repeated", "length", "part"])
+def test_any_error_stops_it_until_the_window_passes_without_one(
+    controller: Controller, spoil: str
+) -> None:
+    assert controller.hear(OURS, SLOW) == 750
+    frames = controller.node.encode(replace(SLOW, echo=controller.counter))
+    if spoil == "crc":
+        frames[0] = replace(frames[0], data=frames[0].data[:-1] + b"\x55")
+    elif spoil == "length":
+        frames.append(replace(frames[0], data=frames[0].data[:5]))
+    elif spoil == "repeated":
+        frames.append(frames[0])
+    elif spoil == "part":
+        frames.pop()
+    for frame in frames if spoil != "lost" else ():
+        controller.call(frame)
+    controller.wait(20).state()
+    assert controller.hear(SLOW) == 0
+    assert controller["TooManyErrors"] == 1
+    began_ms = controller.ms
+    while controller.hear(SLOW) == 0:
+        controller.wait(20).state()
+    assert 480 <= (controller.ms - began_ms) % 2**32 <= 520

@@ -11,6 +11,7 @@ from hri_predict.link import LinkSettings
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
 from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.reception import ReceiveCounters
 
 OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 OTHER = Schema(SCHEMA_VERSION + 1, 0x1234)
@@ -104,3 +105,15 @@ def test_a_kind_of_link_without_a_transport_is_one_line(monkeypatch):
     monkeypatch.setattr(registry, "load", lambda kind, name: Bare)
     with pytest.raises(ConfigError, match=r"link 'bare' cannot be built: .*make_transport[^\n]*$"):
         listen(link="bare", seconds=0.1)
+
+
+def test_errors_are_told_once_a_second_and_many_with_what_may_be_wrong(capsys):
+    printer, counters = Printer(True, as_json=True), ReceiveCounters()
+    for k in range(200):
+        counters.counter_errors += k >= 10
+        printer.errors(counters, 0.02 * k)
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["new"] for line in told] == [1, 50, 50, 50]
+    assert ["why" in line for line in told] == [False, True, True, True]
+    assert "two nodes with the same ids" in told[-1]["why"]
+    assert told[-1]["counter_errors"] == 151

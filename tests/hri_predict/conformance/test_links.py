@@ -12,6 +12,7 @@ from hri_predict import registry
 from hri_predict.conformance.checks import run_checks
 from hri_predict.conformance.links import CHECKS, LinkPart, check_link
 from hri_predict.protocol.messages import Advice, at_encoding
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.settings import validated
 
@@ -113,6 +114,9 @@ class Pickles:
 
     decode = feed
 
+    def watch(self, own):
+        pass
+
     def reset(self):
         pass
 
@@ -157,9 +161,29 @@ class Echoless(SerialLink):
         return self._codec.encode(message)
 
 
+class Heedless(SerialLink):
+    """Does not know what it sent itself."""
+
+    def __init__(self, *arguments, **keywords):
+        super().__init__(*arguments, **keywords)
+        self._codec.watch(OwnFrames())
+
+
+class Suspicious(SerialLink):
+    """Takes its own echo for another's."""
+
+    def _encoded(self, message, now_ns):
+        units = super()._encoded(message, now_ns)
+        self._own = OwnFrames()
+        self._codec.watch(self._own)
+        return units
+
+
 @pytest.mark.parametrize(
     ("cls", "check"),
     [
+        (Heedless, "tells a second sender"),
+        (Suspicious, "does not hear itself"),
         (Blocking, "never blocks in post"),
         (Forgetful, "accounts for every message"),
         (OldestWins, "sends the newest"),

@@ -51,6 +51,7 @@ class QuietLink:
     """A link that keeps what is posted and gives what the test puts in."""
 
     last_error = None
+    foreign_ns = None
     on_sent = None
 
     def __init__(self, name):

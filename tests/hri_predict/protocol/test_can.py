@@ -275,12 +275,22 @@ def test_a_lost_part_withholds_its_message_alone(part: int, at: int) -> None:
     assert receiver.counters.counter_errors == (0 if at == 0 else 1)
 
 
-def test_a_repeated_part_is_counted() -> None:
+def test_a_part_that_is_repeated_after_the_message_is_counted() -> None:
     receiver = CanReceiver()
     first, *others = CanSender().encode(ADVICE)
-    got = [m for f in (first, first, *others, others[0]) for m in receiver.feed(f)]
+    got = [m for f in (first, *others, others[0], first) for m in receiver.feed(f)]
     assert len(got) == 1
     assert receiver.counters.counter_errors == 2
+
+
+def test_a_part_that_is_repeated_within_the_message_makes_it_void() -> None:
+    """Two senders whose counters are equal: their parts must not make one message."""
+    receiver, sender = CanReceiver(), CanSender()
+    first, *others = sender.encode(ADVICE)
+    assert not any(receiver.feed(f) for f in (first, first, *others, others[0]))
+    assert receiver.counters.counter_errors == 4
+    assert receiver.counters.incomplete == 0
+    assert [m for f in sender.encode(ADVICE) for m in receiver.feed(f)]
 
 
 @given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 2)), max_size=60))

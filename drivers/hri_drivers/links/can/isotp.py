@@ -18,6 +18,7 @@ from hri_predict.protocol import e2e
 from hri_predict.protocol.can import CanFrame, CanReceiver
 from hri_predict.protocol.definition import BY_TYPE, MAX_ITEMS
 from hri_predict.protocol.messages import Message, at_encoding
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.profile4 import MAX_WHOLE, Profile4Receiver, Profile4Sender
 from hri_predict.protocol.wire import WireBits, classic_bits
 
@@ -53,6 +54,7 @@ class IsoTpTransfer:
 
     Attributes:
         active: whether segments of a message remain to be sent.
+        own: remembers the segments, where set.
 
     Raises:
         LinkError: can-isotp is not installed.
@@ -66,6 +68,7 @@ class IsoTpTransfer:
         self._failure: str | None = None
         self._began_ns = 0
         self.active = False
+        self.own: OwnFrames | None = None
         self._layer: Any = _layer(
             own_id=own_id,
             peer_id=peer_id,
@@ -133,9 +136,10 @@ class IsoTpTransfer:
         return _can_message(self.peer_id, self._answers.popleft(), self._extended)
 
     def _transmit(self, message: Any) -> None:
-        self._frames.append(
-            CanFrame(message.arbitration_id, bytes(message.data), extended=self._extended)
-        )
+        frame = CanFrame(message.arbitration_id, bytes(message.data), extended=self._extended)
+        if self.own is not None:
+            self.own.sent(frame)
+        self._frames.append(frame)
 
     def _failed(self, error: Exception) -> None:
         if self.active:  # else a late answer to a finished or dropped message

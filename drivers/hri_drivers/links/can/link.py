@@ -24,6 +24,7 @@ from hri_predict.errors import LinkError
 from hri_predict.link import LinkCounters, LinkLoad
 from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.messages import Message, RobotState
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.wire import WireBits, classic_bits, fd_bits, wire_bits
 
 log = logging.getLogger(__name__)
@@ -51,6 +52,15 @@ class CanCodec:
         self._transport = transport
         self._sender = CanSender(settings.fd, settings.base_id, settings.extended)
         self._receiver = CanReceiver(settings.fd, settings.base_id, settings.extended)
+        self._own: OwnFrames | None = None
+
+    def watch(self, own: OwnFrames) -> None:
+        """See ``Codec``. A link that only listens has no ids of its own."""
+        if self._settings.listen_only:
+            return
+        self._sender.own = self._receiver.own = self._own = own
+        if self.transfer is not None:
+            self.transfer.own = own
 
     def carries(self, message: Message) -> bool:
         """Classic CAN carries Zone and Pose only by ISO-TP; a listen-only link carries nothing."""
@@ -68,7 +78,16 @@ class CanCodec:
         """The message that this frame completes, if any."""
         if self.transfer is not None and self.transfer.feed(unit):
             return []
+        if self._own is not None and self._is_segment(unit):
+            self._own.hear(unit)
+            return []
         return self._receiver.feed(unit)
+
+    def _is_segment(self, unit: CanFrame) -> bool:
+        """Whether the frame has the id of our ISO-TP segments."""
+        s = self._settings
+        ours = (s.isotp_id, s.extended)
+        return s.isotp is not None and (unit.arbitration_id, unit.extended) == ours
 
     def reset(self) -> None:
         """Forget incomplete messages."""

@@ -17,12 +17,15 @@ from hri_drivers.wires.zenoh_session import CellSettings, ZenohSettings
 from hri_predict.link import MIN_STATUS_HZ, LinkCounters, LinkLoad
 from hri_predict.protocol.keyed import ROOT, Keyed, KeyedReceiver, KeyedSender, prefix
 from hri_predict.protocol.messages import Advice, Message, RobotState, Schema, Status
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.wire import wire_bits
 
 OVERHEAD_BITS = 8 * 160
 """Largest overhead of a message on Ethernet: 38 + 52 bytes of Ethernet, IPv6 and TCP (with gap
 and timestamps), the rest for zenoh's own header and the key."""
 MBIT = 1_000_000
+OF_A_NODE = ("status", "advice/*", "schema")
+"""Keys that a cell's node alone sends to; the link hears whether a second node does so."""
 
 
 class ZenohLinkSettings(CellSettings, ConfiguredLinkSettings):
@@ -57,6 +60,11 @@ class ZenohCodec:
     def carries(self, message: Message) -> bool:
         """True: zenoh carries all messages."""
         return True
+
+    def watch(self, own: OwnFrames) -> None:
+        """See ``Codec``."""
+        self._sender.watch(own)
+        self._receiver.watch(own)
 
     def encode(self, message: Message) -> list[Keyed]:
         """One payload."""
@@ -107,7 +115,7 @@ class ZenohLink(ConfiguredLink[ZenohLinkSettings, Keyed]):
         return ZenohTransport(
             settings,
             prefix(settings.site, settings.cell),
-            ("state/*", "ack") if settings.take else (),
+            (*OF_A_NODE, *(("state/*", "ack") if settings.take else ())),
         )
 
     @staticmethod
@@ -123,7 +131,7 @@ class ZenohLink(ConfiguredLink[ZenohLinkSettings, Keyed]):
     def observer(settings: ZenohSettings, site: str | None) -> ZenohTransport:
         """Return a transport for Status, Advice and Schema of all cells of one or all sites."""
         cells = f"{site or '*'}/*/"
-        heard = [cells + what for what in ("status", "advice/*", "schema")]
+        heard = [cells + what for what in OF_A_NODE]
         return ZenohTransport(settings, f"{ROOT}/", heard)
 
     @staticmethod

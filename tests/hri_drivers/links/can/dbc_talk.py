@@ -89,7 +89,7 @@ def listen(interface: str, fd: bool, descriptor: int) -> None:
             message = known.get(frame.arbitration_id)
             if message is None or message.senders != ["NODE"]:
                 continue
-            signals = message.decode(frame.data, decode_choices=False, allow_truncated=True)
+            signals = message.decode(frame.data, decode_choices=False)
             heard.append([message.name, signals])
             if message.name.startswith("STATUS"):
                 state = RobotState(

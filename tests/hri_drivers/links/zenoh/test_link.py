@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -278,3 +279,24 @@ def test_faults_can_be_injected() -> None:
         wire.write(sender.encode(STATUS))
     assert 0 < sum(len(receiver.feed(unit)) for unit in far.read(0.0)) < 20
     assert receiver.counters.crc_errors > 0
+
+
+def test_two_nodes_under_one_name_tell_each_other(endpoint: str, router: Any) -> None:
+    one, other = make_link(endpoint), make_link(endpoint)
+    alone = make_link(endpoint, take=True)
+    alone._transport._prefix = "hri/site/another/"  # type: ignore[attr-defined]
+    try:
+        for link in (one, other, alone):
+            link.start()
+
+        def both() -> bool:
+            for link, cycle in ((one, 1), (other, 2), (alone, 3)):
+                link.post(replace(STATUS, cycle=cycle))
+            return one.foreign_ns is not None and other.foreign_ns is not None
+
+        eventually(both)
+        assert one.counters.foreign
+        assert alone.foreign_ns is None, "its own messages do not come back"
+    finally:
+        for link in (one, other, alone):
+            link.stop()

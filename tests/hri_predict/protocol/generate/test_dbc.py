@@ -40,8 +40,8 @@ database = cantools.database.load_file(sys.argv[1])
 for line in sys.stdin:
     frame_id, data = line.split()
     message = database.get_message_by_frame_id(int(frame_id))
-    named = message.decode(bytes.fromhex(data), decode_choices=True, allow_truncated=True)
-    plain = message.decode(bytes.fromhex(data), decode_choices=False, allow_truncated=True)
+    named = message.decode(bytes.fromhex(data), decode_choices=True)
+    plain = message.decode(bytes.fromhex(data), decode_choices=False)
     row = {k: str(v) if not isinstance(v, (int, float)) else plain[k] for k, v in named.items()}
     print(json.dumps([message.name, row]))
 """
