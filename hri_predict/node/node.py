@@ -130,6 +130,11 @@ class Node:
         """See ``RiskEngine.self_check``."""
         return self._risk.self_check()
 
+    @property
+    def robot_counters(self) -> dict[str, int]:
+        """See ``RiskEngine.robot_counters``."""
+        return self._risk.robot_counters
+
     def _publish(
         self,
         *,

@@ -96,9 +96,17 @@ def build_people(config: Config, source: Source, predictor: Predictor) -> People
 
 
 def build_risk(
-    config: Config, source: Source, predictor: Predictor, trackers: Sequence[RobotTracker]
+    config: Config,
+    source: Source,
+    predictor: Predictor,
+    trackers: Sequence[RobotTracker],
+    *,
+    obeyed: bool = False,
 ) -> RiskEngine:
-    """Build the risk stage for these robots and the forecasts of ``predictor``."""
+    """Build the risk stage for these robots and the forecasts of ``predictor``.
+
+    ``obeyed``: the robots are moved by its advice.
+    """
     return RiskEngine(
         settings=config.node.risk,
         robots=trackers,
@@ -110,6 +118,7 @@ def build_risk(
         forecast_rate_hz=predictor.rate_hz,
         horizon_steps=predictor.horizon_steps,
         calibration=build_calibration(config),
+        obeyed=obeyed,
     )
 
 
@@ -215,7 +224,6 @@ def build(
         for settings, model in zip(node.robots, robots, strict=True)
     )
     people = build_people(config, source, predictor)
-    risk = build_risk(config, source, predictor, trackers)
     configured: tuple[Link, ...] = tuple(
         build_link(
             settings=settings,
@@ -226,6 +234,8 @@ def build(
         )
         for settings in (config.opened_links if links is None else ())
     )
+    obeyed = bool(configured) and not shadow
+    risk = build_risk(config, source, predictor, trackers, obeyed=obeyed)
     links = tuple(links or ()) or configured or played_links(source, clock)
     prediction = PredictionRunner(predictor, LATE_FRACTION / node.rate_hz if deadline else None)
     everybody = frozenset(range(len(robots)))

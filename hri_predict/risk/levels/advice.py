@@ -54,7 +54,11 @@ class Levels:
         self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, self._latch) for r in robots)
 
     def __call__(
-        self, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings
+        self,
+        snapshot: PeopleSnapshot,
+        bodies: BodyZones,
+        findings: Findings,
+        remarks: Sequence[Sequence[Reason]] | None = None,
     ) -> tuple[Advice, ...]:
         """Advise every robot.
 
@@ -62,9 +66,12 @@ class Levels:
             snapshot: of this tick; its time and its number of captures count.
             bodies: what the findings rest on.
             findings: see ``Separation``.
+            remarks: of each robot, what it does other than advised. A robot that was too fast is
+                not slowed any more: it runs or it stands.
         """
         return tuple(
-            self._advise(robot, snapshot, bodies, findings) for robot in range(len(self._robots))
+            self._advise(robot, snapshot, bodies, findings, remarks[robot] if remarks else ())
+            for robot in range(len(self._robots))
         )
 
     def acknowledge(self, latch_id: int) -> bool:
@@ -77,15 +84,22 @@ class Levels:
             machine.reset()
 
     def _advise(
-        self, robot: int, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings
+        self,
+        robot: int,
+        snapshot: PeopleSnapshot,
+        bodies: BodyZones,
+        findings: Findings,
+        remarks: Sequence[Reason],
     ) -> Advice:
         demand, people = self._demand(robot, bodies, findings)
+        if Reason.ROBOT_TOO_FAST in remarks:
+            demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
         advised = self._machines[robot].update(demand, snapshot.captures, snapshot.now_ns)
         reason = advised.reason
         if reason is Reason.NONE and bodies.speeds.fast.any():
             reason = Reason.PERSON_FAST
-        elif reason is Reason.NONE and bodies.reasons:
-            reason = bodies.reasons[0]
+        elif reason is Reason.NONE and (bodies.reasons or remarks):
+            reason = (*bodies.reasons, *remarks)[0]
         who = people if people is not None and _decided_by_people(demand) else None
         return Advice(
             robot=robot,
