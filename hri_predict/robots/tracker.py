@@ -1,5 +1,6 @@
 """Where a robot is now, or why that is unknown."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -111,10 +112,10 @@ class RobotTracker:
             zip(
                 (model.position_min - POSITION_TOLERANCE_RAD).tolist(),
                 (model.position_max + POSITION_TOLERANCE_RAD).tolist(),
-                (model.velocity_max * (1 + VELOCITY_TOLERANCE)).tolist(),
                 strict=True,
             )
         )
+        self._fastest = (model.velocity_max * (1 + VELOCITY_TOLERANCE)).tolist()
         self.plan: Plan | None = None
         self._on_plan: OnPlan | None = None
         self._located_ns = 0
@@ -142,12 +143,21 @@ class RobotTracker:
             self._counts["repeated"] += 1
             return
         self._last_counter[link] = state.counter
-        if not self._possible(state):
+        if not self._is_sound(state):
             self._counts["invalid"] += 1
             self._invalid = True
             return
+        if link not in self._checks:
+            self._checks[link] = self._new_check(self.model.velocity_max)
+        check = self._checks[link]
+        check.take(state.counter, state.positions, state.velocities, received_ns)
+        self._invalid = not all(
+            -most <= qd <= most for qd, most in zip(state.velocities, self._fastest, strict=True)
+        )
+        if self._invalid:
+            self._counts["invalid"] += 1
+            return
         self._counts["accepted"] += 1
-        self._invalid = False
         self._state = _Received(
             np.array(state.positions),
             np.array(state.velocities),
@@ -155,10 +165,6 @@ class RobotTracker:
             received_ns,
             link,
         )
-        if link not in self._checks:
-            self._checks[link] = self._new_check(self.model.velocity_max)
-        check = self._checks[link]
-        check.take(state.counter, state.positions, state.velocities, received_ns)
 
     @property
     def counters(self) -> dict[str, int]:
@@ -257,15 +263,16 @@ class RobotTracker:
             )
         return Plan(trajectory, self.model)
 
-    def _possible(self, state: RobotState) -> bool:
+    def _is_sound(self, state: RobotState) -> bool:
+        """Whether all joints are there, numbers, and within the position limits."""
         model = self.model
         if len(state.positions) != model.dof or len(state.velocities) != model.dof:
             return False
         try:  # plain numbers: for so few an array costs more than the comparison
             # Written so that NaN, which compares false with everything, is refused.
             return all(
-                low <= q <= high and -most <= qd <= most
-                for q, qd, (low, high, most) in zip(
+                low <= q <= high and abs(qd) < math.inf
+                for q, qd, (low, high) in zip(
                     state.positions, state.velocities, self._bounds, strict=True
                 )
             )

@@ -2,5 +2,6 @@
 
 from hri_sim.fault_table.incident import Incident
 from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
+from hri_sim.fault_table.incidents.robot_lies import ROBOT_LIES
 
-INCIDENTS: tuple[Incident, ...] = (*LOST_PEOPLE,)
+INCIDENTS: tuple[Incident, ...] = (*LOST_PEOPLE, *ROBOT_LIES)
