@@ -3,7 +3,7 @@
 import logging
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -34,6 +34,8 @@ log = logging.getLogger(__name__)
 
 FUTURE_NS = 50_000_000
 """A capture that is later than now by more than this means a broken clock."""
+STRETCH_STEP = 1.1
+"""A late stop is revised in such steps while it lasts: each costs a table."""
 _LIES = (Reason.ROBOT_VELOCITY_WRONG, Reason.ROBOT_STATE_JUMPED)
 _OF_PREDICTOR = (Reason.PREDICTOR_FAILED, Reason.PREDICTOR_LATE)
 
@@ -180,11 +182,11 @@ class RiskEngine:
             if obedience.stretch > model.stretch:
                 log.warning(
                     "robot %s needed %.2f times what its stopping table says to stop; from now on "
-                    "the table counts so many times; correct it",
+                    "the table counts so many times and a tenth more; correct it",
                     model.name,
                     obedience.stretch,
                 )
-                model.stretch = obedience.stretch
+                model.stretch = obedience.stretch * STRETCH_STEP
                 self._separation.revise(robot)
         return robots
 
@@ -228,6 +230,18 @@ class RiskEngine:
     def acknowledge(self, latch_id: int) -> bool:
         """Release the latched stop ``latch_id`` if its cause has cleared. Return whether it was."""
         return self._levels.acknowledge(latch_id)
+
+    def remember(self) -> dict[str, Any]:
+        """What must survive a restart of the node: the latches."""
+        return self._levels.remember()
+
+    def recall(self, data: Mapping[str, Any]) -> None:
+        """Take what ``remember`` gave in an earlier run; see ``Levels.recall``."""
+        self._levels.recall(data)
+
+    def distrust(self, why: str) -> None:
+        """What an earlier run left cannot be trusted; see ``Levels.distrust``."""
+        self._levels.distrust(why)
 
     def self_check(self) -> dict[str, Any] | None:
         """How often past forecasts held, for the run's summary; ``None`` without a calibration."""

@@ -58,7 +58,7 @@ ROBOT_LIES = (
         name="robot: brakes six times slower",
         people=(_FAR,),
         duration_s=9.0,
-        faults=("blind@5.4+3",),
+        faults=("blind@3.8+1.5",),
         lies=({"kind": "brakes_late", "factor": 6.0},),
         says=(Reason.ROBOT_STOPS_LATE,),
     ),
