@@ -41,7 +41,7 @@ class LostPeople:
         self._pause_ns = pause_ns
         self._empty_run = 0
         self._capture_ns = NEVER
-        self._forgotten = (
+        self.forgotten = (
             False  # more people were lost than are kept: only an empty room clears this
         )
 
@@ -53,7 +53,7 @@ class LostPeople:
         if len(self.tracks) > self._settings.max_people:
             oldest = min(self.tracks, key=lambda t: t.capture_ns)
             self.tracks.remove(oldest)
-            self._forgotten = True
+            self.forgotten = True
 
     def is_growing(self, track: Track, now_ns: int) -> bool:
         """Whether the zone of ``track`` still grows."""
@@ -69,7 +69,7 @@ class LostPeople:
 
     def unaccounted(self, now_ns: int) -> bool:
         """Whether a person has been lost for so long that they may be anywhere."""
-        return self._forgotten or any(not self.is_growing(t, now_ns) for t in self.tracks)
+        return self.forgotten or any(not self.is_growing(t, now_ns) for t in self.tracks)
 
     def see_room(self, empty: bool, capture_ns: int) -> bool:
         """Note a scene; ``empty`` means that the source saw the room with nobody in it.
@@ -84,15 +84,15 @@ class LostPeople:
         self._empty_run = self._empty_run + 1 if counts else 0
         if self._empty_run < self._settings.empty_scenes:
             return False
-        proof = bool(self.tracks) or self._forgotten
+        proof = bool(self.tracks) or self.forgotten
         self.tracks.clear()
-        self._forgotten = False
+        self.forgotten = False
         return proof
 
     def acknowledge(self, now_ns: int) -> None:
         """Forget people whose zone has stopped growing: an operator states that they are gone."""
         self.tracks = [t for t in self.tracks if self.is_growing(t, now_ns)]
-        self._forgotten = False
+        self.forgotten = False
 
 
 def match_places(starts: list[Floats], places: list[Floats], radii: Floats) -> dict[int, int]:

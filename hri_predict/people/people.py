@@ -9,6 +9,7 @@ from hri_predict.arrays import Bools, Floats
 from hri_predict.joint_map import JointMap
 from hri_predict.people.body_size import is_human_sized
 from hri_predict.people.lost import PLACE_SLACK_M, LostPeople, match_places
+from hri_predict.people.remembered import RemembersLost
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.scene_gate import SceneGate
 from hri_predict.people.settings import PeopleSettings
@@ -23,7 +24,7 @@ ROOM_LIMIT_M = 1000.0
 """No room is larger: a coordinate beyond this is an error."""
 
 
-class People:
+class People(RemembersLost):
     """Tracks all people through the scenes of one source.
 
     ``receive`` is for one thread and ``snapshot`` for another; both are short. A scene is *good* if
@@ -82,6 +83,7 @@ class People:
         self._impossible = False
         self._crowded = False
         self._unlocated = False
+        self._recalled, self._has_recalled = [], False
 
     # -- in ---------------------------------------------------------------------------------------
 
@@ -89,6 +91,7 @@ class People:
         """Take in one scene that arrived at ``receipt_ns`` (node's clock). Never raises."""
         with self._lock:
             self._now_ns = max(self._now_ns, receipt_ns)
+            self._take_recalled(receipt_ns)
             self._receipt_ns = receipt_ns
             capture_ns = self._gate.admit(scene, receipt_ns)
             if capture_ns is not None:
@@ -333,6 +336,7 @@ class People:
         """Return all people at ``now_ns`` (node's clock), and the faults of the input."""
         with self._lock:
             self._now_ns = max(self._now_ns, now_ns)
+            self._take_recalled(now_ns)
             tracks = [(t.id, t.history, t.capture_ns) for t in self._tracks.values()]
             lost = self._lost.growing(now_ns)
             reasons = self._reasons(now_ns)

@@ -295,17 +295,16 @@ def test_announcements_at_start_and_stop_are_unknown_with_their_reason(near):
 
 
 def test_two_links_report_the_same_robot_and_their_counters_do_not_mix(near):
-    """Both controllers count 0..255 by themselves: an equal number on the other link is fresh."""
     drive, monitor = heard(near)
     tracker = near.assembly.trackers[0]
     before = dict(tracker.counters)
-    q = tracker.at(near.clock.now_ns()).q
+    q = tuple(tracker.at(near.clock.now_ns()).q.tolist())
     for link in (drive, monitor, drive):  # the third repeats the first
         state = RobotState(
             robot=0,
             mode=RobotMode.AUTOMATIC,
             counter=200,
-            positions=tuple(q.tolist()),
+            positions=q,
             velocities=(0.0,) * 6,
         )
         link.inbox.append(Received(state, near.clock.now_ns()))
@@ -336,8 +335,7 @@ def test_state_of_a_robot_that_is_not_there_is_harmless(near):
 )
 def test_a_robot_state_that_cannot_be_trusted_is_a_reason(near, mode, positions, reason):
     drive, _ = heard(near)
-    now = near.assembly.trackers[0].at(near.clock.now_ns())
-    positions = tuple(now.q.tolist()) if positions is None else positions
+    positions = positions or tuple(near.assembly.trackers[0].at(near.clock.now_ns()).q.tolist())
     state = RobotState(
         robot=0, mode=mode, counter=17, positions=positions, velocities=(0.0,) * len(positions)
     )

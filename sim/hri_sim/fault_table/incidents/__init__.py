@@ -1,7 +1,8 @@
 """All incidents, by what goes wrong in them."""
 
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incidents.latches import LATCHES
 from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
 from hri_sim.fault_table.incidents.robot_lies import ROBOT_LIES
 
-INCIDENTS: tuple[Incident, ...] = (*LOST_PEOPLE, *ROBOT_LIES)
+INCIDENTS: tuple[Incident, ...] = (*LOST_PEOPLE, *ROBOT_LIES, *LATCHES)
