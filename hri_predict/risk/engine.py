@@ -88,7 +88,9 @@ class RiskEngine:
         trusted = horizon_steps if calibration is None else min(horizon_steps, calibration.steps)
         horizon_s = trusted / forecast_rate_hz
         constants = [RobotConstants.of(each, settings, budget, horizon_s) for each in robots]
-        self._obedience = {i: _obedience(r) for i, r in enumerate(constants) if obeyed and r.is_reported}
+        self._obedience = {
+            i: _obedience(r) for i, r in enumerate(constants) if obeyed and r.is_reported
+        }
         _check_zones(named_zones, [robot.name for robot in constants])
         named = [NamedZone(zone, settings.person_uncertainty_m) for zone in named_zones]
         longest_s = max((robot.longest_s for robot in constants), default=0.0)
@@ -210,8 +212,10 @@ class RiskEngine:
         obedience = self._obedience.get(robot)
         if obedience is None:
             return ()
-        said = ((Reason.ROBOT_TOO_FAST, obedience.is_too_fast(now_ns)),)
-        said += ((Reason.ROBOT_STOPS_LATE, obedience.stretch > 1.0),)
+        said = [
+            (Reason.ROBOT_TOO_FAST, obedience.is_too_fast(now_ns)),
+            (Reason.ROBOT_STOPS_LATE, obedience.stretch > 1.0),
+        ]
         return tuple(reason for reason, holds in said if holds)
 
     @property

@@ -30,7 +30,7 @@ LEAST_STATES = 4
 LEAST_SPAN_S = 0.05
 """Likewise for a shorter time between the first and the last."""
 APART_S = 0.008
-"""States that arrive closer together are compared as one: a fast or bursting sender costs no more."""
+"""States that arrive closer together are compared as one: a fast sender costs no more."""
 MEMORY_S = 2.0
 """How long arrivals are kept to measure the jitter."""
 LEARNT_S = 0.4

@@ -205,9 +205,7 @@ class Station(Generic[U]):
         self._arm.step(now_ns, min(speed, fastest))
         q, qd = self._arm.joints()
         self._wiring.set_truth(q, qd, self._arm.path_s, now_ns)
-        return self._core.outgoing(
-            now_ns, *self._lies.told(q, qd, now_ns), RobotMode.AUTOMATIC
-        )
+        return self._core.outgoing(now_ns, *self._lies.told(q, qd, now_ns), RobotMode.AUTOMATIC)
 
     def write_failed(self) -> None:
         """Count a unit that the link did not send."""
