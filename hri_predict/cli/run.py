@@ -28,6 +28,10 @@ Shadow = Annotated[
     bool,
     typer.Option("--shadow", help="Compute and show everything, but send 'unknown' on the links."),
 ]
+State = Annotated[
+    Path | None,
+    typer.Option(help="Keep latches and lost people in this file; default for run: its 'state'."),
+]
 Faults = Annotated[
     list[str] | None,
     typer.Option(
@@ -60,6 +64,7 @@ def run(
     record: Record = None,
     duration: Duration = None,
     shadow: Shadow = False,
+    state: State = None,
     as_json: Json = False,
 ) -> None:
     """Run the node until SIGINT or SIGTERM; it tells the controllers before it ends.
@@ -67,7 +72,9 @@ def run(
     Example: hri-predict run cell.yaml --shadow
     """
     _positive(duration, "--duration")
-    options = Options(duration_s=duration, record=record, shadow=shadow)
+    options = Options(
+        duration_s=duration, record=record, shadow=shadow, keep_state=True, state=state
+    )
     _go(configuration.load(config), options, as_json)
 
 
@@ -90,6 +97,7 @@ def replay(
             "--no-links", help="Open no links; take RobotState from the recording (MCAP)."
         ),
     ] = False,
+    state: State = None,
     fault: Faults = None,
     as_json: Json = False,
 ) -> None:
@@ -117,7 +125,9 @@ def replay(
         loaded = loaded.with_predictor(predictor)
     if no_links:
         loaded = loaded.without_links()
-    options = Options(factor=_factor(speed), until_exhausted=True, record=record, shadow=shadow)
+    options = Options(
+        factor=_factor(speed), until_exhausted=True, record=record, shadow=shadow, state=state
+    )
     _go(loaded, options, as_json)
 
 

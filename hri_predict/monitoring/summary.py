@@ -164,6 +164,7 @@ def summarise(
         "strange_states": node.strange_states,
         "acknowledges": node.acknowledges,
         "acknowledges_refused": node.acknowledges_refused,
+        **node.robot_counters,
     }
     counted |= {name: count for name, count in extra.items() if count}
     return Summary(

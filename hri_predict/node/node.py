@@ -5,13 +5,14 @@ itself never sleeps and never reads a clock.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from hri_predict.link import Link, Received
 from hri_predict.node.listeners import Listener, Tick
+from hri_predict.node.memory import Remembers
 from hri_predict.node.publisher import Publisher
 from hri_predict.node.second_sender import SecondSender
 from hri_predict.people.people import People
@@ -138,6 +139,27 @@ class Node:
     def self_check(self) -> dict[str, Any] | None:
         """See ``RiskEngine.self_check``."""
         return self._risk.self_check()
+
+    @property
+    def remembering(self) -> dict[str, Remembers]:
+        """The parts that have something to remember across a restart; see ``memory``."""
+        return {"latches": self._risk, "people": self._people, "node": self}
+
+    def remember(self) -> dict[str, Any]:
+        """The acknowledgements that were counted: one that is repeated for ever counts no more."""
+        return {"acknowledged": dict(self._last_ack)}
+
+    def recall(self, data: Mapping[str, Any]) -> None:
+        """Take what ``remember`` gave in an earlier run."""
+        self._last_ack = {str(link): int(ack) for link, ack in data["acknowledged"].items()}
+
+    def distrust(self, why: str) -> None:
+        """There is nothing that would be safer."""
+
+    @property
+    def robot_counters(self) -> dict[str, int]:
+        """See ``RiskEngine.robot_counters``."""
+        return self._risk.robot_counters
 
     def _publish(
         self,

@@ -13,7 +13,6 @@ Time alone never ends it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -22,9 +21,7 @@ from hri_predict.people.free_space import FreeSpace, Whereabouts
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import LostPerson
 from hri_predict.people.track import Track
-from hri_predict.skeleton import JOINTS
 
-_UNKNOWN_AGE_S = 1e6
 SPEED_SPAN_S = 0.4
 """The speed last measured is that over this time: a third of a step, and four captures at 10 Hz."""
 GAIN, GAIN_M_S = 1.25, 0.4
@@ -69,6 +66,11 @@ class LostPeople:
     Args:
         settings: see ``PeopleSettings``.
         space: what the source sees free; ``None``: it does not see free space.
+
+    Attributes:
+        people: the lost people.
+        forgotten: more people were lost than are kept, or nobody knows who was: somebody may be
+            anywhere, until an acknowledgement.
     """
 
     def __init__(self, settings: PeopleSettings, space: FreeSpace | None) -> None:
@@ -77,7 +79,7 @@ class LostPeople:
         self._space = space
         self._most = settings.max_people
         self._settled_ns = round(settings.acknowledge_after_s * 1e9)
-        self._forgotten = False  # more people were lost than are kept
+        self.forgotten = False
 
     def add(self, track: Track) -> None:
         """Add a lost person. Beyond ``max_people`` the oldest place is dropped, and that person
@@ -85,7 +87,7 @@ class LostPeople:
         ever = np.isfinite(track.positions).all(-1)
         age_s = np.where(ever, (track.capture_ns - np.where(ever, track.stamps, 0)) * 1e-9, np.inf)
         _, limbs_m_s = track.speeds(SPEED_SPAN_S)
-        self._keep(
+        self.keep(
             Lost(
                 id=track.id,
                 positions=track.positions.copy(),
@@ -151,11 +153,6 @@ class LostPeople:
             for lost in self.people
         )
 
-    @property
-    def unaccounted(self) -> bool:
-        """Whether more people were lost than are kept: somebody may be anywhere."""
-        return self._forgotten
-
     def acknowledge(self, now_ns: int) -> int:
         """Forget people on an operator's word that they are gone; return how many.
 
@@ -163,61 +160,17 @@ class LostPeople:
         """
         before = len(self.people)
         self.people = [p for p in self.people if now_ns - p.capture_ns <= self._settled_ns]
-        self._forgotten = False
+        self.forgotten = False
         return before - len(self.people)
 
-    def remember(self, now_ns: int) -> dict[str, Any]:
-        """What a restart must not forget, as plain data."""
-        return {
-            "forgotten": self._forgotten,
-            "lost": [
-                {
-                    "id": lost.id,
-                    "speed_m_s": round(lost.speed_m_s, 2),
-                    "since_s": max(0.0, (now_ns - lost.capture_ns) * 1e-9),
-                    "positions": [
-                        [round(float(v), 3) for v in joint] if np.isfinite(joint).all() else None
-                        for joint in lost.positions
-                    ],
-                }
-                for lost in self.people
-            ],
-        }
-
-    def recall(self, data: dict[str, Any], now_ns: int) -> None:
-        """Take back what ``remember`` gave.
-
-        Raises:
-            ValueError, TypeError, KeyError: it is no such data.
-        """
-        self._forgotten = self._forgotten or bool(data["forgotten"])
-        for item in data["lost"]:
-            places = [[np.nan] * 3 if joint is None else joint for joint in item["positions"]]
-            positions = np.array(places, dtype=np.float64)
-            known = np.isfinite(positions).all(-1)
-            if positions.shape != (len(JOINTS), 3) or not known.any():
-                raise ValueError("a lost person has no place")
-            since_s = float(item["since_s"])
-            if not 0 <= since_s < _UNKNOWN_AGE_S:
-                since_s = _UNKNOWN_AGE_S
-            self._keep(
-                Lost(
-                    id=int(item["id"]),
-                    positions=positions,
-                    joint_age_s=np.where(known, 0.0, np.inf),
-                    capture_ns=now_ns - round(since_s * 1e9),
-                    speed_m_s=max(float(item["speed_m_s"]), self._settings.lost_speed_m_s),
-                    limbs_m_s=np.zeros(len(positions)),
-                )
-            )
-
-    def _keep(self, lost: Lost) -> None:
+    def keep(self, lost: Lost) -> None:
+        """Add a lost person; see ``add``."""
         if self._space is not None and lost.track is not None:
             lost.whereabouts = self._space.start(lost.centroid, lost.capture_ns, lost.speed_m_s)
         self.people.append(lost)
         if len(self.people) > self._most:
             self.people.remove(min(self.people, key=lambda p: p.capture_ns))
-            self._forgotten = True
+            self.forgotten = True
 
 
 def match_places(starts: list[Floats], places: list[Floats], radii: Floats) -> dict[int, int]:

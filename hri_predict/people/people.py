@@ -2,7 +2,6 @@
 
 import threading
 from collections import Counter
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from hri_predict.people.body_size import is_human_sized
 from hri_predict.people.free_space import FreeSpace
 from hri_predict.people.lost import LostPeople
 from hri_predict.people.posture_watch import PostureWatch
+from hri_predict.people.remembered import RemembersLost
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.roster import Appearing, Roster
 from hri_predict.people.scene_gate import SceneGate
@@ -27,7 +27,7 @@ ROOM_LIMIT_M = 1000.0
 """No room is larger: a coordinate beyond this is an error."""
 
 
-class People:
+class People(RemembersLost):
     """Tracks all people through the scenes of one source.
 
     ``receive`` is for one thread and ``snapshot`` for another; both are short. A scene is *good* if
@@ -95,6 +95,7 @@ class People:
         self._misplaced = False
         self._crowded = False
         self._unlocated = False
+        self._recalled, self._has_recalled = [], False
 
     # -- in ---------------------------------------------------------------------------------------
 
@@ -102,6 +103,7 @@ class People:
         """Take in one scene that arrived at ``receipt_ns`` (node's clock). Never raises."""
         with self._lock:
             self._now_ns = max(self._now_ns, receipt_ns)
+            self._take_recalled(receipt_ns)
             self._receipt_ns = receipt_ns
             capture_ns = self._gate.admit(scene, receipt_ns)
             if capture_ns is not None:
@@ -255,24 +257,11 @@ class People:
             self._counters["acknowledged"] += 1
             self._counters["forgotten"] += self._lost.acknowledge(self._now_ns)
 
-    def remember(self) -> dict[str, Any]:
-        """The lost people, as plain data: what a restart of the node must not forget."""
-        with self._lock:
-            return self._lost.remember(self._now_ns)
-
-    def recall(self, data: dict[str, Any], now_ns: int) -> None:
-        """Take back what ``remember`` gave before a restart.
-
-        Raises:
-            ValueError, TypeError, KeyError: it is no such data.
-        """
-        with self._lock:
-            self._lost.recall(data, now_ns)
-
     def snapshot(self, now_ns: int) -> PeopleSnapshot:
         """Return all people at ``now_ns`` (node's clock), and the faults of the input."""
         with self._lock:
             self._now_ns = max(self._now_ns, now_ns)
+            self._take_recalled(now_ns)
             tracks = [(t.id, t.history, t.capture_ns) for t in self._tracks.values()]
             lost = self._lost.snapshot()
             reasons = self._reasons(now_ns)
@@ -324,7 +313,7 @@ class People:
             (self._unlocated, Reason.PERSON_NOT_LOCATED),
             (self._crowded, Reason.TOO_MANY_PEOPLE),
             (stale and not silent, Reason.INPUT_STALE),
-            (self._lost.unaccounted, Reason.ROOM_NOT_SEEN_EMPTY),
+            (self._lost.forgotten, Reason.ROOM_NOT_SEEN_EMPTY),
         ]
         return tuple(reason for holds, reason in found if holds)
 

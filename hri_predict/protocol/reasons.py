@@ -84,7 +84,7 @@ _TEXT = {
         "the person is seen again, or the lost zone expires (then the room must be seen empty)",
     ),
     Reason.LATCHED: (
-        "a stop is latched",
+        "motion must wait for an acknowledgement",
         "its cause clears, and then an Acknowledge with its latch id arrives",
     ),
     Reason.RELEASE_PENDING: (
@@ -151,11 +151,11 @@ _TEXT = {
     ),
     Reason.ROBOT_TOO_FAST: (
         "the robot is faster than it was advised, after the time in which it should have obeyed",
-        "the robot keeps to the advised speed limit",
+        "the robot keeps to the advised speed limit for 10 s",
     ),
     Reason.ROBOT_STOPS_LATE: (
         "the robot needed more way or time to stop than its stopping table says",
-        "an Acknowledge arrives, or the stopping table is corrected",
+        "the stopping table is corrected and the node is started again",
     ),
     Reason.PREDICTOR_FAILED: (
         "the predictor failed; physical limits are used instead",

@@ -1,6 +1,8 @@
 """The risk engine: forecast in, one advice per robot out."""
 
+import logging
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -20,23 +22,30 @@ from hri_predict.risk.types import Assessment
 from hri_predict.risk.zones.body_zones import BodyZones, ZoneBuilder
 from hri_predict.risk.zones.human_speed import Velocities, velocities_in
 from hri_predict.risk.zones.radii import Calibration, Radii
+from hri_predict.robots.model import StateMotion
+from hri_predict.robots.obedience import Obedience
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.settings import Region
 from hri_predict.skeleton import Skeleton
 
 __all__ = ["HumanLimits", "RiskEngine", "RiskSettings"]
 
+log = logging.getLogger(__name__)
+
 FUTURE_NS = 50_000_000
 """A capture that is later than now by more than this means a broken clock."""
+STRETCH_STEP = 1.1
+"""A late stop is revised in such steps while it lasts: each costs a table."""
+_LIES = (Reason.ROBOT_VELOCITY_WRONG, Reason.ROBOT_STATE_JUMPED)
 _OF_PREDICTOR = (Reason.PREDICTOR_FAILED, Reason.PREDICTOR_LATE)
 
 
 class RiskEngine:
     """The risk stage: zones, then separation, then levels.
 
-    Three things remember earlier ticks: the self-check, which says before the zones how far
-    forecasts can be trusted; the robots' trackers; and one level machine per robot. Zones and
-    separation are pure functions of what they are given.
+    Four things remember earlier ticks: the self-check, which says before the zones how far
+    forecasts can be trusted; the robots' trackers, and whether robots did as advised; and one level
+    machine per robot. Zones and separation are pure functions of what they are given.
 
     Args:
         settings: see ``RiskSettings``.
@@ -50,6 +59,8 @@ class RiskEngine:
         horizon_steps: H of the forecast.
         calibration: of the predictor, in the modes that use forecasts; ``None``: not calibrated.
         doors: exits and entrances by their keys in the configuration.
+        obeyed: whether the robots are moved by this advice, so that it can be seen whether they do
+            as advised. Not so in shadow mode, and where a recording tells what robots did.
 
     Raises:
         ConfigError: the delay budget goes past the horizon, a zone names an unknown robot, no
@@ -70,6 +81,7 @@ class RiskEngine:
         horizon_steps: int,
         calibration: Calibration | None = None,
         doors: Mapping[str, Region] | None = None,
+        obeyed: bool = False,
     ) -> None:
         self._settings = settings
         self._budget = budget
@@ -78,6 +90,9 @@ class RiskEngine:
         trusted = horizon_steps if calibration is None else min(horizon_steps, calibration.steps)
         horizon_s = trusted / forecast_rate_hz
         constants = [RobotConstants.of(each, settings, budget, horizon_s) for each in robots]
+        self._obedience = {
+            i: _obedience(r) for i, r in enumerate(constants) if obeyed and r.is_reported
+        }
         _check_zones(named_zones, [robot.name for robot in constants])
         for key, door in (doors or {}).items():
             _check_door(key, door, constants)
@@ -162,8 +177,24 @@ class RiskEngine:
         )
 
     def robots(self, now_ns: int) -> list[RobotNow]:
-        """Where each robot is at ``now_ns``."""
-        return [tracker.at(now_ns) for tracker in self._trackers]
+        """Where each robot is at ``now_ns``; notes whether it does as it was advised."""
+        robots = [tracker.at(now_ns) for tracker in self._trackers]
+        for robot, obedience in self._obedience.items():
+            if robots[robot].reasons:
+                obedience.forget()
+                continue
+            obedience.see(robots[robot].speed_m_s, now_ns)
+            model = self._trackers[robot].model
+            if obedience.stretch > model.stretch:
+                log.warning(
+                    "robot %s needed %.2f times what its stopping table says to stop; from now on "
+                    "the table counts so many times and a tenth more; correct it",
+                    model.name,
+                    obedience.stretch,
+                )
+                model.stretch = obedience.stretch * STRETCH_STEP
+                self._separation.revise(robot)
+        return robots
 
     def separation(self, bodies: BodyZones, robots: Sequence[RobotNow]) -> Findings:
         """Second call: how far bodies and robots are apart; see ``Separation``."""
@@ -171,12 +202,54 @@ class RiskEngine:
 
     def levels(self, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings) -> Assessment:
         """Third call: what each robot is advised; see ``Levels``."""
-        advices = self._levels(snapshot, bodies, findings)
-        return Assessment(advices, bodies.zones, findings.named, bodies.reasons)
+        now_ns = snapshot.now_ns
+        remarks = [self._remarks(robot, now_ns) for robot in range(len(self._trackers))]
+        advices = self._levels(snapshot, bodies, findings, remarks)
+        for robot, obedience in self._obedience.items():
+            obedience.advise(advices[robot].speed_limit_m_s or 0.0, now_ns)
+        lies = [r for found in findings.robots for r in found.unknown if r in _LIES]
+        reasons = dict.fromkeys([*bodies.reasons, *lies, *(r for each in remarks for r in each)])
+        return Assessment(advices, bodies.zones, findings.named, tuple(reasons))
+
+    def _remarks(self, robot: int, now_ns: int) -> tuple[Reason, ...]:
+        """What a robot does other than advised."""
+        obedience = self._obedience.get(robot)
+        if obedience is None:
+            return ()
+        said = [
+            (Reason.ROBOT_TOO_FAST, obedience.is_too_fast(now_ns)),
+            (Reason.ROBOT_STOPS_LATE, obedience.stretch > 1.0),
+        ]
+        return tuple(reason for reason, holds in said if holds)
+
+    @property
+    def robot_counters(self) -> dict[str, int]:
+        """What was wrong with the robots' states and motion, over all robots."""
+        counts: Counter[str] = Counter()
+        for tracker in self._trackers:
+            states = {f"robot_states_{n}": c for n, c in tracker.counters.items()}
+            counts.update(states)
+        del counts["robot_states_accepted"]
+        for obedience in self._obedience.values():
+            counts["robot_too_fast"] += obedience.too_fast
+            counts["robot_stops_late"] += obedience.late_stops
+        return dict(counts)
 
     def acknowledge(self, latch_id: int) -> bool:
         """Release the latched stop ``latch_id`` if its cause has cleared. Return whether it was."""
         return self._levels.acknowledge(latch_id)
+
+    def remember(self) -> dict[str, Any]:
+        """What must survive a restart of the node: the latches."""
+        return self._levels.remember()
+
+    def recall(self, data: Mapping[str, Any]) -> None:
+        """Take what ``remember`` gave in an earlier run; see ``Levels.recall``."""
+        self._levels.recall(data)
+
+    def distrust(self, why: str) -> None:
+        """What an earlier run left cannot be trusted; see ``Levels.distrust``."""
+        self._levels.distrust(why)
 
     def self_check(self) -> dict[str, Any] | None:
         """How often past forecasts held, for the run's summary; ``None`` without a calibration."""
@@ -205,6 +278,12 @@ class RiskEngine:
     def _shape(self, snapshot: PeopleSnapshot) -> tuple[int, int, int, int]:
         """The shape of a forecast's positions."""
         return len(snapshot.ids), self._horizon_steps, snapshot.last_positions.shape[1], 3
+
+
+def _obedience(robot: RobotConstants) -> Obedience:
+    motion = robot.robot.motion
+    seen_s = motion.delay_s + motion.stale_s if isinstance(motion, StateMotion) else 0.0
+    return Obedience(robot.until_braking_s + seen_s, robot.curve.at, robot.max_speed_m_s)
 
 
 def _check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> None:

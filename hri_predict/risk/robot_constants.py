@@ -1,13 +1,15 @@
-"""What the risk stage needs to know about one robot. None of it changes between ticks."""
+"""What the risk stage needs to know about one robot. None of it changes between ticks, unless the
+robot is measured to stop later than its stopping table says.
+"""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 from hri_predict.errors import ConfigError
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.separation.terms import ProtectiveDistance, protective_distance
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.robots.model import RobotModel, RobotSettings
+from hri_predict.robots.model import RobotModel, RobotSettings, StateMotion
 from hri_predict.robots.plan import Plan
 from hri_predict.robots.stopping import StoppingCurve
 from hri_predict.robots.tracker import RobotTracker
@@ -74,10 +76,23 @@ class RobotConstants:
             fixed_radius_m=radius_m,
         )
 
+    def revised(self) -> Self:
+        """The same with the stopping curve that the model has now."""
+        curve = StoppingCurve.of(self.model.stopping, self.robot.max_speed_m_s)
+        radius_m = self.fixed_radius_m
+        if self.risk.fixed_radius_m is None:
+            radius_m = max(radius_m, self.model.reach_m + self.needed_m())
+        return replace(self, curve=curve, fixed_radius_m=radius_m)
+
     @property
     def name(self) -> str:
         """The robot's name in the configuration."""
         return self.robot.name
+
+    @property
+    def is_reported(self) -> bool:
+        """Whether its controller reports how it moves."""
+        return isinstance(self.robot.motion, StateMotion)
 
     @property
     def max_speed_m_s(self) -> float:

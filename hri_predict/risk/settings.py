@@ -1,10 +1,13 @@
 """Settings of the risk stage (``risk:`` in the configuration)."""
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from hri_predict.settings import Settings
+
+LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
+"""What a latch may be set for, see ``RiskSettings.latch``."""
 
 LEVELS = (0.9, 0.95, 0.99)
 """Coverage levels of calibrated zones."""
@@ -154,11 +157,23 @@ class RiskSettings(Settings):
     speed_rise_m_s2: float = Field(
         0.5, gt=0, le=100, description="how fast the speed limit may rise; it falls at once"
     )
-    latch_stop: bool = Field(
-        False, description="a stop remains until it is acknowledged after its cause has cleared"
+    latch: list[LatchCause] = Field(
+        [],
+        description="after each of these, the first motion needs an Acknowledge: stop (any advised"
+        " stop), start (the node was started), blind (the source was blind, or its input stale or"
+        " frozen), lost (a person was lost), restart (as start, if a state file shows an earlier"
+        " run)",
     )
     limits: HumanLimits = HumanLimits()
     coverage: CoverageSettings = CoverageSettings()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _latch_stop_is_gone(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "latch_stop" in data:
+            instead = "latch: [stop]" if data["latch_stop"] else "latch: []"
+            raise ValueError(f"latch_stop is now a list of causes; write '{instead}' instead")
+        return data
 
     @model_validator(mode="after")
     def _slower_than_fastest(self) -> Self:

@@ -86,12 +86,15 @@ class RobotModel:
         velocity_max: (N,) rad/s.
         base: (3,) the base's origin in the room.
         reach_m: no point of any capsule is ever farther than this from ``base``.
+        stretch: times and distances of the stopping table are multiplied by it: more than 1 for a
+            robot that was measured to stop late.
     """
 
     def __init__(
         self, file: RobotFile, room_from_robot: Floats, payload_kg: float | None, name: str
     ) -> None:
         self.name = name
+        self.stretch = 1.0
         self.dof = len(file.joints)
         self.joint_names = tuple(j.name for j in file.joints)
         self.position_min = np.array([j.position[0] for j in file.joints])
@@ -173,14 +176,14 @@ class RobotModel:
     def stopping_times(self, speeds: Floats) -> Floats:
         """The times of ``stopping``, for any number of speeds at once."""
         beyond = np.maximum(speeds / self._speeds[-1], 1.0)
-        times: Floats = np.interp(speeds, self._speeds, self._times) * beyond
+        times: Floats = np.interp(speeds, self._speeds, self._times) * (beyond * self.stretch)
         return np.where(speeds >= STANDING_M_S, times, 0.0)
 
     def _stopping_m(self, speeds: Floats) -> Floats:
         """The distances of ``stopping``, for any number of speeds at once."""
         knots, distances = self._distance_curve
         beyond = np.maximum(speeds / knots[-1], 1.0) ** 2
-        distance: Floats = np.interp(speeds, knots, distances) * beyond
+        distance: Floats = np.interp(speeds, knots, distances) * (beyond * self.stretch)
         return np.where(speeds >= STANDING_M_S, distance, 0.0)
 
     def stopping_capsules(

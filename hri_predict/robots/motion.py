@@ -31,6 +31,7 @@ class RobotMotion:
         until_braking_s: from now.
         model, curve: the robot's.
         plan, on_plan: its planned path and its place on it; both or neither.
+        confirmed: whether its motion so far proves the direction of ``qd``.
     """
 
     q: Floats
@@ -46,6 +47,7 @@ class RobotMotion:
     curve: StoppingCurve
     plan: Plan | None
     on_plan: OnPlan | None
+    confirmed: bool = True
 
     @classmethod
     def of(
@@ -78,12 +80,13 @@ class RobotMotion:
             curve=curve,
             plan=plan if now.on_plan is not None else None,
             on_plan=now.on_plan if plan is not None else None,
+            confirmed=now.confirmed,
         )
 
     @property
     def is_foreseen(self) -> bool:
-        """Whether the robot's direction is known."""
-        return self.on_plan is not None or self.speed_m_s > MOVING_M_S
+        """Whether the robot's direction is known: from its plan, or from motion that proves it."""
+        return self.on_plan is not None or (self.confirmed and self.speed_m_s > MOVING_M_S)
 
     def stopping_at(self, speeds_m_s: Floats) -> tuple[Capsules, Ints]:
         """(L, K+1, C) the robot as it moves on at each speed and stops.

@@ -1,5 +1,7 @@
 """Where a robot is now, or why that is unknown."""
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from hri_predict.robots.model import (
     TrajectoryMotion,
 )
 from hri_predict.robots.plan import OnPlan, Plan
+from hri_predict.robots.plausibility import StateCheck
 from hri_predict.robots.trajectory import load_trajectory
 
 POSITION_TOLERANCE_RAD = 0.01
@@ -34,13 +37,15 @@ class RobotNow:
     Attributes:
         q: (N,) rad; ``None`` if unknown (no state yet, or an impossible one).
         qd: (N,) rad/s; ``None`` with ``q``.
-        speed_m_s: of the fastest point (upper bound at ``q``, ``qd``); 0 if unknown.
+        speed_m_s: of the fastest point (upper bound at ``q``, ``qd``); 0 if unknown. The higher of
+            what is reported and what the change of the positions proves.
         reasons: why it cannot be trusted; empty if it can.
         uncertainty_m: how far any point may be from where ``q`` puts it because the arm changed its
             speed since RobotState came: acceleration x age^2 / 2. Add it to Z_r.
         age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
         capsules: (C,) of the model at ``q``, if they were computed with the speed.
         on_plan: its place on the tracker's ``plan``; ``None`` if it is not found there.
+        confirmed: whether the motion so far proves the direction of ``qd``.
     """
 
     q: Floats | None
@@ -51,6 +56,7 @@ class RobotNow:
     age_s: float | None = 0.0
     capsules: Capsules | None = None
     on_plan: OnPlan | None = None
+    confirmed: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +67,7 @@ class _Received:
     qd: Floats
     mode: RobotMode
     received_ns: int
+    link: str
 
 
 class RobotTracker:
@@ -71,11 +78,13 @@ class RobotTracker:
         model: its model.
         base_dir: base of relative paths of trajectory files.
         start_ns: when a trajectory starts; ``None`` means at the first ``at``.
+        check: compares the states of one link with each other; takes the joints' fastest (N,).
 
     Attributes:
         settings, model: as given.
         plan: the path that it follows; ``None`` if unknown.
-        counters: states ``accepted``, ``repeated`` (same counter, so not fresh) and ``invalid``.
+        counters: states ``accepted``, ``repeated`` (same counter, so not fresh), ``invalid``, and
+            found to be ``velocity_wrong`` or ``jumped`` (see ``StateCheck``).
 
     Raises:
         RobotError: the trajectory or the standing position does not fit the robot.
@@ -87,10 +96,14 @@ class RobotTracker:
         model: RobotModel,
         base_dir: Path | None = None,
         start_ns: int | None = None,
+        *,
+        check: Callable[[Floats], StateCheck] = StateCheck,
     ) -> None:
         self.settings = settings
         self.model = model
-        self.counters = {"accepted": 0, "repeated": 0, "invalid": 0}
+        self._counts = {"accepted": 0, "repeated": 0, "invalid": 0}
+        self._new_check = check
+        self._checks: dict[str, StateCheck] = {}
         self._start_ns = start_ns
         self._state: _Received | None = None
         self._invalid = False
@@ -99,10 +112,10 @@ class RobotTracker:
             zip(
                 (model.position_min - POSITION_TOLERANCE_RAD).tolist(),
                 (model.position_max + POSITION_TOLERANCE_RAD).tolist(),
-                (model.velocity_max * (1 + VELOCITY_TOLERANCE)).tolist(),
                 strict=True,
             )
         )
+        self._fastest = (model.velocity_max * (1 + VELOCITY_TOLERANCE)).tolist()
         self.plan: Plan | None = None
         self._on_plan: OnPlan | None = None
         self._located_ns = 0
@@ -119,7 +132,7 @@ class RobotTracker:
 
         A counter that repeats on its link refreshes nothing: a frozen sender ages out. An
         impossible state (joint count, NaN, limits) makes the position unknown until a good one
-        comes.
+        comes. So do states that contradict each other, for some seconds; see ``StateCheck``.
 
         Args:
             state: as received.
@@ -127,18 +140,40 @@ class RobotTracker:
             link: the link it came on; each link has its own counter.
         """
         if self._last_counter.get(link) == state.counter:
-            self.counters["repeated"] += 1
+            self._counts["repeated"] += 1
             return
         self._last_counter[link] = state.counter
-        if not self._possible(state):
-            self.counters["invalid"] += 1
+        if not self._is_sound(state):
+            self._counts["invalid"] += 1
             self._invalid = True
             return
-        self.counters["accepted"] += 1
-        self._invalid = False
-        self._state = _Received(
-            np.array(state.positions), np.array(state.velocities), state.mode, received_ns
+        if link not in self._checks:
+            self._checks[link] = self._new_check(self.model.velocity_max)
+        check = self._checks[link]
+        check.take(state.counter, state.positions, state.velocities, received_ns)
+        self._invalid = not all(
+            -most <= qd <= most for qd, most in zip(state.velocities, self._fastest, strict=True)
         )
+        if self._invalid:
+            self._counts["invalid"] += 1
+            return
+        self._counts["accepted"] += 1
+        self._state = _Received(
+            np.array(state.positions),
+            np.array(state.velocities),
+            state.mode,
+            received_ns,
+            link,
+        )
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What came of the RobotStates; see the class."""
+        counts = {**self._counts, "velocity_wrong": 0, "jumped": 0}
+        for check in self._checks.values():
+            for name, count in check.counters.items():
+                counts[name] += count
+        return counts
 
     def at(self, now_ns: int) -> RobotNow:
         """Where the robot is at ``now_ns``, node's clock.
@@ -163,17 +198,13 @@ class RobotTracker:
         )
 
     def _by_state(self, motion: StateMotion, now_ns: int) -> RobotNow:
-        if self._invalid:
-            return RobotNow(
-                q=None, qd=None, speed_m_s=0.0, reasons=(Reason.ROBOT_STATE_INVALID,), age_s=None
-            )
         state = self._state
-        if state is None:
-            return RobotNow(
-                q=None, qd=None, speed_m_s=0.0, reasons=(Reason.ROBOT_STATE_STALE,), age_s=None
-            )
+        wrong = self._wrong(now_ns)
+        if state is None or wrong:
+            why = wrong or (Reason.ROBOT_STATE_STALE,)
+            return RobotNow(q=None, qd=None, speed_m_s=0.0, reasons=why, age_s=None)
         age_s = max((now_ns - state.received_ns) * 1e-9, 0.0)
-        reasons = []
+        reasons: list[Reason] = []
         if age_s > motion.stale_s:
             reasons.append(Reason.ROBOT_STATE_STALE)
         if state.mode != RobotMode.AUTOMATIC:
@@ -183,6 +214,9 @@ class RobotTracker:
         highest = np.maximum(self.model.position_max, state.q)
         q = np.minimum(np.maximum(state.q + state.qd * ahead_s, lowest), highest)
         capsules, speed = self.model.moving(q, state.qd)
+        check = self._checks[state.link]
+        if check.unreported is not None:
+            speed = np.maximum(speed, self.model.tip_speed(q, state.qd + check.unreported))
         return RobotNow(
             q=q,
             qd=state.qd,
@@ -192,7 +226,15 @@ class RobotTracker:
             age_s=age_s,
             capsules=capsules,
             on_plan=self._along_plan(state, ahead_s),
+            confirmed=check.confirmed,
         )
+
+    def _wrong(self, now_ns: int) -> tuple[Reason, ...]:
+        """Why the newest states cannot be believed."""
+        if self._invalid:
+            return (Reason.ROBOT_STATE_INVALID,)
+        found = (check.reason(now_ns) for check in self._checks.values())
+        return tuple(dict.fromkeys(reason for reason in found if reason is not None))
 
     def _along_plan(self, state: _Received, ahead_s: float) -> OnPlan | None:
         """The place of a state on the plan, moved on for ``ahead_s`` at its rate."""
@@ -221,15 +263,16 @@ class RobotTracker:
             )
         return Plan(trajectory, self.model)
 
-    def _possible(self, state: RobotState) -> bool:
+    def _is_sound(self, state: RobotState) -> bool:
+        """Whether all joints are there, numbers, and within the position limits."""
         model = self.model
         if len(state.positions) != model.dof or len(state.velocities) != model.dof:
             return False
         try:  # plain numbers: for so few an array costs more than the comparison
             # Written so that NaN, which compares false with everything, is refused.
             return all(
-                low <= q <= high and -most <= qd <= most
-                for q, qd, (low, high, most) in zip(
+                low <= q <= high and abs(qd) < math.inf
+                for q, qd, (low, high) in zip(
                     state.positions, state.velocities, self._bounds, strict=True
                 )
             )

@@ -97,9 +97,17 @@ def build_people(config: Config, source: Source, predictor: Predictor) -> People
 
 
 def build_risk(
-    config: Config, source: Source, predictor: Predictor, trackers: Sequence[RobotTracker]
+    config: Config,
+    source: Source,
+    predictor: Predictor,
+    trackers: Sequence[RobotTracker],
+    *,
+    obeyed: bool = False,
 ) -> RiskEngine:
-    """Build the risk stage for these robots and the forecasts of ``predictor``."""
+    """Build the risk stage for these robots and the forecasts of ``predictor``.
+
+    ``obeyed``: the robots are moved by its advice.
+    """
     return RiskEngine(
         settings=config.node.risk,
         robots=trackers,
@@ -112,6 +120,7 @@ def build_risk(
         horizon_steps=predictor.horizon_steps,
         calibration=build_calibration(config),
         doors=_doors(config),
+        obeyed=obeyed,
     )
 
 
@@ -227,7 +236,6 @@ def build(
         for settings, model in zip(node.robots, robots, strict=True)
     )
     people = build_people(config, source, predictor)
-    risk = build_risk(config, source, predictor, trackers)
     configured: tuple[Link, ...] = tuple(
         build_link(
             settings=settings,
@@ -238,6 +246,8 @@ def build(
         )
         for settings in (config.opened_links if links is None else ())
     )
+    obeyed = bool(configured) and not shadow
+    risk = build_risk(config, source, predictor, trackers, obeyed=obeyed)
     links = tuple(links or ()) or configured or played_links(source, clock)
     prediction = PredictionRunner(predictor, LATE_FRACTION / node.rate_hz if deadline else None)
     everybody = frozenset(range(len(robots)))

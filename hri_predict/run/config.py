@@ -16,6 +16,7 @@ from hri_predict.errors import ConfigError, nearest
 from hri_predict.files import data_path, read_text, read_yaml
 from hri_predict.link import ChecksTogether, LinkSettings
 from hri_predict.monitoring.alerts import AlertSettings
+from hri_predict.node.memory import StateSettings
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.predictors.base import PredictorSettings
 from hri_predict.risk.areas import NamedZoneSettings
@@ -43,6 +44,9 @@ class NodeSettings(Settings):
     links: list[dict[str, Any]] = Field([], max_length=MAX_LINKS)
     alerts: AlertSettings = AlertSettings()
     record: str | None = Field(None, min_length=1, description="file to record into (MCAP)")
+    state: StateSettings | None = Field(
+        None, description="file in which latches and lost people survive the node"
+    )
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; without it, nothing is announced"
     )

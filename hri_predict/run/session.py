@@ -17,6 +17,7 @@ from hri_predict.monitoring.pace import Pace
 from hri_predict.monitoring.source_report import source_report
 from hri_predict.monitoring.summary import LevelCounter, Summary, summarise
 from hri_predict.node.listeners import Listener, Tick
+from hri_predict.node.memory import Memory, StateSettings
 from hri_predict.peers import Cell, ControllerReport
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.run import assemble
@@ -44,6 +45,8 @@ class Options:
         until_exhausted: stop when the source is exhausted.
         record: file to record into.
         shadow: send *unknown* on the links whatever the advice is.
+        keep_state: use the state file of the configuration (``state``), in real time only.
+        state: use this state file instead, at any speed.
         view: shows each tick; the loop's thread calls it, so it must be quick.
     """
 
@@ -52,6 +55,8 @@ class Options:
     until_exhausted: bool = False
     record: Path | None = None
     shadow: bool = False
+    keep_state: bool = False
+    state: Path | None = None
     view: View | None = None
 
 
@@ -127,6 +132,7 @@ class _Session:
         self.recorder: Recorder | None = None
         self.announcer: Announcer | None = None
         self.referee: _Referee | None = None
+        self.memory: Memory | None = None
 
     def build(self, **ends: Any) -> assemble.Assembly:
         """Build everything; create the recording last, when nothing else can fail."""
@@ -149,12 +155,35 @@ class _Session:
             self.options.view.bind(assembly)
         if self.cell is not None and live_part(source) is None:  # live people have no copy
             self.referee = _Referee(self.config, assembly, self.cell)
+        self._remember(assembly, listeners)
         if path is not None:
             self.recorder = Recorder(path, self._recording_info(source), threaded=not virtual)
             listeners.append(self.recorder)
             for link in assembly.links:
                 link.on_sent = self.recorder.sent
         return assembly
+
+    def _remember(self, assembly: assemble.Assembly, listeners: list[Listener]) -> None:
+        """Use the state file, if this run has one.
+
+        Raises:
+            ConfigError: another node uses it, or its folder cannot be used.
+        """
+        options, settings = self.options, self.config.node.state
+        if options.state is not None:
+            settings = StateSettings(path=str(options.state.absolute()))
+        elif options.factor is None or not options.keep_state:
+            settings = None
+        if settings is None:
+            return
+        self.memory = Memory(
+            settings,
+            self.config.base_dir,
+            assembly.node.remembering,
+            threaded=options.factor is not None,
+        )
+        self.memory.open()
+        listeners.append(self.memory)
 
     def _record_path(self) -> Path | None:
         """Return the file to record into, or ``None``.
@@ -226,6 +255,8 @@ class _Session:
         self.close()
         counters["alerts_dropped"] = self.alerts.dropped
         counters["alert_failures"] = self.alerts.failures
+        if self.memory is not None:
+            counters["state_write_failures"] = self.memory.failures
         if self.recorder is not None:
             counters["recorder_dropped"] = self.recorder.dropped
         result = summarise(
@@ -250,6 +281,8 @@ class _Session:
         if self.cell is not None and self.reports is None:
             self.reports = self.cell.stop()
         self.alerts.stop()
+        if self.memory is not None:
+            self.memory.close()
         if self.recorder is not None:
             self.recorder.close()
 

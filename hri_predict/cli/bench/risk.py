@@ -27,6 +27,7 @@ TITLE = f"risk: {PEOPLE} people x {SEGMENTS} segments x {STEPS} horizons x 2 rob
 NOW_NS = 10**10
 TICK_NS = 40_000_000
 AGE_NS = 10_000_000
+_STATES = 40
 _PHASES_S = (1.6, 4.8)  # phases of the two arms on their trajectories
 _PEOPLE_AT = ((1.75, 4.75), (2.5, -4.75), (-2.0, -4.5), (4.75, 4.5))
 _WALK_TICKS = 50  # people come into view and walk up; then the next people come
@@ -94,15 +95,18 @@ def _arm(name: str, at: tuple[float, float], which: int) -> RobotTracker:
     )
     model = load_robot(settings, None)
     tracker = RobotTracker(settings, model)
-    q, qd = load_trajectory("pick_and_place", model, None).at_phase(_PHASES_S[which], 0.5)
-    state = RobotState(
-        robot=which,
-        mode=RobotMode.AUTOMATIC,
-        counter=1,
-        positions=tuple(q.tolist()),
-        velocities=tuple(qd.tolist()),
-    )
-    tracker.update(state, NOW_NS)
+    trajectory = load_trajectory("pick_and_place", model, None)
+    for counter in range(_STATES):  # enough to prove its direction
+        before_s = (_STATES - 1 - counter) * 0.02
+        q, qd = trajectory.at_phase(_PHASES_S[which] - 0.5 * before_s, 0.5)
+        state = RobotState(
+            robot=which,
+            mode=RobotMode.AUTOMATIC,
+            counter=counter,
+            positions=tuple(q.tolist()),
+            velocities=tuple(qd.tolist()),
+        )
+        tracker.update(state, NOW_NS - round(before_s * 1e9))
     return tracker
 
 

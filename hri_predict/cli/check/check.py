@@ -74,6 +74,8 @@ def check(
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
+    console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
+    console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
     for note in found["notes"]:
         console.print(f"note: {note}")
     console.print(f"{found['path']}: ok")
@@ -123,8 +125,16 @@ def examine(config: Config) -> dict[str, Any]:
         "risk": risk,
         "links": [asdict(load) for load in loads],
         "zones": _zones(config),
+        "latch": list(config.node.risk.latch),
+        "state": _state(config),
         "notes": [*_notes(config), *_radius_note(risk)],
     }
+
+
+def _state(config: Config) -> str | None:
+    """Return the path of the state file; ``None`` without one."""
+    settings = config.node.state
+    return None if settings is None else str(config.base_dir / settings.path)
 
 
 def _zones(config: Config) -> str:
@@ -175,6 +185,10 @@ def _notes(config: Config) -> list[str]:
         notes.append(f"people.posture_unchecked: no check against gravity and the floor: {reason}")
     if config.node.risk.intrusion_m == 0:
         notes.append("risk.intrusion_m (C) is 0: valid only if the sensor sees even fingers")
+    if config.node.risk.latch and config.node.state is None:
+        notes.append("risk.latch without 'state': a restart of the node forgets what is latched")
+    if "restart" in config.node.risk.latch and config.node.state is None:
+        notes.append("risk.latch restart needs 'state': without it no earlier run is known")
     if unused := assemble.unused_coverage(config):
         notes.append(unused)
     if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):

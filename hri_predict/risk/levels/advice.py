@@ -4,7 +4,8 @@ The only memory is one ``LevelMachine`` per robot.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,16 +15,14 @@ from hri_predict.protocol.messages import Advice
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZone
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
-from hri_predict.risk.levels.machine import LevelMachine
+from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, remembered
+from hri_predict.risk.levels.machine import Advised, LevelMachine
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Findings, RobotFindings
 from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
-
-MAX_LATCH_ID = 65_000
-"""Latch ids wrap here: they are 16 bits on the wire."""
 
 
 class Levels:
@@ -50,11 +49,19 @@ class Levels:
         self._named = named
         self._horizon_s = horizon_s
         self._segment_index = segment_index
-        self._next_latch = 0
-        self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, self._latch) for r in robots)
+        self._settings = settings
+        self._ids = LatchIds()
+        self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, self._ids) for r in robots)
+        self._note = ""  # on what an earlier run left
+        for machine in self._machines:
+            machine.latch("start")
 
     def __call__(
-        self, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings
+        self,
+        snapshot: PeopleSnapshot,
+        bodies: BodyZones,
+        findings: Findings,
+        remarks: Sequence[Sequence[Reason]] | None = None,
     ) -> tuple[Advice, ...]:
         """Advise every robot.
 
@@ -62,14 +69,38 @@ class Levels:
             snapshot: of this tick; its time and its number of captures count.
             bodies: what the findings rest on.
             findings: see ``Separation``.
+            remarks: of each robot, what it does other than advised. A robot that was too fast is
+                not slowed any more: it runs or it stands.
         """
         return tuple(
-            self._advise(robot, snapshot, bodies, findings) for robot in range(len(self._robots))
+            self._advise(robot, snapshot, bodies, findings, remarks[robot] if remarks else ())
+            for robot in range(len(self._robots))
         )
 
     def acknowledge(self, latch_id: int) -> bool:
         """Release the latched stop ``latch_id`` if its cause has cleared. Return whether it was."""
         return any(machine.acknowledge(latch_id) for machine in self._machines)
+
+    def remember(self) -> dict[str, Any]:
+        """The latches, for a restart of the node."""
+        return remembered(self._by_name(), self._ids)
+
+    def recall(self, data: Mapping[str, Any]) -> None:
+        """Take the latches that an earlier run left; see ``latches.recall``."""
+        recall(self._by_name(), self._ids, data)
+
+    def distrust(self, why: str) -> None:
+        """What an earlier run left cannot be read or is too old: latch for every configured cause.
+
+        ``why`` goes into the detail of the advice until the latch is acknowledged.
+        """
+        self._note = why
+        for machine in self._machines:
+            for cause in self._settings.latch:
+                machine.latch(cause)
+
+    def _by_name(self) -> dict[str, LevelMachine]:
+        return {r.name: m for r, m in zip(self._robots, self._machines, strict=True)}
 
     def reset(self) -> None:
         """Forget everything that supports a release: a tick has failed."""
@@ -77,15 +108,24 @@ class Levels:
             machine.reset()
 
     def _advise(
-        self, robot: int, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings
+        self,
+        robot: int,
+        snapshot: PeopleSnapshot,
+        bodies: BodyZones,
+        findings: Findings,
+        remarks: Sequence[Reason],
     ) -> Advice:
         demand, people = self._demand(robot, bodies, findings)
-        advised = self._machines[robot].update(demand, snapshot.captures, snapshot.now_ns)
+        if Reason.ROBOT_TOO_FAST in remarks:
+            demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
+        causes = causes_now(snapshot, bodies.untrusted)
+        machine = self._machines[robot]
+        advised = machine.update(demand, snapshot.captures, snapshot.now_ns, causes)
         reason = advised.reason
         if reason is Reason.NONE and bodies.speeds.fast.any():
             reason = Reason.PERSON_FAST
-        elif reason is Reason.NONE and bodies.reasons:
-            reason = bodies.reasons[0]
+        elif reason is Reason.NONE and (bodies.reasons or remarks):
+            reason = (*bodies.reasons, *remarks)[0]
         who = people if people is not None and _decided_by_people(demand) else None
         return Advice(
             robot=robot,
@@ -106,7 +146,8 @@ class Levels:
                 demand=demand,
                 reason=reason,
                 who=who,
-            ),
+            )
+            + self._latched(advised),
         )
 
     def _demand(
@@ -128,9 +169,12 @@ class Levels:
             return None
         return people.breach_s
 
-    def _latch(self) -> int:
-        self._next_latch = self._next_latch % MAX_LATCH_ID + 1
-        return self._next_latch
+    def _latched(self, advised: Advised) -> str:
+        """The causes of a latch, in words; empty without one."""
+        if not advised.latch_id:
+            return ""
+        note = f" ({self._note})" if self._note else ""
+        return f"; latch {advised.latch_id}: {', '.join(advised.causes)}{note}"
 
 
 def asked_of(

@@ -76,6 +76,18 @@ class Demand:
             reason=mild.reason,
         )
 
+    def full_or_stop(self, reason: Reason) -> "Demand":
+        """The same for a robot that keeps no speed limit: whatever would slow it stops it."""
+        slows = self.level is Level.SLOW
+        release_slows = severity(self.release) >= severity(Level.SLOW)
+        return Demand(
+            level=Level.STOP if slows else self.level,
+            release=max(self.release, Level.STOP, key=severity) if release_slows else self.release,
+            limit_m_s=0.0 if slows else self.limit_m_s,
+            release_limit_m_s=0.0 if release_slows else self.release_limit_m_s,
+            reason=reason if slows else self.reason,
+        )
+
     def __or__(self, other: "Demand") -> "Demand":
         """Both demands: the severer level with its reason, the lower limits."""
         rank, other_rank = severity(self.level), severity(other.level)

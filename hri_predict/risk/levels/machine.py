@@ -2,16 +2,18 @@
 
 Levels become severer at once: one capture is enough, and the speed limit falls without delay. They
 become milder slowly: a milder level needs its condition, plus a band, for a number of *distinct*
-captures, and the speed limit rises at a limited rate. A latched stop also needs an acknowledgement;
-the acknowledgement alone starts nothing.
+captures, and the speed limit rises at a limited rate. A latch also needs an acknowledgement; the
+acknowledgement alone starts nothing. What sets a latch is configured (``risk.latch``), and all that
+has set it since the last acknowledgement is known by name.
 
 A stop also removes its own cause: a person who is too near for a moving robot is not too near for a
 standing one. So a stop is released only if the new speed can last: if the permitted speed falls
 while captures are counted, it must suffice for as many captures more.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
@@ -24,12 +26,13 @@ _MAX_STEP_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Advised:
-    """What is advised: level, reason, speed limit, id of the latched stop (0: none)."""
+    """What is advised: level, reason, speed limit, id of the latch (0: none) and its causes."""
 
     level: Level
     reason: Reason
     limit_m_s: float
     latch_id: int
+    causes: tuple[str, ...] = ()
 
 
 class LevelMachine:
@@ -52,6 +55,7 @@ class LevelMachine:
         self._level = Level.UNKNOWN
         self._limit = 0.0
         self._latch_id = 0
+        self._causes: tuple[str, ...] = ()
         self._cause_cleared = False
         self._agreed = 0
         self._counted_from = 0.0  # the permitted speed when counting began
@@ -70,21 +74,48 @@ class LevelMachine:
         self._agreed = 0
         self._cause_cleared = False
 
-    def update(self, demand: Demand, captures: int, now_ns: int) -> Advised:
+    def latch(self, cause: str) -> None:
+        """Latch for ``cause`` if that is configured; a latch that is set gains the cause."""
+        if cause not in self._settings.latch or cause in self._causes:
+            return
+        self._causes += (cause,)
+        if not self._latch_id:
+            self._latch_id = self._next_latch_id()
+
+    def remember(self) -> dict[str, Any]:
+        """What must survive the node: the latch."""
+        return {"latch_id": self._latch_id, "causes": list(self._causes)}
+
+    def recall(self, data: Mapping[str, Any]) -> None:
+        """Take the latch that an earlier run left; ``data`` as from ``remember``."""
+        if not data["latch_id"]:
+            return
+        self._latch_id = int(data["latch_id"])
+        causes = [str(cause) for cause in data["causes"]]
+        self._causes = tuple(dict.fromkeys([*causes, *self._causes]))
+
+    def update(
+        self, demand: Demand, captures: int, now_ns: int, causes: Sequence[str] = ()
+    ) -> Advised:
         """Advance by one tick.
 
         Args:
             demand: of this tick.
             captures: number of distinct captures so far.
             now_ns: the tick's time.
+            causes: what holds now and may latch, besides a stop.
         """
         seconds = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
-        self._cause_cleared = severity(demand.release) < severity(Level.STOP)
+        for cause in causes:
+            self.latch(cause)
+        lasting = any(cause in self._causes for cause in causes)
+        self._cause_cleared = severity(demand.release) < severity(Level.STOP) and not lasting
         pending = self._advance(demand, captures)
         self._last_capture = captures
         self._move_limit(demand, min(max(seconds, 0.0), _MAX_STEP_S))
-        return Advised(self._level, pending or demand.reason, self._limit, self._latch_id)
+        reason = pending or demand.reason
+        return Advised(self._level, reason, self._limit, self._latch_id, self._causes)
 
     def acknowledge(self, latch_id: int) -> bool:
         """Release the latch if ``latch_id`` is the present one and its cause has cleared.
@@ -94,21 +125,22 @@ class LevelMachine:
         if latch_id == 0 or latch_id != self._latch_id or not self._cause_cleared:
             return False
         self._latch_id = 0
+        self._causes = ()
         self._agreed = 0
         return True
 
     def _advance(self, demand: Demand, captures: int) -> Reason | None:
         """Change the level. Return why it is severer than the demand, or ``None`` if it is not."""
+        if demand.level is Level.STOP:
+            self.latch("stop")
+        if self._latch_id and severity(demand.level) < severity(Level.STOP):
+            self._agreed = 0
+            self._level = Level.STOP
+            return Reason.LATCHED
         if severity(demand.level) >= severity(self._level):
             self._agreed = 0
             self._level = demand.level
-            if demand.level is Level.STOP and self._settings.latch_stop and not self._latch_id:
-                self._latch_id = self._next_latch_id()
             return None
-        if self._latch_id:
-            self._agreed = 0
-            self._level = Level.STOP
-            return Reason.LATCHED if self._cause_cleared else Reason.RELEASE_PENDING
         release = demand.release
         rising = self._limit < self._max_speed  # a robot that is not yet at full speed is slowed
         if rising:

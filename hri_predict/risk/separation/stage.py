@@ -79,12 +79,18 @@ class Separation:
         horizon_s: float,
     ) -> None:
         self._settings = settings
-        self._robots = robots
+        self._robots = list(robots)
         self._named = named
         self._view = view
         self._times_s = times_s
         self._horizon_s = horizon_s
         self._farthest_m = [farthest(r.curve, times_s, r.until_braking_s) for r in robots]
+
+    def revise(self, robot: int) -> None:
+        """Take the stopping curve of a robot from its model again: it was measured to stop late."""
+        revised = self._robots[robot].revised()
+        self._robots[robot] = revised
+        self._farthest_m[robot] = farthest(revised.curve, self._times_s, revised.until_braking_s)
 
     def __call__(self, bodies: BodyZones, robots: Sequence[RobotNow]) -> Findings:
         """Compare all bodies with all robots.

@@ -39,6 +39,7 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.reception import FORGET_S, SchemaGate
 from hri_predict.settings import Settings
+from hri_sim.controllers.lies import LieSettings
 
 U = TypeVar("U")
 
@@ -96,6 +97,9 @@ class ControllerSettings(Settings):
         [], description="faults at its end of the wire; out: from the controller"
     )
     fault_seed: int = Field(0, ge=0, description="random seed of these faults")
+    lies: list[LieSettings] = Field(
+        [], description="what it does wrong on purpose, to see whether the node finds out"
+    )
     acknowledge_after_s: float | None = Field(
         None,
         gt=0,

@@ -29,6 +29,7 @@ from hri_sim.controllers.controller import (
     ControllerSettings,
     Permit,
 )
+from hri_sim.controllers.lies import Lies
 from hri_sim.controllers.wiring import Wiring
 from hri_sim.faults.link_faults import FaultyTransport
 from hri_sim.faults.link_faults import U as W
@@ -165,6 +166,7 @@ class Station(Generic[U]):
             full_speed_m_s=post.full_speed_m_s,
         )
         self._wiring = wiring
+        self._lies = Lies(post.settings.lies)
         self._arm: SimulatedArm | None = None
         if post.settings.role == "drive":
             drive = post.drive or _drive(post.settings, post.robot, post.base_dir)
@@ -172,8 +174,10 @@ class Station(Generic[U]):
             self._arm = SimulatedArm(
                 model=drive.model,
                 trajectory=drive.trajectory,
-                deceleration_m_s2=post.settings.deceleration
-                or deceleration_of(drive.model, post.full_speed_m_s),
+                deceleration_m_s2=(
+                    post.settings.deceleration or deceleration_of(drive.model, post.full_speed_m_s)
+                )
+                / self._lies.brakes_slower,
                 acceleration_m_s2=post.settings.acceleration,
                 path_s=before.path_s if before is not None else post.settings.start_s,
                 speeds=drive.speeds,
@@ -190,15 +194,18 @@ class Station(Generic[U]):
             if truth is None:
                 return self._core.outgoing(now_ns, None, None, RobotMode.UNKNOWN)
             mode = RobotMode.AUTOMATIC if truth.alive(now_ns) else RobotMode.UNKNOWN
-            return self._core.outgoing(now_ns, *truth.at(now_ns), mode)
+            told = self._lies.told(*truth.at(now_ns), now_ns)
+            return self._core.outgoing(now_ns, *told, mode)
         allowed = self._wiring.permitted_speed(now_ns)
         if allowed < permit.speed_m_s:
             permit = Permit(allowed, "other channel")
         self._core.obey(permit, now_ns)
-        self._arm.step(now_ns, min(permit.speed_m_s, self.post.robot.max_speed_m_s))
+        fastest = self.post.robot.max_speed_m_s
+        speed = self._lies.permitted(permit.speed_m_s, fastest, now_ns)
+        self._arm.step(now_ns, min(speed, fastest))
         q, qd = self._arm.joints()
         self._wiring.set_truth(q, qd, self._arm.path_s, now_ns)
-        return self._core.outgoing(now_ns, q, qd, RobotMode.AUTOMATIC)
+        return self._core.outgoing(now_ns, *self._lies.told(q, qd, now_ns), RobotMode.AUTOMATIC)
 
     def write_failed(self) -> None:
         """Count a unit that the link did not send."""

@@ -4,10 +4,11 @@ The whole node, the mock controllers and the referee take part, as in ``hri-pred
 max``. A row of the fault table shows one fault alone; an incident shows what a fault leads to.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from hri_predict.link import LinkSettings
 from hri_predict.node.listeners import Tick
 from hri_predict.peers import FaultOutcome
 from hri_predict.protocol.messages import Level
@@ -32,6 +33,7 @@ class Incident:
         duration_s: its length.
         faults: as on the command line.
         settings: what differs from the demo's configuration; mappings are merged, key by key.
+        lies: what every simulated controller does wrong, as in ``simulate.lies``.
         modes: risk modes to tell it in.
         not_clear: no robot may be advised *clear* in this time.
         not_moving: every robot must be told to stand in this time.
@@ -46,6 +48,7 @@ class Incident:
     duration_s: float
     faults: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    lies: tuple[Mapping[str, Any], ...] = ()
     modes: tuple[str, ...] = ("predictive", "iso")
     not_clear: Span | None = None
     not_moving: Span | None = None
@@ -76,9 +79,18 @@ def configured(base: Config, incident: Incident, mode: str) -> Config:
     risk = validated(
         RiskSettings, node.risk.model_dump() | {"mode": mode}, f"{incident.name}: risk"
     )
-    config = replace(base, node=node.model_copy(update={"risk": risk}))
+    links = tuple(_lying(link, incident.lies) for link in base.links)
+    config = replace(base, node=node.model_copy(update={"risk": risk}), links=links)
     people = [dict(person) for person in incident.people]
     return config.with_source(source | {"people": people}).with_faults(list(incident.faults))
+
+
+def _lying(link: LinkSettings, lies: Sequence[Mapping[str, Any]]) -> LinkSettings:
+    """The link, with a controller at its far end that lies."""
+    if link.simulate is None or not lies:
+        return link
+    simulate = link.simulate | {"lies": [dict(lie) for lie in lies]}
+    return link.model_copy(update={"simulate": simulate})
 
 
 def _told(config: Config, incident: Incident, mode: str) -> FaultOutcome:

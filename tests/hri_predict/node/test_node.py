@@ -296,23 +296,23 @@ def test_announcements_at_start_and_stop_are_unknown_with_their_reason(near):
 
 
 def test_two_links_report_the_same_robot_and_their_counters_do_not_mix(near):
-    """Both controllers count 0..255 by themselves: an equal number on the other link is fresh."""
     drive, monitor = heard(near)
     tracker = near.assembly.trackers[0]
     before = dict(tracker.counters)
+    q = tuple(tracker.at(near.clock.now_ns()).q.tolist())
     for link in (drive, monitor, drive):  # the third repeats the first
         state = RobotState(
             robot=0,
             mode=RobotMode.AUTOMATIC,
             counter=200,
-            positions=(0.1,) * 6,
+            positions=q,
             velocities=(0.0,) * 6,
         )
         link.inbox.append(Received(state, near.clock.now_ns()))
     near.run(0.04)
     assert tracker.counters["accepted"] == before["accepted"] + 2
     assert tracker.counters["repeated"] == before["repeated"] + 1
-    np.testing.assert_allclose(tracker.at(near.clock.now_ns()).q, 0.1)
+    np.testing.assert_allclose(tracker.at(near.clock.now_ns()).q, q)
 
 
 def test_state_of_a_robot_that_is_not_there_is_harmless(near):
@@ -328,13 +328,15 @@ def test_state_of_a_robot_that_is_not_there_is_harmless(near):
 @pytest.mark.parametrize(
     ("mode", "positions", "reason"),
     [
-        (RobotMode.MANUAL, (0.1,) * 6, Reason.ROBOT_NOT_AUTOMATIC),
+        (RobotMode.MANUAL, None, Reason.ROBOT_NOT_AUTOMATIC),
+        (RobotMode.AUTOMATIC, (3.0,) * 6, Reason.ROBOT_STATE_JUMPED),
         (RobotMode.AUTOMATIC, (99.0,) * 6, Reason.ROBOT_STATE_INVALID),
         (RobotMode.AUTOMATIC, (0.1,) * 3, Reason.ROBOT_STATE_INVALID),
     ],
 )
 def test_a_robot_state_that_cannot_be_trusted_is_a_reason(near, mode, positions, reason):
     drive, _ = heard(near)
+    positions = positions or tuple(near.assembly.trackers[0].at(near.clock.now_ns()).q.tolist())
     state = RobotState(
         robot=0, mode=mode, counter=17, positions=positions, velocities=(0.0,) * len(positions)
     )

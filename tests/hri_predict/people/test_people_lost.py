@@ -296,13 +296,13 @@ def test_lost_people_outlive_a_restart(make_room):
     room.see(times=50)
     data = json.loads(json.dumps(room.people.remember()))
     again = make_room(latency=0)
-    again.people.recall(data, again.now)
+    again.people.recall(data)
     (lost,) = again.see().lost
-    assert (lost.id, lost.speed_m_s) == (1, 1.6)
+    assert (lost.id, lost.speed_m_s) == (-2, 1.6)
     assert np.isnan(lost.positions[3]).all()
     assert np.delete(lost.positions, 3, 0) == pytest.approx(np.delete(SHAPE, 3, 0), abs=1e-3)
     assert again.now - lost.last_seen_ns == pytest.approx(2.0e9, abs=2 * PERIOD)
-    assert lost_ids(again.see(body(7, 0.0), times=5)) == [1]
+    assert lost_ids(again.see(body(7, 0.0), times=5)) == [-2]
 
 
 @pytest.mark.parametrize(
@@ -310,7 +310,7 @@ def test_lost_people_outlive_a_restart(make_room):
 )
 def test_what_is_no_memory_is_refused(make_room, data):
     with pytest.raises((ValueError, TypeError, KeyError)):
-        make_room().people.recall(data, 0)
+        make_room().people.recall(data)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Assessment
 from hri_predict.robots.model import RobotSettings, load_robot
+from hri_predict.robots.plausibility import StateCheck
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.settings import Pose, Region
 from hri_predict.skeleton import CANONICAL, JOINTS
@@ -44,6 +45,15 @@ def body(x: float, y: float = 0.0) -> Floats:
     return np.array([(x, y + place[joint][0], place[joint][1]) for joint in JOINTS], dtype=float)
 
 
+class _Believing(StateCheck):
+    """Believes whatever is reported: this cell's robot moves without leaving its place."""
+
+    confirmed = True
+
+    def take(self, *_state: Any) -> None:
+        self.confirmed = True
+
+
 class Cell:
     """An engine with one robot, stepped tick by tick; people stand at the given x."""
 
@@ -55,7 +65,7 @@ class Cell:
         robot: RobotSettings = ROBOT,
         horizon_steps: int = STEPS,
     ) -> None:
-        self.tracker = RobotTracker(robot, MODEL)
+        self.tracker = RobotTracker(robot, MODEL, check=_Believing)
         budget = DelayBudget.from_settings(25.0, [LINK], 0.12)
         self.steps = horizon_steps
         self.engine = RiskEngine(

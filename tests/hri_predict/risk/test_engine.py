@@ -184,7 +184,7 @@ def test_a_lost_person_counts(mode):
 
 
 def test_a_latched_stop():
-    cell = Cell(SETTINGS.model_copy(update={"latch_stop": True}))
+    cell = Cell(SETTINGS.model_copy(update={"latch": ["stop"]}))
     cell.settle(6.0)
     latch = cell.step(0.7).latch_id
     assert latch == 1

@@ -171,7 +171,7 @@ def with_button(loaded, after_s):
 
 
 def test_a_latched_stop_stays_until_it_is_acknowledged_over_the_wire():
-    latching = with_risk(config(), latch_stop=True)
+    latching = with_risk(config(), latch=["stop"])
     summary, watch = play(with_button(latching, 4.0), duration_s=DEMO_S)
     no_harm(summary)
     assert Reason.LATCHED in {reason for _, _, reason, *_ in watch.advice}
@@ -181,7 +181,7 @@ def test_a_latched_stop_stays_until_it_is_acknowledged_over_the_wire():
 
 @pytest.mark.long
 def test_a_latched_stop_that_nobody_acknowledges_stays():
-    summary, watch = play(with_risk(config(), latch_stop=True), duration_s=DEMO_S)
+    summary, watch = play(with_risk(config(), latch=["stop"]), duration_s=DEMO_S)
     no_harm(summary)
     assert watch.advice[-1][1:3] == (Level.STOP, Reason.LATCHED)
     assert summary.stops == 1

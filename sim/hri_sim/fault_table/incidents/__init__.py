@@ -1,12 +1,16 @@
 """All incidents, by what goes wrong in them."""
 
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incidents.latches import LATCHES
 from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
+from hri_sim.fault_table.incidents.robot_lies import ROBOT_LIES
 from hri_sim.fault_table.incidents.second_sender import SECOND_SENDER
 from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
 
 INCIDENTS: tuple[Incident, ...] = (
+    *LATCHES,
     *LOST_PEOPLE,
+    *ROBOT_LIES,
     *SECOND_SENDER,
     *WRONG_AXES,
 )

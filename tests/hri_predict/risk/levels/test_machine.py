@@ -138,7 +138,7 @@ def test_the_limit_falls_at_once_and_rises_slowly():
 
 
 def test_a_latched_stop_needs_an_acknowledgement_after_its_cause_has_cleared():
-    run = Run(SETTINGS.model_copy(update={"latch_stop": True})).to_clear()
+    run = Run(SETTINGS.model_copy(update={"latch": ["stop"]})).to_clear()
     stopped = run(STOP)
     assert stopped.latch_id == 1
     assert not run.machine.acknowledge(1)  # the cause is still there
@@ -161,7 +161,7 @@ def test_a_latched_stop_needs_an_acknowledgement_after_its_cause_has_cleared():
 
 
 def test_a_latch_outlives_unknown():
-    run = Run(SETTINGS.model_copy(update={"latch_stop": True})).to_clear()
+    run = Run(SETTINGS.model_copy(update={"latch": ["stop"]})).to_clear()
     run(STOP)
     blind = run(UNKNOWN)
     assert (blind.level, blind.latch_id) == (Level.UNKNOWN, 1)
@@ -182,9 +182,12 @@ def test_reset_forgets_what_speaks_for_a_release():
 demands = st.sampled_from([CLEAR, WARN, SLOW, STOP, IN_BAND, UNKNOWN])
 
 
-@given(st.lists(st.tuples(demands, st.booleans()), max_size=60), st.booleans())
+@given(
+    st.lists(st.tuples(demands, st.booleans()), max_size=60),
+    st.sampled_from([[], ["stop"], ["stop", "start", "blind"]]),
+)
 def test_advice_is_never_milder_than_asked(sequence, latch):
-    run = Run(SETTINGS.model_copy(update={"latch_stop": latch}))
+    run = Run(SETTINGS.model_copy(update={"latch": latch}))
     last, agreeing = run(CLEAR), 1
     for demand, new_capture in sequence:
         advised = run(demand, new_capture=new_capture)

@@ -1,0 +1,274 @@
+"""What survives the node: latches and lost people, in a small file.
+
+Parts that have something to remember offer ``remember``, ``recall`` and ``distrust``. Their stamps
+are of a monotonic clock, which means nothing to the next process: they say how long ago something
+was (``ago_s``), and the file says when it was written, by the wall clock. What cannot be read or
+dated is distrusted: each part then takes what is safe.
+
+The loop's thread only compares and hands over; a thread of its own writes. A file is replaced as a
+whole, after it has reached the disk, so a crash or a power failure leaves the old or the new one.
+"""
+
+import contextlib
+import fcntl
+import json
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from pydantic import Field, model_validator
+
+from hri_predict.errors import ConfigError
+from hri_predict.node.listeners import Listener, Tick
+from hri_predict.settings import Settings
+
+log = logging.getLogger(__name__)
+
+VERSION = 1
+LONG_AGO_S = 1e8
+"""Used where the time since cannot be known: the wall clock went backwards."""
+MAX_BYTES = 1_000_000
+RETRY_S = 1.0
+"""After a failed write, the next attempt."""
+_WRONG = (KeyError, TypeError, ValueError, AttributeError, RecursionError)
+
+
+class StateSettings(Settings):
+    """``state:`` in the configuration: the file, or its path and more."""
+
+    path: str = Field(min_length=1, description="file that latches and lost people survive in")
+    max_age_s: float = Field(
+        86_400.0,
+        ge=60,
+        description="a file that was last written longer ago is not trusted: everything configured"
+        " in risk.latch is latched",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _path_alone(cls, data: Any) -> Any:
+        return {"path": data} if isinstance(data, str) else data
+
+
+class Remembers(Protocol):
+    """A part of the node with something that must survive it."""
+
+    def remember(self) -> dict[str, Any]:
+        """What to keep, as JSON can hold it. Seconds before now are under a key ``ago_s``; that
+        they grow is no change."""
+
+    def recall(self, data: Mapping[str, Any]) -> None:
+        """Take what ``remember`` gave in an earlier run; every ``ago_s`` counts from now.
+
+        Raises:
+            KeyError, TypeError, ValueError: ``data`` is not as ``remember`` gives it.
+        """
+
+    def distrust(self, why: str) -> None:
+        """An earlier run left something that cannot be trusted, for ``why``: take what is safe."""
+
+
+class Memory(Listener):
+    """The state file of one node.
+
+    Args:
+        settings: see ``StateSettings``.
+        base_dir: base of a relative path.
+        parts: name -> part.
+        wall_s: the wall clock, seconds since the epoch.
+        threaded: write in a thread; without it, each write blocks its caller.
+
+    Attributes:
+        written, failures: writes that did and did not reach the disk.
+        last_error: of the newest failure.
+    """
+
+    def __init__(
+        self,
+        settings: StateSettings,
+        base_dir: Path,
+        parts: Mapping[str, Remembers],
+        *,
+        wall_s: Callable[[], float] = time.time,
+        threaded: bool = True,
+    ) -> None:
+        self.path = base_dir / settings.path
+        self.written = self.failures = 0
+        self.last_error: str | None = None
+        self._max_age_s = settings.max_age_s
+        self._parts = parts
+        self._wall_s = wall_s
+        self._threaded = threaded
+        self._lock: int | None = None
+        self._kept: Any = None  # what was handed over last, without how long ago
+        self._kept_at_s = 0.0
+        self._waiting: bytes | None = None  # the newest wins
+        self._wake = threading.Event()
+        self._stop = False
+        self._thread: threading.Thread | None = None
+
+    def open(self) -> None:
+        """Let the parts recall what an earlier run left; call it before the first tick.
+
+        Raises:
+            ConfigError: another node uses the file, or its folder cannot be used.
+        """
+        self._claim()
+        try:
+            data = self._read()
+            if data is not None:
+                self._recall(data)
+        except _WRONG as error:
+            self._distrust(f"the state file {self.path} cannot be read: {_short(error)}")
+        if self._threaded:
+            self._thread = threading.Thread(target=self._run, name="state", daemon=True)
+            self._thread.start()
+
+    def on_tick(self, tick: Tick) -> None:
+        """Hand over what has changed; never waits for the disk."""
+        parts = {name: part.remember() for name, part in self._parts.items()}
+        kept, now_s = _without_ago(parts), self._wall_s()
+        is_due = not 0 <= now_s - self._kept_at_s < self._max_age_s / 10
+        if kept == self._kept and not is_due:
+            return
+        self._kept, self._kept_at_s = kept, now_s
+        data = {"version": VERSION, "written": now_s, "parts": parts}
+        self._waiting = json.dumps(data, allow_nan=False).encode()
+        if self._threaded:
+            self._wake.set()
+        else:
+            self._write_waiting()
+
+    def close(self) -> None:
+        """Write what is left and let go of the file; safe to call twice."""
+        self._stop = True
+        self._wake.set()
+        if self._thread is not None:
+            self._thread.join(5.0)
+            self._thread = None
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    # -- the disk ---------------------------------------------------------------------------------
+
+    def _claim(self) -> None:
+        """Lock the file beside it; the lock ends with the process, however that ends."""
+        lock = self.path.with_name(self.path.name + ".lock")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            if self.path.exists() and not self.path.is_file():
+                raise OSError(0, "is not a file", str(self.path))
+            self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.close()
+            raise ConfigError(
+                f"state.path: another node uses {self.path}; give each node a file of its own"
+            ) from None
+        except OSError as error:
+            self.close()
+            raise ConfigError(
+                f"state.path: {self.path} cannot be used: {error.strerror}; check the path"
+            ) from error
+
+    def _read(self) -> dict[str, Any] | None:
+        """What the file holds; ``None`` if there is none."""
+        try:
+            with self.path.open("rb") as file:
+                raw = file.read(MAX_BYTES + 1)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise ValueError(error.strerror) from error
+        if len(raw) > MAX_BYTES:
+            raise ValueError(f"longer than {MAX_BYTES} bytes")
+        data: dict[str, Any] = json.loads(raw)
+        if data["version"] != VERSION:
+            raise ValueError(f"version {data['version']}")
+        return data
+
+    def _recall(self, data: dict[str, Any]) -> None:
+        age_s = self._wall_s() - float(data["written"])
+        parts = _aged(data["parts"], age_s if age_s >= 0 else LONG_AGO_S)
+        for name, part in self._parts.items():
+            part.recall(parts[name])
+        if age_s < 0:
+            self._distrust(f"the state file {self.path} is from the future: check the clock")
+        elif age_s > self._max_age_s:
+            self._distrust(f"the state file {self.path} is {age_s / 3600:.1f} h old")
+
+    def _distrust(self, why: str) -> None:
+        log.warning("%s; everything in risk.latch is latched", why)
+        for part in self._parts.values():
+            part.distrust(why)
+
+    def _run(self) -> None:
+        while not self._stop or self._waiting is not None:
+            self._wake.wait(RETRY_S if self._waiting is not None else None)
+            self._wake.clear()
+            if not self._write_waiting() and self._stop:
+                return
+
+    def _write_waiting(self) -> bool:
+        """Write what waits; keep it for another attempt if that fails."""
+        data = self._waiting
+        if data is None:
+            return True
+        try:
+            _write_safely(self.path, data)
+        except OSError as error:
+            self.failures += 1
+            self.last_error = error.strerror or str(error)
+            if self.failures % 1000 == 1:
+                log.warning("the state file %s is not written: %s", self.path, self.last_error)
+            return False
+        self.written += 1
+        if self._waiting is data:
+            self._waiting = None
+        return True
+
+
+def _write_safely(path: Path, data: bytes) -> None:
+    """Replace ``path`` once the new content, and then its name, are on the disk."""
+    partial = path.with_name(path.name + ".partial")
+    try:
+        with partial.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            partial.unlink()
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _aged(data: Any, seconds: float) -> Any:
+    """``data`` with every ``ago_s`` longer by ``seconds``."""
+    if isinstance(data, dict):
+        return {
+            key: max(float(value), 0.0) + seconds if key == "ago_s" else _aged(value, seconds)
+            for key, value in data.items()
+        }
+    return [_aged(value, seconds) for value in data] if isinstance(data, list) else data
+
+
+def _without_ago(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _without_ago(value) for key, value in data.items() if key != "ago_s"}
+    return [_without_ago(value) for value in data] if isinstance(data, list) else data
+
+
+def _short(error: Exception) -> str:
+    text = f"{type(error).__name__}: {error}" if not isinstance(error, ValueError) else str(error)
+    return text.splitlines()[0][:80] if text else type(error).__name__

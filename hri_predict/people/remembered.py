@@ -1,0 +1,98 @@
+"""Lost people across a restart of the node: where they were last seen, and how long ago."""
+
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hri_predict.people.lost import Lost, LostPeople
+from hri_predict.skeleton import JOINTS
+
+_LONG_AGO_S = 1e8
+
+
+class RemembersLost:
+    """The part of ``People`` that carries lost people across a restart."""
+
+    _lock: threading.Lock
+    _lost: LostPeople
+    _now_ns: int
+    _recalled: list[dict[str, Any]]  # lost people of an earlier run, not yet taken
+    _has_recalled: bool
+
+    def remember(self) -> dict[str, Any]:
+        """Lost people, for a restart of the node."""
+        with self._lock:
+            lost = [*lost_as_data(self._lost.people, self._now_ns), *self._recalled]
+            return {"lost": lost, "forgotten": self._lost.forgotten}
+
+    def recall(self, data: Mapping[str, Any]) -> None:
+        """Take the lost people of an earlier run; they appear with the next snapshot.
+
+        Raises:
+            KeyError, TypeError, ValueError: not as ``remember`` gives them.
+        """
+        recalled = list(data["lost"])
+        lost_from_data(recalled, 0)  # refuses what is wrong
+        with self._lock:
+            self._recalled = recalled
+            self._lost.forgotten |= bool(data["forgotten"])
+            self._has_recalled = True
+
+    def distrust(self, why: str) -> None:
+        """Nobody knows who was lost: somebody may be anywhere, until an acknowledgement."""
+        with self._lock:
+            self._lost.forgotten |= not self._has_recalled
+
+    def _take_recalled(self, now_ns: int) -> None:
+        recalled, self._recalled = self._recalled, []
+        for lost in lost_from_data(recalled, now_ns):
+            self._lost.keep(lost)
+
+
+def lost_as_data(people: Sequence[Lost], now_ns: int) -> list[dict[str, Any]]:
+    """Return lost people as plain data; a joint that was never observed is ``None``."""
+    return [
+        {
+            "id": lost.id,
+            "ago_s": max(now_ns - lost.capture_ns, 0) * 1e-9,
+            "speed_m_s": lost.speed_m_s,
+            "positions": [
+                None if np.isnan(joint).any() else [round(float(v), 4) for v in joint]
+                for joint in lost.positions
+            ],
+        }
+        for lost in people
+    ]
+
+
+def lost_from_data(people: Sequence[Mapping[str, Any]], now_ns: int) -> list[Lost]:
+    """Return what ``lost_as_data`` gave. The ids are negative: a source that was restarted may give
+    the old numbers to others.
+
+    Raises:
+        KeyError, TypeError, ValueError: not as ``lost_as_data`` gives them.
+    """
+    found = []
+    for person in people:
+        rows = [[np.nan] * 3 if p is None else [float(v) for v in p] for p in person["positions"]]
+        positions = np.array(rows, dtype=float)
+        if positions.shape != (len(JOINTS), 3) or not np.isfinite(positions).any():
+            raise ValueError("a lost person's joints are wrong")
+        known = np.isfinite(positions).all(axis=1)
+        speed_m_s = float(person["speed_m_s"])
+        if not (known.any() and 0 < speed_m_s < np.inf):
+            raise ValueError("a lost person's joints or speed are wrong")
+        number = int(person["id"])
+        found.append(
+            Lost(
+                id=number if number < 0 else -1 - number,
+                positions=np.where(known[:, None], positions, np.nan),
+                joint_age_s=np.where(known, 0.0, np.inf),
+                capture_ns=now_ns - round(min(float(person["ago_s"]), _LONG_AGO_S) * 1e9),
+                speed_m_s=speed_m_s,
+                limbs_m_s=np.zeros(len(positions)),
+            )
+        )
+    return found

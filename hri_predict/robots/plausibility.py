@@ -1,0 +1,210 @@
+"""Whether a robot's reported velocities and positions can be true together.
+
+RobotState carries a counter but no time stamp, so only arrival times are known. A state arrives
+later than its sample by a delay that varies: jitter, cycles of both sides, bursts. Over a window
+t_0 .. t_n the way of a joint by its velocities is sum(h_k v_k), with h_k between arrivals and v_k
+the mean of two velocities. If every sample was taken within ``jitter`` of the same delay before its
+arrival, this sum is off by at most
+
+    jitter / 2 x (|v_0| + |v_n| + TV)        TV = sum |v_{k+1} - v_k|      (summation by parts)
+
+A velocity that is filtered for ``LAG_S`` adds LAG_S x TV; the shape of the velocity between two
+samples adds h |v_{k+1} - v_k| / 2. The jitter itself is measured: with evenly sampled states, it is
+the spread of the arrivals about their counters, over ``MEMORY_S``. A sender that samples unevenly
+looks like one with much jitter, so less is found and nothing is confirmed. Whatever goes beyond the
+sum of these tolerances is no accident of the wire.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.protocol.reasons import Reason
+
+WINDOW_S = 0.3
+"""How far back states are compared."""
+LEAST_STATES = 4
+"""Fewer states in the window show nothing."""
+LEAST_SPAN_S = 0.05
+"""Likewise for a shorter time between the first and the last."""
+APART_S = 0.008
+"""States that arrive closer together are compared as one: a fast sender costs no more."""
+MEMORY_S = 2.0
+"""How long arrivals are kept to measure the jitter."""
+LEARNT_S = 0.4
+"""Arrivals over a shorter time do not show the jitter yet, so nothing is compared before."""
+PAUSE_S = 0.2
+"""After a longer silence the comparison starts anew."""
+JITTER_S = 0.01
+"""Jitter of a sender's own cycle; the jitter that the arrivals show is added."""
+LAG_S = 0.03
+"""How long a controller may filter its velocities."""
+SHARE = 0.2
+"""Part of the reported way by which velocities may be off: estimates of encoders are not exact."""
+NOISE_RAD = 0.004
+"""Encoder noise and the wire's rounding (0.25 mrad; 4 mrad for the seventh joint)."""
+NOISE_SEVENTH_RAD = 0.01
+OFFSET_RAD_S = 0.01
+"""Noise and rounding (1 mrad/s; 10 mrad/s for the seventh joint) of a velocity that adds up."""
+JUMP_JITTER_S = 0.1
+"""Two states may arrive together that were sampled this long apart."""
+SPEED_SHARE = 0.1
+"""A servo overshoots its velocity limit for a moment, as a fraction of the limit."""
+ONE_STEP = 0.7
+"""A deviation of which one step has this share is a jump of the position."""
+HELD_S = 3.0
+"""A finding is held for so long after it was last made: a robot that stops disproves nothing."""
+COUNTERS = 1 << 16
+RESTART = 1000
+"""A counter that goes on by more has begun anew."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    counter: int
+    received_ns: int
+    q: tuple[float, ...]
+    qd: tuple[float, ...]
+
+
+class StateCheck:
+    """Compares the RobotStates of one link with each other.
+
+    Args:
+        velocity_max: (N,) rad/s, the joints' limits.
+
+    Attributes:
+        confirmed: whether motion within the window proves the direction of the velocities. False
+            in the first states, and while the robot stands.
+        unreported: (N,) rad/s that the positions prove beyond the reported velocities, too little
+            for a finding; ``None`` if there is none. The true velocity may be higher by it.
+        counters: findings of ``velocity_wrong`` and ``jumped``.
+    """
+
+    def __init__(self, velocity_max: Floats) -> None:
+        self._fastest = [v * (1 + SPEED_SHARE) for v in velocity_max.tolist()]
+        self._noise = np.full(len(velocity_max), NOISE_RAD)
+        self._noise[6:] = NOISE_SEVENTH_RAD
+        self._window: deque[_State] = deque()
+        self._arrivals: deque[tuple[int, int]] = deque()  # received_ns, counter without wrapping
+        self._newest: _State | None = None
+        self._compared_ns = 0
+        self._held_until_ns = 0
+        self._found: Reason | None = None
+        self.confirmed = False
+        self.unreported: Floats | None = None
+        self.counters = {"velocity_wrong": 0, "jumped": 0}
+
+    def take(
+        self, counter: int, q: tuple[float, ...], qd: tuple[float, ...], received_ns: int
+    ) -> None:
+        """Take one state of this link, in the order of arrival; ``q``, ``qd``: N rad and rad/s."""
+        state = _State(counter, received_ns, q, qd)
+        before, self._newest = self._newest, state
+        found = None
+        if before is not None:
+            self._follow(before, state)
+            if self._jumps(before, state):
+                found = Reason.ROBOT_STATE_JUMPED
+        self._keep(state)
+        if found is None and received_ns - self._compared_ns >= APART_S * 1e9:
+            self._compared_ns = received_ns
+            self.confirmed, self.unreported = False, None
+            found = self._compare()
+        self._conclude(found, received_ns)
+
+    def reason(self, now_ns: int) -> Reason | None:
+        """What is wrong at ``now_ns``; ``None`` if nothing was found lately."""
+        return self._found if now_ns < self._held_until_ns else None
+
+    def _follow(self, before: _State, state: _State) -> None:
+        """Start anew where the states do not follow each other."""
+        steps = (state.counter - before.counter) % COUNTERS
+        if steps > RESTART:
+            self._arrivals.clear()
+        if steps > RESTART or state.received_ns - before.received_ns > PAUSE_S * 1e9:
+            self._window.clear()
+            self.confirmed, self.unreported = False, None
+
+    def _keep(self, state: _State) -> None:
+        """Keep the state and its arrival; of those close together, only the last."""
+        window, arrivals, now_ns = self._window, self._arrivals, state.received_ns
+        if len(window) > 1 and now_ns - window[-2].received_ns < APART_S * 1e9:
+            window.pop()
+        window.append(state)
+        while now_ns - window[0].received_ns > WINDOW_S * 1e9:
+            window.popleft()
+        count = state.counter
+        if arrivals:
+            count = arrivals[-1][1] + (state.counter - arrivals[-1][1]) % COUNTERS
+        if not arrivals or now_ns - arrivals[-1][0] >= APART_S * 1e9:
+            arrivals.append((now_ns, count))
+        while now_ns - arrivals[0][0] > MEMORY_S * 1e9:
+            arrivals.popleft()
+
+    def _conclude(self, found: Reason | None, now_ns: int) -> None:
+        if found is None:
+            return
+        self._found = found
+        jumped = found is Reason.ROBOT_STATE_JUMPED
+        self.counters["jumped" if jumped else "velocity_wrong"] += 1
+        self._held_until_ns = now_ns + round(HELD_S * 1e9)
+        self.confirmed, self.unreported = False, None
+        newest = self._window[-1]
+        self._window.clear()  # so that one jump is found once
+        self._window.append(newest)
+
+    def _jumps(self, before: _State, state: _State) -> bool:
+        """Whether a joint went farther than it can in the time between."""
+        elapsed_s = (state.received_ns - before.received_ns) * 1e-9 + JUMP_JITTER_S
+        return any(
+            abs(b - a) > most * elapsed_s + NOISE_SEVENTH_RAD
+            for a, b, most in zip(before.q, state.q, self._fastest, strict=True)
+        )
+
+    def _compare(self) -> Reason | None:
+        """Compare the window's positions with its velocities."""
+        window = self._window
+        span_s = (window[-1].received_ns - window[0].received_ns) * 1e-9
+        learnt_s = (self._arrivals[-1][0] - self._arrivals[0][0]) * 1e-9
+        if len(window) < LEAST_STATES or span_s < LEAST_SPAN_S or learnt_s < LEARNT_S:
+            return None
+        jitter_s = JITTER_S + self._spread_s()
+        values = np.array([state.q + state.qd for state in window])
+        joints = len(self._noise)
+        q, qd = values[:, :joints], values[:, joints:]
+        received = np.array([state.received_ns for state in window])
+        h = (np.diff(received) * 1e-9)[:, None]
+        size = np.abs(qd)
+        steps = np.abs(np.diff(qd, axis=0))
+        varied = steps.sum(0)
+        by_step = np.diff(q, axis=0) - h * (qd[1:] + qd[:-1]) / 2
+        moved = q[-1] - q[0]
+        by_wire = (
+            self._noise
+            + OFFSET_RAD_S * span_s
+            + jitter_s / 2 * (size[0] + size[-1] + varied)
+            + LAG_S * varied
+            + (h * steps).sum(0) / 2
+        )
+        tolerance = by_wire + SHARE * (h * (size[1:] + size[:-1])).sum(0) / 2
+        missing = by_step.sum(0)
+        off = np.abs(missing)
+        worst = int((off - tolerance).argmax())
+        if off[worst] <= tolerance[worst]:
+            self.confirmed = bool((np.abs(moved) > tolerance).any())
+            if (off > by_wire).any():
+                self.unreported = np.sign(missing) * np.maximum(off - by_wire, 0.0) / span_s
+            return None
+        if np.abs(by_step[:, worst]).max() >= ONE_STEP * off[worst]:
+            return Reason.ROBOT_STATE_JUMPED
+        return Reason.ROBOT_VELOCITY_WRONG
+
+    def _spread_s(self) -> float:
+        """How much the delays of the arrivals differ, if the states were sampled evenly."""
+        values = np.array(self._arrivals, dtype=np.int64)
+        at, count = (values - values[0]).T
+        off = at - count * (at[-1] / max(int(count[-1]), 1))
+        return float(off.max() - off.min()) * 1e-9

@@ -1,0 +1,74 @@
+"""What a simulated controller does wrong on purpose: it misreports its robot, or does not obey."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from hri_predict.arrays import Floats
+from hri_predict.settings import Settings
+
+_NS = 1_000_000_000
+
+
+class LieSettings(Settings):
+    """One entry of ``lies`` in a link's ``simulate:`` block."""
+
+    kind: Literal["flip", "zero", "degrees", "jump", "runs", "brakes_late"] = Field(
+        description="of the velocities in RobotState: flip, zero, degrees; of the positions: jump;"
+        " of the motion: runs (at full speed, whatever speed above 0 is permitted), brakes_late"
+    )
+    start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
+    duration_s: float | None = Field(None, gt=0, description="default: to the end")
+    jump_rad: float = Field(1.0, description="of jump: added to the first joint")
+    factor: float = Field(
+        3.0, ge=1, le=100, description="of brakes_late: how many times longer it takes to stop"
+    )
+
+
+class Lies:
+    """All lies of one controller.
+
+    Args:
+        settings: see ``LieSettings``.
+    """
+
+    def __init__(self, settings: Sequence[LieSettings]) -> None:
+        self._settings = settings
+        self._start_ns: int | None = None
+
+    def told(self, q: Floats, qd: Floats, now_ns: int) -> tuple[Floats, Floats]:
+        """Return the joints (N,), rad and rad/s, that RobotState tells at ``now_ns``."""
+        for lie in self._now(now_ns):
+            if lie.kind == "flip":
+                qd = -qd
+            elif lie.kind == "zero":
+                qd = np.zeros_like(qd)
+            elif lie.kind == "degrees":
+                qd = np.rad2deg(qd)
+            elif lie.kind == "jump":
+                q = q.copy()
+                q[0] += lie.jump_rad
+        return q, qd
+
+    def permitted(self, limit_m_s: float, full_m_s: float, now_ns: int) -> float:
+        """Return the speed that the arm takes for permitted."""
+        runs = any(lie.kind == "runs" for lie in self._now(now_ns))
+        return full_m_s if runs and limit_m_s > 0 else limit_m_s
+
+    @property
+    def brakes_slower(self) -> float:
+        """How many times longer the arm takes to stop."""
+        return max((lie.factor for lie in self._settings if lie.kind == "brakes_late"), default=1.0)
+
+    def _now(self, now_ns: int) -> list[LieSettings]:
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        since_s = (now_ns - self._start_ns) / _NS
+        return [
+            lie
+            for lie in self._settings
+            if lie.start_s <= since_s
+            and (lie.duration_s is None or since_s < lie.start_s + lie.duration_s)
+        ]

@@ -1,0 +1,77 @@
+"""Robots that report what is not true, or do not do as they were advised."""
+
+from hri_predict.protocol.reasons import Reason
+from hri_sim.fault_table.incident import Incident
+
+_FAR = {"start": [4.5, 0.2], "script": [{"do": "wait", "seconds": 30.0}]}
+"""Stands so far away that the robot runs."""
+
+_COMES = {
+    "start": [4.5, 0.2],
+    "repeat": False,
+    "script": [
+        {"do": "wait", "seconds": 4.0},
+        {"do": "walk", "to": [1.0, 0.1], "speed_m_s": 1.4},
+        {"do": "reach", "hand": "right", "to": [0.6, 0.1, 0.8], "hold_s": 4.0},
+    ],
+}
+"""Walks up to a robot at full speed and reaches into its way."""
+
+
+def _velocities(kind: str) -> Incident:
+    return Incident(
+        name=f"robot: velocities lie ({kind})",
+        people=(_COMES,),
+        duration_s=9.0,
+        lies=({"kind": kind, "start_s": 3.0},),
+        not_moving=(3.4, 6.0),
+        says=(Reason.ROBOT_VELOCITY_WRONG,),
+    )
+
+
+ROBOT_LIES = (
+    _velocities("flip"),
+    _velocities("zero"),
+    Incident(
+        name="robot: velocities in degrees",
+        people=(_COMES,),
+        duration_s=9.0,
+        lies=({"kind": "degrees"},),
+        says=(Reason.ROBOT_VELOCITY_WRONG,),
+    ),
+    Incident(
+        name="robot: position jumps",
+        people=(_FAR,),
+        duration_s=8.0,
+        lies=({"kind": "jump", "start_s": 3.0, "jump_rad": 0.8},),
+        not_moving=(3.2, 5.5),
+        says=(Reason.ROBOT_STATE_JUMPED,),
+    ),
+    Incident(
+        name="robot: ignores the advised speed",
+        people=(_COMES,),
+        duration_s=9.0,
+        lies=({"kind": "runs"},),
+        says=(Reason.ROBOT_TOO_FAST,),
+    ),
+    Incident(
+        name="robot: brakes six times slower",
+        people=(_FAR,),
+        duration_s=9.0,
+        faults=("blind@3.8+1.5",),
+        lies=({"kind": "brakes_late", "factor": 6.0},),
+        says=(Reason.ROBOT_STOPS_LATE,),
+    ),
+    Incident(
+        name="robot: tells the truth",
+        people=(_COMES,),
+        duration_s=9.0,
+        moving=(3.0, 5.0),
+        never_says=(
+            Reason.ROBOT_VELOCITY_WRONG,
+            Reason.ROBOT_STATE_JUMPED,
+            Reason.ROBOT_TOO_FAST,
+            Reason.ROBOT_STOPS_LATE,
+        ),
+    ),
+)

@@ -1,0 +1,40 @@
+"""Lost people as data, and back."""
+
+import numpy as np
+import pytest
+
+from hri_predict.people.remembered import lost_as_data, lost_from_data
+from hri_predict.skeleton import JOINTS
+
+PLACES = [[1.0, 2.0, 0.5], None, [1.1, 2.0, 1.0], *[None] * (len(JOINTS) - 3)]
+DATA = [{"id": 4, "ago_s": 2.5, "speed_m_s": 3.0, "positions": PLACES}]
+
+
+def test_lost_people_come_back_as_old_and_as_fast_as_they_are():
+    (lost,) = lost_from_data(DATA, 10**10)
+    assert lost.capture_ns == 7_500_000_000
+    assert lost.id < 0  # a restarted source may give the number to somebody else
+    assert lost.speed_m_s == 3.0
+    np.testing.assert_allclose(lost.centroid, [1.05, 2.0, 0.75])
+    (again,) = lost_as_data([lost], 11 * 10**9)
+    assert again["ago_s"] == pytest.approx(3.5)
+    assert again["positions"] == PLACES
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"positions": []},
+        {"positions": [None] * len(JOINTS)},
+        {"positions": [[0.0] * 3] * 2},
+        {"positions": [[0.0] * 2] * len(JOINTS)},
+        {"positions": "x"},
+        {"speed_m_s": None},
+        {"speed_m_s": -1.0},
+        {"speed_m_s": float("nan")},
+    ],
+    ids=str,
+)
+def test_what_is_no_person_is_refused(wrong):
+    with pytest.raises((KeyError, TypeError, ValueError)):
+        lost_from_data([DATA[0] | wrong], 0)
