@@ -197,6 +197,6 @@ def test_two_zones_of_one_name_are_refused(tmp_path):
     path = tmp_path / "cell.yaml"
     path.write_text(yaml.safe_dump(DEMO | {"zones": [ZONE | {"name": "door"}] * 2}))
     config = configuration.load(path)
-    wires = {link.name: pipe()[0] for link in config.links}
+    wires: dict[str, PipeEnd[Any]] = {link.name: pipe()[0] for link in config.links}
     with pytest.raises(ConfigError, match="zones: two zones are named 'door'"):
         assemble.build(config, VirtualClock(), transports=wires)
