@@ -175,7 +175,7 @@ def test_stamps_that_alternate_at_the_limit_of_a_jump_leave_nothing_behind():
     link = Link(hz=25)
     link.run(60)
     good = link.behind
-    link.behind = lambda t: good(t) + 0.05 * (-1) ** round(t * 25)
+    link.behind = lambda t: good(t) + 0.06 * (-1) ** round(t * 25)
     link.run(4)
     link.behind = good
     link.run(3 * BUCKET_NS / S)
