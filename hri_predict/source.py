@@ -26,6 +26,13 @@ class SourceSettings(Settings):
     min_latency_s: float = Field(
         0.0, ge=0, le=2, description="least delay from capture to stamp, which no one can measure"
     )
+    clock_wander_s: float = Field(
+        0.1,
+        ge=0,
+        le=1,
+        description="greatest believed rise of the source's clock offset beyond its steady drift: "
+        "by so much an age may be too small if somebody delays scenes ever more, over hours",
+    )
     stale_s: float | None = Field(
         None, gt=0, le=2, description="age at which input is stale; default 3 periods + 20 ms"
     )

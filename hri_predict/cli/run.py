@@ -111,6 +111,7 @@ def replay(
         "path": str(recording.absolute()),
         "room_from_source": loaded.source.room_from_source.model_dump(),
         "min_latency_s": loaded.source.min_latency_s,
+        "clock_wander_s": loaded.source.clock_wander_s,
         "stale_s": loaded.source.stale_s,
         "field_of_view": _dumped(loaded.source.field_of_view),
     }
@@ -142,8 +143,18 @@ def _go(config: Config, options: Options, as_json: bool) -> None:
     try:
         _show(summary, as_json)
     finally:  # even if the summary cannot be printed
-        if summary.contacts:
+        broken = summary.recording is not None and summary.recording["error"] is not None
+        if broken:
+            print(f"error: {_broken(summary.recording or {})}", file=sys.stderr)
+        if summary.contacts or broken:
             raise typer.Exit(1)
+
+
+def _broken(report: dict[str, Any]) -> str:
+    return (
+        f"recording {report['path']}: it ended early: {report['error']}; {report['dropped']} "
+        f"messages are lost; free some room, or name another file"
+    )
 
 
 def _show(summary: Summary, as_json: bool) -> None:

@@ -8,10 +8,12 @@ from typing import Any
 from rich.table import Table
 
 from hri_predict.people.clock_alignment import ClockEstimate
+from hri_predict.people.offset_line import LOCK_NS
 from hri_predict.source import Source, live_part
 
 UTC_WITHIN_S = 86_400.0
 """A clock that is further off was never set; then only its offset is meaningful."""
+LATE_S = LOCK_NS * 1e-9
 _COUNTS = ("packets", "bytes_received", "scenes")  # all other counters count trouble
 
 
@@ -28,8 +30,9 @@ def source_report(
 
     Returns:
         ``kind``; ``clock`` (``None`` if no scene came): ``offset_s``, ``drift_ppm``, ``jumps``,
-        ``spikes`` as in ``ClockEstimate``, and ``ahead_of_utc_s``, the time by which the sender's
-        clock is ahead of this machine's, less the least latency (``None`` if it is not UTC);
+        ``spikes``, ``rise_s``, ``wandered_s``, ``late_s`` as in ``ClockEstimate``, and
+        ``ahead_of_utc_s``, the time by which the sender's clock is ahead of this machine's, less
+        the least latency (``None`` if it is not UTC);
         ``live`` (``None`` if the source is not live): all of ``SourceCounters``.
     """
     live = live_part(source)
@@ -45,6 +48,9 @@ def source_report(
             "drift_ppm": clock.drift_ppm,
             "jumps": clock.jumps,
             "spikes": clock.spikes,
+            "rise_s": clock.rise_ns * 1e-9,
+            "wandered_s": clock.wandered_ns * 1e-9,
+            "late_s": clock.late_ns * 1e-9,
         },
         "live": None if live is None else asdict(live.counters),
     }
@@ -77,7 +83,12 @@ def _clock(clock: Mapping[str, Any]) -> str:
         offset = f"behind the node's clock by {clock['offset_s']:.3f} s"
     drift = clock["drift_ppm"]
     fast = "drift not yet known" if drift is None else f"fast by {drift:.1f} ppm"
-    return f"{offset}, {fast}; jumps {clock['jumps']}, spikes {clock['spikes']}"
+    believed = (
+        f"{clock['rise_s'] * 1e3:+.1f} ms of drift believed, {clock['wandered_s'] * 1e3:.1f} ms "
+        f"beyond a steady one"
+    )
+    late = f", scenes late by {clock['late_s'] * 1e3:.0f} ms" if clock["late_s"] > LATE_S else ""
+    return f"{offset}, {fast}; {believed}{late}; jumps {clock['jumps']}, spikes {clock['spikes']}"
 
 
 def _ahead_of_utc_s(clock: ClockEstimate, now_ns: int) -> float | None:

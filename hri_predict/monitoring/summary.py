@@ -75,6 +75,7 @@ class Summary:
     node_state: str = ""
     self_check: dict[str, Any] | None = None
     source: dict[str, Any] = field(default_factory=dict)
+    recording: dict[str, Any] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for ``--json``."""
@@ -114,6 +115,8 @@ class Summary:
             ),
             ("counters", _counts(self.counted)),
         ]
+        if self.recording is not None:
+            rows.insert(-1, ("recording", _recording(self.recording)))
         if self.self_check is not None:
             rows.insert(-1, ("forecasts that held", _held(self.self_check)))
         for row in rows:
@@ -217,6 +220,12 @@ def _link_trouble(link: dict[str, Any]) -> str:
     if link["last_error"]:
         parts.append(f"last error: {link['last_error']}")
     return f"{link['name']}: {'; '.join(parts)}" if parts else ""
+
+
+def _recording(report: dict[str, Any]) -> str:
+    lost = f", {report['dropped']} lost" if report["dropped"] else ""
+    ended = f"; it ended early: {report['error']}" if report["error"] else ""
+    return f"{report['path']}: {report['written']} messages{lost}{ended}"
 
 
 def _rounded(value: float | None) -> float | None:

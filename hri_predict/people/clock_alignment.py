@@ -7,47 +7,49 @@ the offset (the filter of NTP and of Cristian's algorithm). The smallest latency
 from one side, so it is a setting (``min_latency_s``). Four things look alike in that difference and
 must be distinguished:
 
-- *Delay*: scenes begin to arrive later. Must appear as age. The offset therefore rises by at most
-  ``MAX_DRIFT``, so that an added delay of 200 ms takes minutes, not seconds, to be taken for drift.
-- *Drift*: the clocks run at slightly different rates. Followed downwards at once and upwards up to
-  ``MAX_DRIFT``; a clock that is slower still looks like growing delay, and becomes stale.
+- *Delay*: scenes begin to arrive later, at once or ever more. Must appear as age, however long it
+  lasts.
+- *Drift*: the clocks run at slightly different rates. ``OffsetLine`` follows it, within what clocks
+  do.
 - *Jump*: the stamp's step disagrees, by more than ``jump_limit_ns``, both with the sequence's step
   times the nominal period (not a delay: a late scene has a true stamp) and with the receipt's step
   (not a pause: a source that pauses resumes with stamps and receipts advanced alike). The capture
-  is then extrapolated by the sequence, or by the receipt if that gives a newer one: after a pause
-  the sequence falls short. The next scene of less latency corrects a capture that is too new, but a
-  capture that is too old would stay so for minutes. The offset is re-estimated from there.
-- *Spike*: a single wrong stamp. Beyond the limit it is a jump and a jump back, and carrying across
-  both restores the offset. Below it, a stamp that is too new would pull the minimum down, so a fall
-  of more than ``SPIKE_NS`` is believed only once ``SPIKE_CONFIRMATIONS`` scenes within
-  ``SPIKE_WITHIN_NS`` agree.
+  is then extrapolated, and the line is moved there. Where the sequence does not vouch for a jump
+  back (the source paused or restarted, or many scenes are missing), it may as well be a delay, and
+  counts as one up to ``SAME_CLOCK_NS``.
+- *Spike*: wrong stamps for a short time. Beyond the limit they are jumps; the line from before is
+  remembered for ``TRIAL_NS``, and whatever fits it again is believed again. Below it, stamps that
+  are too new pull the captures towards the past, but not the line: after two buckets they are
+  forgotten. A single one, by more than ``SPIKE_NS``, is not believed at all: it takes
+  ``SPIKE_CONFIRMATIONS`` scenes within ``SPIKE_WITHIN_NS``.
 
-Backward steps of a clock that are smaller than the limit count as delay: the age is then too large,
-by less than the limit, until drift has caught up. The same holds for a clock that stands still
-while its source sleeps: it looks like scenes that are late by that time, and the input stays stale
-until the source starts again (its sequence restarts). All remaining errors make the age larger,
-never smaller, with one exception: a delay that exists since the first scene, or since the scene of
-a jump, counts as offset. No one-way alignment can detect it.
+Backward steps of a clock that are smaller than the limit count as delay, and so does a clock that
+stands still while its source sleeps. All errors make the age larger, never smaller, but for these:
+
+- A delay that exists since the first scene, or since the scene of a jump, counts as offset. No
+  one-way alignment can detect it.
+- A delay that grows no faster than the clock may drift: from the first half hour on by
+  ``MAX_WANDER``, and by ``wander_ns`` in all; before, by ``MAX_DRIFT`` at most.
 """
 
 from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
+from hri_predict.people.offset_line import LOCK_NS, WANDER_NS, OffsetLine
 
 NS_PER_S = 1_000_000_000
-MAX_DRIFT_PER_MILLION = 1000
-"""Greatest believed rise of the offset; crystals stay under 100, slewed system clocks under 500."""
 BUCKET_NS = 5 * NS_PER_S
 """The minimum is taken over the current and the previous bucket: 5 to 10 s."""
 SPIKE_NS = 20_000_000
 SPIKE_CONFIRMATIONS = 3
 SPIKE_WITHIN_NS = 2 * NS_PER_S
 MIN_JUMP_NS = 100_000_000
+"""ntpd slews what is less than 128 ms, and steps what is more (STEPT, RFC 5905, section 11.1)."""
 JUMPED_SCENES = 10
-DRIFT_BUCKETS = 24
-"""Drift is the slope of the minima of this many buckets: two minutes of a steady source."""
-MIN_DRIFT_BUCKETS = 3
+TRIAL_NS = 10 * NS_PER_S
+"""So long the line from before a jump is remembered."""
+SAME_CLOCK_NS = 10 * NS_PER_S
+"""A source that restarts so little late, or less, still has the clock that it had."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +61,70 @@ class ClockEstimate:
         drift_ppm: by how much the source's clock runs fast; ``None`` before three buckets are full.
         jumps: jumps seen since start, restarts among them.
         spikes: stamps that were too new.
+        rise_ns: by how much the offset rose since the first scene; that much of the receipts' delay
+            is taken for drift. Negative where the source's clock runs fast.
+        wandered_ns: how much of it is beyond the steady drift.
+        late_ns: by how much even the fastest scenes of the last seconds were late.
     """
 
     offset_ns: int
     drift_ppm: float | None
     jumps: int
     spikes: int
+    rise_ns: int = 0
+    wandered_ns: int = 0
+    late_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """From one scene to the next: by its stamp, by its sequence, by its receipt."""
+
+    stamp_ns: int
+    scenes: int
+    receipt_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Last:
+    """The scene before."""
+
+    stamp_ns: int
+    sequence: int
+    receipt_ns: int
+    capture_ns: int
+
+    def step_to(self, stamp_ns: int, sequence: int, receipt_ns: int) -> _Step:
+        return _Step(
+            stamp_ns - self.stamp_ns, sequence - self.sequence, receipt_ns - self.receipt_ns
+        )
+
+
+class _Window:
+    """The smallest difference of the last 5 to 10 s, relative to the line."""
+
+    def __init__(self, above_ns: int, now_ns: int) -> None:
+        self._start_ns = now_ns
+        self._lowest = self._previous = above_ns
+
+    @property
+    def lowest(self) -> int:
+        return min(self._lowest, self._previous)
+
+    def shift(self, by_ns: int) -> None:
+        self._lowest += by_ns
+        self._previous += by_ns
+
+    def add(self, above_ns: int, now_ns: int) -> int | None:
+        """Add a difference; return the lowest of the bucket before, if this begins another."""
+        in_bucket_ns = now_ns - self._start_ns
+        if in_bucket_ns < BUCKET_NS:
+            self._lowest = min(self._lowest, above_ns)
+            return None
+        full, self._start_ns = self._lowest, now_ns
+        self._previous = full if in_bucket_ns < 2 * BUCKET_NS else above_ns
+        self._lowest = above_ns
+        return full
 
 
 class ClockAlignment:
@@ -74,6 +134,7 @@ class ClockAlignment:
         period_ns: the source's nominal time between captures.
         min_latency_ns: least time from capture to receipt.
         jump_limit_ns: greatest deviation of a stamp; default: the longer of 0.1 s and 3 periods.
+        wander_ns: greatest rise of the offset beyond the clock's steady drift.
 
     Attributes:
         jumps: jumps seen since start, restarts among them.
@@ -81,7 +142,11 @@ class ClockAlignment:
     """
 
     def __init__(
-        self, period_ns: int, min_latency_ns: int = 0, jump_limit_ns: int | None = None
+        self,
+        period_ns: int,
+        min_latency_ns: int = 0,
+        jump_limit_ns: int | None = None,
+        wander_ns: int = WANDER_NS,
     ) -> None:
         if period_ns <= 0 or min_latency_ns < 0:
             raise ValueError("period_ns must be positive, min_latency_ns at least 0")
@@ -90,16 +155,16 @@ class ClockAlignment:
         self._period_ns = period_ns
         self._min_latency_ns = min_latency_ns
         self._jump_limit_ns = jump_limit_ns or max(MIN_JUMP_NS, 3 * period_ns)
-        self._last: tuple[int, int, int, int] | None = None  # stamp, sequence, receipt, capture
+        self._wander_ns = wander_ns
+        self._last: _Last | None = None
+        self._restarted = False
         self._offset_ns = 0
         self._scenes_since_jump = JUMPED_SCENES
         self._suspects: deque[tuple[int, int]] = deque(maxlen=SPIKE_CONFIRMATIONS)
-        self._bucket_start_ns = 0
-        self._lowest = 0
-        self._previous_lowest = 0
-        self._lowest_at_ns = 0
-        self._minima: deque[tuple[int, int]] = deque(maxlen=DRIFT_BUCKETS)  # receipt, seen
-        self._drift_ppm: float | None = None
+        self._line: OffsetLine | None = None
+        self._window = _Window(0, 0)
+        self._back_ns: int | None = None  # from the line to that before a jump, during the trial
+        self._jump_ns = 0
 
     @property
     def offset_ns(self) -> int:
@@ -108,18 +173,33 @@ class ClockAlignment:
 
     def estimate(self) -> ClockEstimate | None:
         """Return the present estimate of the source's clock; ``None`` before the first scene."""
-        if self._last is None and not self.jumps:
+        line = self._line
+        if line is None:
             return None
-        return ClockEstimate(self._offset_ns, self._drift_ppm, self.jumps, self.spikes)
+        slope = line.slope
+        return ClockEstimate(
+            offset_ns=self._offset_ns,
+            drift_ppm=None if slope is None else -slope * 1e6,
+            jumps=self.jumps,
+            spikes=self.spikes,
+            rise_ns=line.rise_ns,
+            wandered_ns=line.wandered_ns,
+            late_ns=max(0, self._window.lowest),
+        )
 
     @property
     def jumped(self) -> bool:
         """Whether the source's clock jumped within the last ``JUMPED_SCENES`` scenes."""
         return self._scenes_since_jump < JUMPED_SCENES
 
+    @property
+    def late(self) -> bool:
+        """Whether all scenes of the last seconds were later than any drift explains."""
+        return self._window.lowest > LOCK_NS
+
     def restart(self) -> None:
-        """Forget everything, because the source restarted. This counts as a jump."""
-        self._last = None
+        """The source restarted, perhaps with another clock. This counts as a jump."""
+        self._restarted = True
         self._note_jump()
 
     def align(self, stamp_ns: int, sequence: int, receipt_ns: int) -> int:
@@ -131,70 +211,80 @@ class ClockAlignment:
             receipt_ns: when it arrived, the node's clock.
         """
         newest_possible = receipt_ns - self._min_latency_ns
+        seen_ns = newest_possible - stamp_ns
         self._scenes_since_jump += 1
-        if self._last is None:
-            self._set_offset(newest_possible - stamp_ns, receipt_ns)
-        elif self._is_jump(stamp_ns, sequence, receipt_ns):
-            self._note_jump()
-            _, last_sequence, last_receipt_ns, last_capture_ns = self._last
-            by_sequence = last_capture_ns + (sequence - last_sequence) * self._period_ns
-            by_receipt = last_capture_ns + (receipt_ns - last_receipt_ns)
-            carried = min(max(by_sequence, by_receipt), newest_possible)
-            self._set_offset(carried - stamp_ns, receipt_ns)
+        if self._line is None or self._last is None:
+            line = self._line = OffsetLine(seen_ns, receipt_ns, self._wander_ns)
+            self._window = _Window(0, receipt_ns)
         else:
-            self._follow(newest_possible - stamp_ns, receipt_ns)
+            line, step = self._line, self._last.step_to(stamp_ns, sequence, receipt_ns)
+            above_ns = seen_ns - line.at(receipt_ns)
+            if self._back_ns is not None and abs(above_ns - self._back_ns) <= LOCK_NS:
+                self._move(line, self._back_ns, receipt_ns)
+                self._back_ns = None
+            elif self._is_jump(step, above_ns):
+                carried = min(self._last.capture_ns + self._carried_ns(step), newest_possible)
+                by_ns = carried - stamp_ns - line.at(receipt_ns)
+                self._move(line, by_ns, receipt_ns)
+                self._back_ns = (self._back_ns or 0) - by_ns
+            self._follow(line, seen_ns - line.at(receipt_ns), receipt_ns)
+        self._restarted = False
+        self._offset_ns = line.at(receipt_ns) + min(0, self._window.lowest)
         capture_ns = min(stamp_ns + self._offset_ns, newest_possible)
-        self._last = (stamp_ns, sequence, receipt_ns, capture_ns)
+        self._last = _Last(stamp_ns, sequence, receipt_ns, capture_ns)
         return capture_ns
 
-    def _is_jump(self, stamp_ns: int, sequence: int, receipt_ns: int) -> bool:
-        assert self._last is not None
-        stamp_step = stamp_ns - self._last[0]
-        by_sequence = stamp_step - (sequence - self._last[1]) * self._period_ns
-        by_receipt = stamp_step - (receipt_ns - self._last[2])
-        return min(abs(by_sequence), abs(by_receipt)) > self._jump_limit_ns
+    def _is_jump(self, step: _Step, above_ns: int) -> bool:
+        """Whether the source's clock jumped, at a scene that lies ``above_ns`` above the line."""
+        if abs(above_ns) <= LOCK_NS:
+            return False
+        expected_ns = step.scenes * self._period_ns
+        vouched = step.stamp_ns - expected_ns < -max(self._jump_limit_ns, expected_ns)
+        if 0 < above_ns <= SAME_CLOCK_NS and (self._restarted or not vouched):
+            return False
+        if self._restarted:
+            return True
+        deviations = step.stamp_ns - expected_ns, step.stamp_ns - step.receipt_ns
+        return min(abs(deviation) for deviation in deviations) > self._jump_limit_ns
+
+    def _carried_ns(self, step: _Step) -> int:
+        """How much later than the last scene a scene was captured whose stamp is not believed.
+
+        The sequence says it, unless the source paused or restarted. Then the receipt says more. A
+        capture that is too new is corrected by the next scene of less latency.
+        """
+        expected_ns = step.scenes * self._period_ns
+        if 0 < expected_ns <= self._jump_limit_ns:
+            return max(expected_ns, step.receipt_ns)
+        return step.receipt_ns
 
     def _note_jump(self) -> None:
         self.jumps += 1
         self._scenes_since_jump = 0
 
-    def _set_offset(self, offset_ns: int, receipt_ns: int) -> None:
-        self._offset_ns = self._lowest = self._previous_lowest = offset_ns
-        self._bucket_start_ns = self._lowest_at_ns = receipt_ns
+    def _move(self, line: OffsetLine, by_ns: int, receipt_ns: int) -> None:
+        """The source's clock jumped: move the line, and forget what was seen before."""
+        if not self._restarted:  # that was counted
+            self._note_jump()
+        line.shift(by_ns)
+        self._window = _Window(0, receipt_ns)
+        self._jump_ns = receipt_ns
         self._suspects.clear()
-        self._minima.clear()
-        self._drift_ppm = None
 
-    def _follow(self, seen_ns: int, receipt_ns: int) -> None:
-        """Take one more difference, ``seen_ns`` = receipt - min latency - stamp, into account."""
-        assert self._last is not None
-        if seen_ns < self._offset_ns - SPIKE_NS:
+    def _follow(self, line: OffsetLine, above_ns: int, receipt_ns: int) -> None:
+        """Take one more difference, ``above_ns`` above the line, into account."""
+        if above_ns < min(0, self._window.lowest) - SPIKE_NS:
             self.spikes += 1
-            self._suspects.append((receipt_ns, seen_ns))
+            self._suspects.append((receipt_ns, above_ns))
             if (
-                len(self._suspects) == SPIKE_CONFIRMATIONS
-                and receipt_ns - self._suspects[0][0] <= SPIKE_WITHIN_NS
+                len(self._suspects) < SPIKE_CONFIRMATIONS
+                or receipt_ns - self._suspects[0][0] > SPIKE_WITHIN_NS
             ):
-                self._set_offset(max(seen for _, seen in self._suspects), receipt_ns)
-            return
-        in_bucket_ns = receipt_ns - self._bucket_start_ns
-        if in_bucket_ns >= BUCKET_NS:
-            self._minima.append((self._lowest_at_ns, self._lowest))
-            self._drift_ppm = self._slope_ppm()
-            self._previous_lowest = self._lowest if in_bucket_ns < 2 * BUCKET_NS else seen_ns
-            self._bucket_start_ns = receipt_ns
-        if in_bucket_ns >= BUCKET_NS or seen_ns < self._lowest:
-            self._lowest, self._lowest_at_ns = seen_ns, receipt_ns
-        elapsed_ns = max(0, receipt_ns - self._last[2])
-        may_rise_to = self._offset_ns + elapsed_ns * MAX_DRIFT_PER_MILLION // 1_000_000
-        self._offset_ns = min(self._lowest, self._previous_lowest, may_rise_to)
-
-    def _slope_ppm(self) -> float | None:
-        """Slope of the buckets' minima, by least squares, since the last jump."""
-        if len(self._minima) < MIN_DRIFT_BUCKETS:
-            return None
-        first_at_ns, first_ns = self._minima[0]
-        seconds = np.array([(at_ns - first_at_ns) * 1e-9 for at_ns, _ in self._minima])
-        seen_us = np.array([(seen_ns - first_ns) * 1e-3 for _, seen_ns in self._minima])
-        seconds -= seconds.mean()
-        return -float(seconds @ seen_us / (seconds @ seconds))
+                return
+            above_ns = max(above_ns for _, above_ns in self._suspects)
+            self._suspects.clear()
+        if self._back_ns is not None and receipt_ns - self._jump_ns >= TRIAL_NS:
+            self._back_ns = None
+        lowest_ns = self._window.add(above_ns, receipt_ns)
+        if lowest_ns is not None and self._back_ns is None:
+            self._window.shift(-line.follow(lowest_ns, receipt_ns))

@@ -38,7 +38,7 @@ class People(RemembersLost):
     Args:
         settings: see ``PeopleSettings``.
         joint_map: from the source's joints to canonical ones.
-        source_settings: gives ``min_latency_s`` and ``stale_s``.
+        source_settings: gives ``min_latency_s``, ``stale_s`` and ``clock_wander_s``.
         rate_hz_source: nominal scenes per second.
         declares_noise: bit-identical joints mean a frozen sensor.
         history_steps: T, steps of history in a snapshot.
@@ -73,7 +73,11 @@ class People(RemembersLost):
             period_ns=round(period_s * 1e9),
             refused_ns=self._gap_ns,
         )
-        self._gate = SceneGate(round(period_s * 1e9), round(source_settings.min_latency_s * 1e9))
+        self._gate = SceneGate(
+            round(period_s * 1e9),
+            round(source_settings.min_latency_s * 1e9),
+            round(source_settings.clock_wander_s * 1e9),
+        )
         self._lock = threading.Lock()
         self._roster = Roster(
             settings=settings,
@@ -312,6 +316,7 @@ class People(RemembersLost):
             (self._misplaced, Reason.BODY_NOT_UPRIGHT),
             (self._unlocated, Reason.PERSON_NOT_LOCATED),
             (self._crowded, Reason.TOO_MANY_PEOPLE),
+            (stale and not silent and self._gate.alignment.late, Reason.CLOCK_DRIFT),
             (stale and not silent, Reason.INPUT_STALE),
             (self._lost.forgotten, Reason.ROOM_NOT_SEEN_EMPTY),
         ]

@@ -3,6 +3,7 @@
 from collections import Counter
 
 from hri_predict.people.clock_alignment import ClockAlignment
+from hri_predict.people.offset_line import WANDER_NS
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.scene import Scene
 
@@ -19,6 +20,7 @@ class SceneGate:
     Args:
         period_ns: the source's nominal time between captures.
         min_latency_ns: least time from capture to receipt.
+        clock_wander_ns: see ``ClockAlignment``.
 
     Attributes:
         alignment: alignment of the source's clock with the node's.
@@ -26,8 +28,10 @@ class SceneGate:
         counters: counts of the scenes by their fate.
     """
 
-    def __init__(self, period_ns: int, min_latency_ns: int) -> None:
-        self.alignment = ClockAlignment(period_ns, min_latency_ns)
+    def __init__(
+        self, period_ns: int, min_latency_ns: int, clock_wander_ns: int = WANDER_NS
+    ) -> None:
+        self.alignment = ClockAlignment(period_ns, min_latency_ns, wander_ns=clock_wander_ns)
         self.repeats = 0
         self.counters: Counter[str] = Counter()
         self._sequence: int | None = None

@@ -189,7 +189,8 @@ _TEXT = {
         "the other sender is switched off, or gets ids of its own",
     ),
     Reason.CLOCK_DRIFT: (
-        "scenes arrive ever later, by more than a clock can drift",
-        "scenes arrive as early as when the session began, or the source starts a new session",
+        "all scenes arrive later than a clock's drift explains: they are delayed, or the source's "
+        "clock was set back",
+        "scenes arrive as early as before, or the cause is mended and the node is started again",
     ),
 }

@@ -287,7 +287,11 @@ def _obedience(robot: RobotConstants) -> Obedience:
 
 
 def _check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> None:
+    names: set[str] = set()
     for zone in zones:
+        if zone.name in names:
+            raise ConfigError(f"zones: two zones are named '{zone.name}'; give each its own name")
+        names.add(zone.name)
         for robot in zone.robots or ():
             if robot not in robots:
                 raise ConfigError(

@@ -271,6 +271,8 @@ class _Session:
         result.source = source_report(
             self.config.source.kind, assembly.source, self.levels.clock, self.clock.now_ns()
         )
+        if self.recorder is not None:
+            result.recording = self.recorder.report()
         result.controllers = [asdict(report) for report in self.reports or ()]
         return result
 

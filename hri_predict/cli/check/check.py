@@ -17,6 +17,7 @@ from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError
 from hri_predict.link import Transport
 from hri_predict.monitoring.alerts import alert_file
+from hri_predict.people.offset_line import MAX_DRIFT
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.robot_constants import worst_distance
 from hri_predict.run import assemble
@@ -76,6 +77,12 @@ def check(
     console.print(f"zones: {found['zones']}", highlight=False)
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
+    console.print(
+        f"source's clock: a drift of {found['clock']['max_drift_ppm']:g} ppm is believed, and "
+        f"{found['clock']['wander_s'] * 1e3:g} ms beyond a steady one (source.clock_wander_s); by "
+        f"so much a delay that grows over hours makes an age too small",
+        highlight=False,
+    )
     for note in found["notes"]:
         console.print(f"note: {note}")
     console.print(f"{found['path']}: ok")
@@ -127,6 +134,7 @@ def examine(config: Config) -> dict[str, Any]:
         "zones": _zones(config),
         "latch": list(config.node.risk.latch),
         "state": _state(config),
+        "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "notes": [*_notes(config), *_radius_note(risk)],
     }
 

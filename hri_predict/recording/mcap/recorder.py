@@ -46,6 +46,8 @@ log = logging.getLogger(__name__)
 CHUNK_BYTES = 64 * 1024
 QUEUE_ITEMS = 4096
 CLOSE_TIMEOUT_S = 10.0
+REMIND_NS = 60_000_000_000
+"""After a failed write, the log says again what is lost, each minute."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,7 @@ class Recorder(Listener):
         self._sequence = dict.fromkeys(self._channels, 0)
         self._lock = threading.Lock()
         self._closed = False
+        self._remind_ns: int | None = None
         self._queue: queue.Queue[_Item | None] = queue.Queue(queue_items)
         self._thread: threading.Thread | None = None
         if threaded:
@@ -199,6 +202,7 @@ class Recorder(Listener):
         item = _Item(topic, log_ns, encode, args)
         if self._closed or self.error is not None:
             self._drop()
+            self._remind(log_ns)
         elif self._thread is None:
             self._write(item)
         else:
@@ -237,6 +241,23 @@ class Recorder(Listener):
     def _drop(self) -> None:
         with self._lock:  # several threads write
             self.dropped += 1
+
+    def _remind(self, now_ns: int) -> None:
+        """Say again and again, at a limited rate, that nothing is recorded any more."""
+        if self._remind_ns is None:
+            self._remind_ns = now_ns + REMIND_NS
+        elif now_ns >= self._remind_ns and not self._closed:
+            self._remind_ns = now_ns + REMIND_NS
+            log.error("recording %s: ended (%s); lost: %d", self._path, self.error, self.dropped)
+
+    def report(self) -> dict[str, Any]:
+        """Return plain data for ``--json``: ``path``, ``written``, ``dropped``, ``error``."""
+        return {
+            "path": str(self._path),
+            "written": self.written,
+            "dropped": self.dropped,
+            "error": self.error,
+        }
 
     def _failed(self, error: OSError) -> None:
         self.error = error.strerror or str(error)

@@ -7,11 +7,9 @@ this process steps all controllers through pipes. Everything else is the same.
 import contextlib
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +23,7 @@ from hri_predict.link import LinkSettings
 from hri_predict.peers import ControllerReport
 from hri_predict.robots.model import RobotModel, RobotSettings
 from hri_predict.source import Source
+from hri_sim.controllers.private_folder import PrivateFolder
 from hri_sim.controllers.process import job_for
 from hri_sim.controllers.station import Post, Station, at_far_end, channels, codec_for, posts
 from hri_sim.controllers.wiring import Wiring
@@ -61,7 +60,7 @@ class MockCell:
         self._posts = {post.name: post for post in manned}
         self._clock = clock
         self._factor = factor
-        self._folder: Path | None = None
+        self._private: PrivateFolder | None = None
         self._wirings: dict[int, Wiring] = {}
         self._processes: dict[str, _Process] = {}
         self._ended: list[ControllerReport] = []
@@ -79,7 +78,7 @@ class MockCell:
         Raises:
             LinkError: a controller did not start; the error gives the reason.
         """
-        self._folder = Path(tempfile.mkdtemp(prefix="hri-cell-"))
+        self._private = PrivateFolder()
         for index in self._robot_indices():
             names = self._channels(index)
             self._wirings[index] = Wiring.create(self._folder / f"wiring{index}", names)
@@ -107,6 +106,11 @@ class MockCell:
             self.kill(link)
         self._processes[link] = self._spawn(self._posts[link])
         self._port_of(link)
+
+    @property
+    def _folder(self) -> Path:
+        assert self._private is not None, "start() first"
+        return self._private.path
 
     # -- virtual clock ----------------------------------------------------------------------------
 
@@ -200,9 +204,9 @@ class MockCell:
         for wiring in self._wirings.values():
             wiring.close()
         self._wirings.clear()
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
+        if self._private is not None:
+            self._private.remove()
+            self._private = None
         order = list(self._posts)
         self._ended.sort(key=lambda report: order.index(report.name))
         return list(self._ended)
@@ -214,7 +218,6 @@ class MockCell:
         return channels(list(self._posts.values()), index)
 
     def _spawn(self, post: Post) -> "_Process":
-        assert self._folder is not None, "start() first"
         names = self._channels(post.robot_index)
         wiring = self._folder / f"wiring{post.robot_index}"
         number = list(self._posts).index(post.name)  # a link's name may not be a valid file name
@@ -224,7 +227,6 @@ class MockCell:
 
     def _port_of(self, link: str) -> str:
         """Wait until the controller reports its port; point the permanent name to it."""
-        assert self._folder is not None, "start() first"
         port = self._processes[link].port()
         if not Path(port).is_absolute():  # a shared bus, such as udp_multicast
             return port

@@ -24,9 +24,10 @@ class Drop(FaultSettings):
 
 
 class Delay(FaultSettings):
-    """Scenes arrive late; their capture stamps are true."""
+    """Scenes arrive late, by ``growth`` more for each second; their capture stamps are true."""
 
     delay_s: float = Field(0.2, gt=0, le=10)
+    growth: float = Field(0.0, ge=0, le=0.5)
 
 
 class Jitter(FaultSettings):
@@ -193,7 +194,8 @@ class FaultySource:
                 continue
             self.injected[fault.kind] = self.injected.get(fault.kind, 0) + 1
             if isinstance(fault, Delay):
-                arrival_ns += int(fault.delay_s * 1e9)
+                grown_s = fault.growth * (elapsed_ns * 1e-9 - fault.start_s)
+                arrival_ns += int((fault.delay_s + grown_s) * 1e9)
             elif isinstance(fault, Jitter):
                 arrival_ns += int(self._rng.uniform(0.0, fault.max_s) * 1e9)
                 if self._arriving:

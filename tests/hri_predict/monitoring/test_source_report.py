@@ -1,6 +1,7 @@
 import io
 import json
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -11,7 +12,14 @@ from hri_predict.monitoring.source_report import source_report, source_table
 from hri_predict.people.clock_alignment import ClockEstimate
 from hri_predict.source import Source, SourceCounters
 
-CLOCK = ClockEstimate(offset_ns=-5_000_000_000, drift_ppm=12.34, jumps=1, spikes=2)
+CLOCK = ClockEstimate(
+    offset_ns=-5_000_000_000,
+    drift_ppm=12.34,
+    jumps=1,
+    spikes=2,
+    rise_ns=40_000_000,
+    wandered_ns=3_000_000,
+)
 
 
 def live_source(stamps_utc: bool = True, **counters: Any) -> Any:
@@ -37,7 +45,16 @@ def test_a_live_source_tells_its_clock_and_every_counter():
     assert "lost 2" in text
     assert "no more" in text
     assert "replayed" not in text
-    assert "fast by 12.3 ppm; jumps 1, spikes 2" in text
+    assert "fast by 12.3 ppm; +40.0 ms of drift believed, 3.0 ms beyond a steady one" in text
+    assert "late" not in text
+    assert "jumps 1, spikes 2" in text
+
+
+def test_scenes_that_are_all_late_are_told():
+    clock = replace(CLOCK, late_ns=250_000_000)
+    report = source_report("udp", live_source(), clock, 0)
+    assert report["clock"]["late_s"] == 0.25
+    assert "scenes late by 250 ms" in shown(report)
 
 
 def test_a_clock_of_utc_is_compared_with_ours():

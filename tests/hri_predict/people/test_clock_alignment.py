@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hri_predict.people.clock_alignment import JUMPED_SCENES, ClockAlignment
+from hri_predict.people.offset_line import MAX_DRIFT
 
 MS = 1_000_000
 S = 1000 * MS
@@ -65,23 +66,28 @@ def test_the_unknown_first_delay_is_unlearnt(sender):
     assert errors[10:] == [0] * 40
 
 
-def test_an_added_delay_shows_as_age_for_minutes(sender):
+def test_an_added_delay_shows_as_age_and_is_said(sender):
     sender.send_many(250)
-    errors = sender.send_many(30 * 25, latency=205 * MS)
+    assert not sender.alignment.late
+    errors = sender.send_many(300 * 25, latency=205 * MS)
     assert sender.alignment.jumps == 0
-    # after 30 s with 200 ms more delay, no more than 30 ms of it went into the offset
-    assert max(errors) <= 30 * MS
-    assert errors[:125] == [0] * 125  # none at all for the first 5 s
-    # and when the delay goes away, the offset is right at once
-    assert sender.send_many(100)[5:] == [0] * 95
+    assert sender.alignment.late
+    # none of it goes into the offset; the clock might run fast, so age may grow a little
+    assert max(errors) == 0
+    assert min(errors) >= -300 * S * MAX_DRIFT
+    # and when the delay goes away, the offset is right again
+    assert sender.send_many(60 * 25)[-1] == 0
+    assert not sender.alignment.late
 
 
-@pytest.mark.parametrize("parts_per_million", [-500, -100, 100, 500])
+@pytest.mark.parametrize("parts_per_million", [-200, -100, 100, 500])
 def test_drift_is_followed(sender, parts_per_million):
     gained = [i * PERIOD * parts_per_million // 1_000_000 for i in range(25 * 120)]
     errors = [sender.send(stamp_error=error) for error in gained]
-    assert abs(errors[-1]) <= 6 * MS  # 10 s of it at 500 ppm is 5 ms
-    assert max(np.abs(errors)) <= 6 * MS
+    # a fast clock: the newest scene is the evidence; a slow one: that of a minute must agree
+    drift_ms = abs(parts_per_million) * 1e-3
+    assert max(errors) <= 10 * drift_ms * MS
+    assert min(errors) >= -60 * drift_ms * MS
     assert sender.alignment.jumps == 0
 
 
@@ -97,14 +103,14 @@ def test_drift_is_estimated_through_jitter(sender, parts_per_million):
     assert (estimate.jumps, estimate.spikes) == (0, 0)
 
 
-def test_drift_is_not_known_before_a_quarter_of_a_minute_nor_across_a_jump(sender):
-    sender.send_many(25 * 10)
+def test_drift_is_not_known_before_half_a_minute_and_outlasts_a_jump(sender):
+    sender.send_many(25 * 25)
     assert sender.alignment.estimate().drift_ppm is None
-    sender.send_many(25 * 10)
+    sender.send_many(25 * 15)
     assert sender.alignment.estimate().drift_ppm == pytest.approx(0, abs=1e-6)
     sender.send(stamp_error=3600 * S)
     estimate = sender.alignment.estimate()
-    assert (estimate.drift_ppm, estimate.jumps) == (None, 1)
+    assert (estimate.drift_ppm, estimate.jumps) == (pytest.approx(0, abs=1e-6), 1)
 
 
 @pytest.mark.parametrize("jump", [-3600 * S, -5 * S, -150 * MS, 150 * MS, 5 * S, 10**6 * S])

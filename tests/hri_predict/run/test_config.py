@@ -14,6 +14,7 @@ from hri_predict.files import data_path
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 
+ZONE = {"polygon": [[0, 0], [1, 0], [1, 1]]}
 DEMO = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
 
 
@@ -81,8 +82,11 @@ MISTAKES = [
     (["links", 1, "name"], "drive", ["links", "'drive'", "twice"]),
     (["alerts"], {"comand": ["x"]}, ["alerts.comand", "did you mean 'command'?"]),
     (["zones"], [{"name": "door"}], ["zones.0", "missing"]),
+    (["zones"], [ZONE | {"name": f"z{i}"} for i in range(33)], ["zones", "at most 32"]),
     (["record"], 5, ["record", "string"]),
 ]
+
+ZONE = {"polygon": [[0, 0], [1, 0], [1, 1]]}
 
 
 @pytest.mark.parametrize(("where", "value", "named"), MISTAKES, ids=str)
@@ -187,3 +191,12 @@ def test_a_fault_of_a_link_that_is_not_there_names_those_there_are(text):
     config = configuration.load(data_path("demo.yaml"))
     with pytest.raises(ConfigError, match=r"no link '(foo|drve)'.*there are: drive, mon"):
         config.with_faults([text])
+
+
+def test_two_zones_of_one_name_are_refused(tmp_path):
+    path = tmp_path / "cell.yaml"
+    path.write_text(yaml.safe_dump(DEMO | {"zones": [ZONE | {"name": "door"}] * 2}))
+    config = configuration.load(path)
+    wires: dict[str, PipeEnd[Any]] = {link.name: pipe()[0] for link in config.links}
+    with pytest.raises(ConfigError, match="zones: two zones are named 'door'"):
+        assemble.build(config, VirtualClock(), transports=wires)

@@ -12,6 +12,7 @@ from typing import Any
 from hri_drivers.links.bulk import Bulk
 from hri_drivers.links.codec import Codec, item_count
 from hri_drivers.links.slots import BULK, Budget, Slots
+from hri_drivers.wires.backoff import BackOff
 from hri_predict.errors import LinkError
 from hri_predict.link import LinkCounters
 from hri_predict.protocol import e2e
@@ -154,7 +155,11 @@ _FAILURES = {
 
 
 class IsoTpBulk(Bulk[CanFrame]):
-    """Whole Zones and Poses, one after the other, as fast as peer, wire and budget allow."""
+    """Whole Zones and Poses, one after the other, as fast as peer, wire and budget allow.
+
+    A peer that refuses or does not answer is asked again after a wait that doubles with each
+    failure (``BackOff``): it must not fill the bus with questions.
+    """
 
     def __init__(
         self,
@@ -168,6 +173,8 @@ class IsoTpBulk(Bulk[CanFrame]):
         super().__init__(slots, codec, budget, counters)
         self._transfer = transfer
         self._sender = Profile4Sender(MAX_ITEMS)
+        self._back_off = BackOff()
+        self._retry_ns = 0
 
     @property
     def waiting(self) -> bool:
@@ -186,17 +193,24 @@ class IsoTpBulk(Bulk[CanFrame]):
         """
         if not self._under_way:
             if not self._transfer.active:
-                message = self._take(now_ns)
+                message = self._take(now_ns) if now_ns >= self._retry_ns else None
                 if message is None:
                     return None
                 (whole,) = self._sender.encode(at_encoding(message, now_ns))
                 self._transfer.begin(whole, now_ns)
-            self._under_way.extend(self._transfer.frames(now_ns))
+            try:
+                self._under_way.extend(self._transfer.frames(now_ns))
+            except ValueError:
+                self._retry_ns = now_ns + int(self._back_off.next_s(now_ns) * 1e9)
+                raise
         return self._under_way[0] if self._under_way else None
 
     def sent(self) -> bool:
         """Note that a segment was written; return whether it ended a message."""
-        return super().sent() and not self._transfer.active
+        whole = super().sent() and not self._transfer.active
+        if whole:
+            self._back_off = BackOff()
+        return whole
 
     def give_up(self) -> None:
         """Drop the message under way."""

@@ -2,6 +2,7 @@
 
 from hri_sim.fault_table.incident import Incident
 from hri_sim.fault_table.incidents.latches import LATCHES
+from hri_sim.fault_table.incidents.late_scenes import LATE_SCENES
 from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
 from hri_sim.fault_table.incidents.robot_lies import ROBOT_LIES
 from hri_sim.fault_table.incidents.second_sender import SECOND_SENDER
@@ -9,6 +10,7 @@ from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
 
 INCIDENTS: tuple[Incident, ...] = (
     *LATCHES,
+    *LATE_SCENES,
     *LOST_PEOPLE,
     *ROBOT_LIES,
     *SECOND_SENDER,

@@ -17,6 +17,7 @@ from hri_drivers.links.can import isotp as can_isotp
 from hri_drivers.links.can.isotp import IsoTpReceiver, IsoTpTransfer, isotp_bits
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.can.transport import CanTransport
+from hri_drivers.wires.backoff import FIRST_S, LAST_S
 from hri_drivers.wires.transport import pipe
 from hri_predict.cli.listen import listen
 from hri_predict.clock import VirtualClock
@@ -126,11 +127,28 @@ def test_a_peer_without_room_is_named_and_the_next_zone_tried():
     pair.link.post(zone(step=2))
     assert len(pair.after(0.0)) == 1
     pair.far.write(CanFrame(PEER, b"\x32\x00\x00"))
-    assert len(pair.after(0.01)) == 1  # the next one's first frame
+    assert pair.after(0.01) == []
     assert "has no room" in str(pair.link.last_error)
+    assert len(pair.after(FIRST_S)) == 1  # the next one's first frame
     pair.far.write(GO_ON)
     assert len(pair.after(0.01)) == 48
     assert (pair.link.counters.messages_sent, pair.link.counters.write_errors) == (1, 1)
+
+
+def test_a_peer_that_never_has_room_is_asked_ever_more_rarely():
+    """Ten seconds: after 50 ms, 100 ms, ... and then every two seconds."""
+    pair = Link()
+    asked = []
+    for tick in range(2500):  # a fast peer: it refuses at once
+        pair.link.post(zone(step=tick % 250, capture_ns=pair.clock.now_ns()))
+        for frame in pair.after(0.004):
+            asked.append(pair.clock.now_ns() * 1e-9)
+            assert frame.data[0] >> 4 == 1
+            pair.far.write(CanFrame(PEER, b"\x32\x00\x00"))
+    assert 6 <= len(asked) <= 10
+    assert asked[-1] - asked[-2] >= LAST_S
+    pair.link.post(zone(step=1, capture_ns=pair.clock.now_ns()))
+    assert len(pair.after(LAST_S)) <= 1
 
 
 def test_an_answer_that_comes_before_the_wire_is_free_is_not_slept_over():

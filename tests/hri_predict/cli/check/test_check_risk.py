@@ -112,3 +112,8 @@ def test_run_warns_of_a_calibration_that_nothing_uses(written, monkeypatch, caps
             run(config=written(risk))
         err = capsys.readouterr().err
         assert err.count("warning: risk.coverage has no effect: mode iso") == warned
+
+
+def test_what_is_believed_of_the_source_s_clock(checked):
+    found = checked("  mode: iso\n")
+    assert found["clock"] == {"max_drift_ppm": pytest.approx(200), "wander_s": 0.1}

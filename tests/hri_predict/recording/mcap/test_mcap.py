@@ -353,6 +353,9 @@ def test_a_full_disk_ends_the_recording_and_not_the_node(
         recorder.on_tick(_tick(k))
     recorder.close()
     assert recorder.error == "No space left on device"
+    report = recorder.report()
+    assert (report["error"], report["dropped"]) == (recorder.error, recorder.dropped)
+    assert report["dropped"] > 0
     assert recorder.dropped > 0
     assert recorder.dropped + recorder.written >= 200 * 3
     assert "No space left" in caplog.text

@@ -1,0 +1,188 @@
+"""The offset that is believed between a source's clock and the node's: a line over time.
+
+From one side, a slow clock and a growing delay look alike: both raise the difference receipt -
+stamp. What tells them apart is how clocks behave. A quartz is off by a steady part of its time,
+50 ppm or less; two of them differ by 100. Temperature changes that by less than 1 ppm for each
+degree, so by a few ppm over a shift. ntpd, which disciplines a clock, takes 15 ppm for the error of
+a quartz (PHI in RFC 5905, section 7.2), and 500 for the most that it ever corrects (MAXFREQ), which
+only broken clocks need. Therefore:
+
+- The line never rises by more than ``MAX_DRIFT``.
+- In the first ``LEARNING_NS`` of scenes it learns the steady drift, and bounds its rise the closer
+  the longer it has learnt. From then on it rises by that drift, and beyond it by no more than
+  ``MAX_WANDER``, and by ``wander_ns`` in all.
+- It follows only what lies within ``LOCK_NS`` above it. Scenes that are all later than that are
+  late: no clock leaps, so the line learns nothing from them, however long they last. It falls then
+  as fast as the clock may run.
+- Without scenes it keeps the drift learnt for ``HOLD_NS``, and rises no more after that. Before the
+  drift is learnt it does not rise, and then follows what lies a little higher (``_unsure_ns``).
+
+It falls whenever scenes come through faster: that is evidence, and no assumption.
+"""
+
+from dataclasses import dataclass
+
+S = 1_000_000_000
+MAX_DRIFT = 200e-6
+"""Twice what two crystals of 50 ppm differ by: room for age and cold."""
+LOCK_NS = 20_000_000
+"""What lies higher above the line is late."""
+LEARNING_NS = 30 * 60 * S
+MAX_WANDER = LOCK_NS / LEARNING_NS
+"""11 ppm: what the drift learnt may be wrong by, and what a temperature may change."""
+HOLD_NS = 2 * 3600 * S
+YOUNG_NS = 10 * S
+WANDER_NS = 100_000_000
+BUCKETS = 12
+"""Minima that are remembered: one minute of a steady source."""
+AGREEING = 4
+"""So many of them must lie as low before the line falls. A fault of stamps that is shorter than the
+time of two buckets spoils three at most."""
+MIN_SAMPLES = 3
+
+
+@dataclass(slots=True)
+class _Slope:
+    """A straight line by least squares, one point after the other."""
+
+    count: int = 0
+    t: float = 0.0
+    y: float = 0.0
+    tt: float = 0.0
+    ty: float = 0.0
+
+    def add(self, t: float, y: float) -> None:
+        self.count += 1
+        self.t += t
+        self.y += y
+        self.tt += t * t
+        self.ty += t * y
+
+    def value(self) -> float | None:
+        """The slope; ``None`` before ``MIN_SAMPLES`` points of different times."""
+        spread = self.count * self.tt - self.t * self.t
+        if self.count < MIN_SAMPLES or spread <= 0:
+            return None
+        return (self.count * self.ty - self.t * self.y) / spread
+
+
+class OffsetLine:
+    """See this module. Times are the node's, in nanoseconds.
+
+    Args:
+        offset_ns: capture (node's clock) minus stamp (source's clock), from the first scene.
+        now_ns: when that was received.
+        wander_ns: greatest rise in all beyond the steady drift, once that is learnt.
+
+    Attributes:
+        rise_ns: by how much the offset rose since the first scene, jumps not counted: the drift
+            that was believed. Negative where the source's clock runs fast.
+        wandered_ns: how much of ``wander_ns`` is used up.
+    """
+
+    def __init__(self, offset_ns: int, now_ns: int, wander_ns: int = WANDER_NS) -> None:
+        self.rise_ns = 0
+        self.wandered_ns = 0
+        self._wander_ns = wander_ns
+        self._offset_ns = offset_ns
+        self._now_ns = self._start_ns = self._bucket_ns = self._locked_ns = now_ns
+        self._lowest: list[int] = []  # of the last buckets, above the line
+        self._slope = _Slope()
+        self._learnt_ns = 0  # how long, from the first bucket to the last one that was followed
+        self._rate: float | None = None
+
+    @property
+    def slope(self) -> float | None:
+        """The drift learnt so far, as rise over time; ``None`` before three buckets."""
+        return self._rate if self._rate is not None else self._slope.value()
+
+    def at(self, now_ns: int) -> int:
+        """The offset believed at ``now_ns``."""
+        if self._rate is None:
+            return self._offset_ns + round(self._young() * max(0, now_ns - self._now_ns))
+        held_ns = max(0, min(now_ns, self._locked_ns + HOLD_NS) - self._now_ns)
+        beyond_ns = max(0, now_ns - self._now_ns - held_ns)
+        return self._offset_ns + round(self._rate * held_ns + min(0.0, self._rate) * beyond_ns)
+
+    def shift(self, by_ns: int) -> None:
+        """The source's clock jumped; how fast it runs is still known."""
+        self._offset_ns += by_ns
+
+    def follow(self, lowest_ns: int, now_ns: int) -> int:
+        """Take the lowest difference of a bucket, which ends at ``now_ns``, into account.
+
+        ``lowest_ns`` is relative to the line. Returns by how much the line was moved.
+        """
+        line_ns = self.at(now_ns)
+        self.rise_ns += line_ns - self._offset_ns
+        self._offset_ns, self._now_ns = line_ns, now_ns
+        elapsed_ns, self._bucket_ns = now_ns - self._bucket_ns, now_ns
+        if elapsed_ns > YOUNG_NS:  # after a pause, what came before says little
+            self._lowest = []
+        self._lowest = [*self._lowest, lowest_ns][-BUCKETS:]
+        agreed = len(self._lowest) >= AGREEING
+        floor_ns = sorted(self._lowest)[AGREEING - 1] if agreed else max(0, *self._lowest)
+        unsure_ns = self._unsure_ns()
+        locked = floor_ns <= LOCK_NS + unsure_ns
+        if locked:
+            step_ns = min(floor_ns, self._may_rise_ns(elapsed_ns) + unsure_ns)
+        else:
+            step_ns = -self._may_fall_ns(min(elapsed_ns, YOUNG_NS))
+        self._correct(step_ns, -round(2 * MAX_DRIFT * elapsed_ns))
+        if locked:
+            self._locked_ns = now_ns
+            if agreed and self._rate is None:
+                self._learn(lowest_ns - step_ns)
+        return step_ns
+
+    def _young(self) -> float:
+        """How the line runs by itself before the drift is learnt: it may fall, but not rise."""
+        return max(-MAX_DRIFT, min(0.0, self._slope.value() or 0.0))
+
+    def _unsure_ns(self) -> int:
+        """By how much the line may be wrong after a pause, before the drift is learnt."""
+        alone_ns = self._now_ns - self._locked_ns
+        if self._rate is not None or alone_ns <= YOUNG_NS:
+            return 0
+        least, greatest = self._between()
+        return min(round((greatest - least) * alone_ns), self._wander_ns)
+
+    def _between(self) -> tuple[float, float]:
+        """The least and the greatest drift that agree with what was learnt so far."""
+        slope = self.slope
+        if slope is None:
+            return -MAX_DRIFT, MAX_DRIFT
+        slope, unsure = min(max(slope, -MAX_DRIFT), MAX_DRIFT), LOCK_NS / max(1, self._learnt_ns)
+        return max(slope - unsure, -MAX_DRIFT), min(slope + unsure, MAX_DRIFT)
+
+    def _may_rise_ns(self, elapsed_ns: int) -> int:
+        """By how much the line may rise, beyond what it does by itself."""
+        if self._rate is None:
+            return round((self._between()[1] - self._young()) * elapsed_ns)
+        left_ns = self._wander_ns - self.wandered_ns
+        return max(0, min(round(MAX_WANDER * elapsed_ns), left_ns))
+
+    def _may_fall_ns(self, elapsed_ns: int) -> int:
+        """By how much the clock may have run fast, unseen, while all scenes were late."""
+        if self._rate is None:
+            return round(max(0.0, self._young() - self._between()[0]) * elapsed_ns)
+        alone = self._now_ns - self._locked_ns > HOLD_NS
+        return round(MAX_WANDER * elapsed_ns) if alone else 0
+
+    def _correct(self, step_ns: int, drift_ns: int) -> None:
+        """Move the line by ``step_ns``; a fall beyond ``drift_ns`` was no drift, but delay."""
+        self._offset_ns += step_ns
+        self._lowest = [lowest - step_ns for lowest in self._lowest]
+        self.rise_ns += max(step_ns, drift_ns)
+        if self._rate is not None:
+            self.wandered_ns = max(0, self.wandered_ns + step_ns)
+
+    def _learn(self, above_ns: int) -> None:
+        """Learn the drift from a bucket's lowest difference, ``above_ns`` above the line."""
+        if abs(above_ns) > LOCK_NS:
+            return
+        self._learnt_ns = self._now_ns - self._start_ns
+        self._slope.add(self._learnt_ns / S, (self.rise_ns + above_ns) / S)
+        slope = self._slope.value()
+        if slope is not None and self._learnt_ns >= LEARNING_NS:
+            self._rate = min(max(slope, -MAX_DRIFT), MAX_DRIFT)
