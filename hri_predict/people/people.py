@@ -9,6 +9,7 @@ from hri_predict.arrays import Bools, Floats
 from hri_predict.joint_map import JointMap
 from hri_predict.people.body_size import is_human_sized
 from hri_predict.people.lost import PLACE_SLACK_M, LostPeople, match_places
+from hri_predict.people.recent import recent_captures
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.scene_gate import SceneGate
 from hri_predict.people.settings import PeopleSettings
@@ -364,6 +365,7 @@ class People:
             captures=captures,
             counters=counters,
             clock=clock,
+            recent=recent_captures([ring for _, ring, _ in tracks], joints),
         )
 
     def _reasons(self, now_ns: int) -> tuple[Reason, ...]:

@@ -21,6 +21,7 @@ from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.skeleton import JOINTS
 
 MAX_LATCH_ID = 65_000
 """Latch ids wrap here: they are 16 bits on the wire."""
@@ -82,7 +83,9 @@ class Levels:
         demand, people = self._demand(robot, bodies, findings)
         advised = self._machines[robot].update(demand, snapshot.captures, snapshot.now_ns)
         reason = advised.reason
-        if reason is Reason.NONE and bodies.speeds.fast.any():
+        if reason is Reason.NONE and bodies.speeds.unknown.any():
+            reason = Reason.SPEED_UNKNOWN
+        elif reason is Reason.NONE and bodies.speeds.fast.any():
             reason = Reason.PERSON_FAST
         elif reason is Reason.NONE and bodies.reasons:
             reason = bodies.reasons[0]
@@ -139,7 +142,8 @@ def asked_of(
     """What people and unseen places ask of a robot, and the finding about people that decides.
 
     Mode ``predictive`` asks for the milder of two: what the zones over time ask for, and what the
-    standard's separation does. Either keeps the robot away, as long as its assumptions hold.
+    standard's separation does of people who move as it assumes. Either keeps the robot away from
+    these; from all others the zones alone do (``Separation``).
     """
     risk, max_speed_m_s = robot.risk, robot.max_speed_m_s
     if found.unknown:
@@ -163,11 +167,19 @@ def asked_of(
 def _reason(finding: Finding, bodies: BodyZones) -> Reason:
     if bodies.lost[finding.person]:
         return Reason.PERSON_LOST
+    unknown = bodies.speeds.unknown
+    if not finding.near and finding.person < len(unknown) and unknown[finding.person]:
+        return Reason.SPEED_UNKNOWN
     return Reason.PERSON_NEAR if finding.near else Reason.PERSON_APPROACHING
 
 
 def _decided_by_people(demand: Demand) -> bool:
-    return demand.reason in (Reason.PERSON_NEAR, Reason.PERSON_APPROACHING, Reason.PERSON_LOST)
+    return demand.reason in (
+        Reason.PERSON_NEAR,
+        Reason.PERSON_APPROACHING,
+        Reason.PERSON_LOST,
+        Reason.SPEED_UNKNOWN,
+    )
 
 
 def _wire_m(distance_m: float) -> float:
@@ -197,8 +209,9 @@ def _detail(
         if who.slack_m < 0:
             parts.append(f"{-who.slack_m:.2f} m too near at its present speed")
     for i in np.flatnonzero(speeds.fast):
-        fast_m_s = f"trunk {speeds.trunk[i]:.1f} m/s, hand {speeds.hand[i]:.1f} m/s"
-        parts.append(f"person {ids[i]} is fast: {fast_m_s}")
+        joint = JOINTS[speeds.fastest_joint[i]]
+        parts.append(f"person {ids[i]} is fast: {joint} {speeds.fastest_m_s[i]:.1f} m/s")
+    parts += [f"speed of person {ids[i]} unknown" for i in np.flatnonzero(speeds.unknown)]
     if demand.reason in (Reason.ZONE_OCCUPIED, Reason.ZONE_ENTRY_PREDICTED):
         inside = demand.reason is Reason.ZONE_OCCUPIED
         names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]

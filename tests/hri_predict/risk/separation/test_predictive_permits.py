@@ -24,6 +24,7 @@ from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.settings import Pose
+from tests.hri_predict.risk.people_speeds import speeds_of
 
 # -- demands ---------------------------------------------------------------------------------------
 
@@ -148,6 +149,8 @@ def sphere(x, speed_m_s=0.0, radius_m=0.2, growth_m_s=0.0):
         lost=np.zeros(1, bool),
         age_s=0.05,
         capture_ns=10**9,
+        speeds=speeds_of(0.0),
+        as_assumed=np.ones(1, bool),
     )
 
 
