@@ -1,6 +1,6 @@
 """The levels stage: from what was found to what each robot is advised, and why.
 
-The only memory is one ``LevelMachine`` per robot.
+The only memory is one ``LevelMachine`` per robot, and one ``SteadyReason``.
 """
 
 import math
@@ -15,6 +15,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZone
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.machine import LevelMachine
+from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Findings, RobotFindings
 from hri_predict.risk.separation.terms import Finding
@@ -53,6 +54,7 @@ class Levels:
         self._segment_index = segment_index
         self._next_latch = 0
         self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, self._latch) for r in robots)
+        self._reasons = tuple(SteadyReason(settings.release_captures) for _ in robots)
 
     def __call__(
         self, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings
@@ -89,6 +91,7 @@ class Levels:
             reason = Reason.PERSON_FAST
         elif reason is Reason.NONE and bodies.reasons:
             reason = bodies.reasons[0]
+        reason = self._reasons[robot].update(advised.level, reason, snapshot.captures)
         who = people if people is not None and _decided_by_people(demand) else None
         return Advice(
             robot=robot,
