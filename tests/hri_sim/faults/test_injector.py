@@ -20,7 +20,7 @@ from hri_sim.faults.injector import (
 )
 
 PERIOD = 40_000_000
-JOINTS = 5
+JOINTS = 21
 
 
 class Walkers:
@@ -77,6 +77,11 @@ def heard(*faults, seed=0, people=2, count=100):
 def window(kind, **parameters):
     """A fault from scene 25 to scene 49."""
     return {"kind": kind, "start_s": 1.0, "duration_s": 1.0, **parameters}
+
+
+def needed(kind):
+    """Such a fault with the parameters that it cannot do without."""
+    return window(kind, **{"hide": {"joints": ["waist"]}}.get(kind, {}))
 
 
 def sequences(scenes):
@@ -207,7 +212,7 @@ def test_clock_jump_comes_and_goes():
 
 def test_every_kind_acts_and_is_counted():
     for kind in SOURCE_FAULTS:
-        source = FaultySource(Walkers(), [window(kind)], 1)
+        source = FaultySource(Walkers(), [needed(kind)], 1)
         source.open(0)
         while (due := source.next_ns()) is not None:
             while source.poll(due) is not None:
@@ -219,7 +224,7 @@ def test_every_kind_acts_and_is_counted():
 @given(kinds=st.lists(st.sampled_from(sorted(SOURCE_FAULTS)), max_size=4), seed=st.integers(0, 9))
 def test_any_mixture_is_deterministic_ends_and_arrives_in_time_order(kinds, seed):
     def once():
-        out = heard(*(window(k) for k in kinds), seed=seed, count=60)
+        out = heard(*(needed(k) for k in kinds), seed=seed, count=60)
         arrivals = [a for a, _ in out]
         assert arrivals == sorted(arrivals)
         return [
