@@ -76,12 +76,8 @@ def heard(*faults, seed=0, people=2, count=100):
 
 def window(kind, **parameters):
     """A fault from scene 25 to scene 49."""
-    return {"kind": kind, "start_s": 1.0, "duration_s": 1.0, **parameters}
-
-
-def needed(kind):
-    """Such a fault with the parameters that it cannot do without."""
-    return window(kind, **{"hide": {"joints": ["waist"]}}.get(kind, {}))
+    needed = {"joints": ["waist"]} if kind == "hide" else {}
+    return {"kind": kind, "start_s": 1.0, "duration_s": 1.0, **needed, **parameters}
 
 
 def sequences(scenes):
@@ -212,7 +208,7 @@ def test_clock_jump_comes_and_goes():
 
 def test_every_kind_acts_and_is_counted():
     for kind in SOURCE_FAULTS:
-        source = FaultySource(Walkers(), [needed(kind)], 1)
+        source = FaultySource(Walkers(), [window(kind)], 1)
         source.open(0)
         while (due := source.next_ns()) is not None:
             while source.poll(due) is not None:
@@ -224,7 +220,7 @@ def test_every_kind_acts_and_is_counted():
 @given(kinds=st.lists(st.sampled_from(sorted(SOURCE_FAULTS)), max_size=4), seed=st.integers(0, 9))
 def test_any_mixture_is_deterministic_ends_and_arrives_in_time_order(kinds, seed):
     def once():
-        out = heard(*(needed(k) for k in kinds), seed=seed, count=60)
+        out = heard(*(window(k) for k in kinds), seed=seed, count=60)
         arrivals = [a for a, _ in out]
         assert arrivals == sorted(arrivals)
         return [
