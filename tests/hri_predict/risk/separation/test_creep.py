@@ -24,4 +24,4 @@ def test_only_a_speed_beyond_noise_is_a_direction(mode):
             there, back = (cell.people(creeping(speed, s), bodies).limits for s in (1, -1))
             differs[speed] += there != back
     assert differs[0.03] == 0
-    assert differs[2 * DIRECTED_M_S] > 0
+    assert mode == "iso" or differs[2 * DIRECTED_M_S] > 0
