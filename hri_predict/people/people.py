@@ -11,6 +11,7 @@ from hri_predict.people.body_size import is_human_sized
 from hri_predict.people.free_space import FreeSpace
 from hri_predict.people.lost import LostPeople
 from hri_predict.people.posture_watch import PostureWatch
+from hri_predict.people.recent import recent_captures
 from hri_predict.people.remembered import RemembersLost
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.roster import Appearing, Roster
@@ -297,6 +298,7 @@ class People(RemembersLost):
             captures=captures,
             counters=counters,
             clock=clock,
+            recent=recent_captures([ring for _, ring, _ in tracks], joints),
         )
 
     def _reasons(self, now_ns: int) -> tuple[Reason, ...]:

@@ -157,14 +157,18 @@ class RingBuffer:
             return PushResult.BACKWARD_JUMP
         return PushResult.OUT_OF_ORDER
 
-    def samples(self) -> tuple[Stamps, Floats, Bools]:
+    def samples(self, newest: int | None = None) -> tuple[Stamps, Floats, Bools]:
         """Return copies, oldest first: stamps (M,), positions (M, J, 3), observed (M, J).
 
         Positions are finite everywhere, but meaningless where not observed.
+
+        Args:
+            newest: so many samples at most; ``None``: all.
         """
+        most = self.capacity if newest is None else min(newest, self.capacity)
         for attempt in range(_READ_TRIES):
             end = self._committed
-            first = max(0, end - self.capacity)
+            first = max(0, end - most)
             slots = np.arange(first, end) % self._size
             stamps = self._stamps.take(slots)
             positions = self._positions.take(slots, axis=0)

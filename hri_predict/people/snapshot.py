@@ -37,6 +37,29 @@ class LostPerson:
     places_ns: int | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RecentCaptures:
+    """Each person's newest captures as they came, oldest first: C columns, filled up in front.
+
+    A resampled history bridges gaps, or leaves them out; a speed should rest on neither.
+
+    Attributes:
+        age_s: (P, C) seconds before that person's newest capture; inf where filled up.
+        positions: (P, C, J, 3) metres, finite.
+        observed: (P, C, J); false where filled up.
+    """
+
+    age_s: Floats
+    positions: Floats
+    observed: Bools
+
+    @classmethod
+    def of_history(cls, history: Floats, observed: Bools, rate_hz: float) -> "RecentCaptures":
+        """A history of (P, T, J, 3) as captures: where nothing else is known."""
+        ages = np.arange(history.shape[1] - 1, -1, -1) / rate_hz
+        return cls(np.broadcast_to(ages, history.shape[:2]), history, observed)
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PeopleSnapshot:
     """All people in the room at one tick. P people, T steps of history, J joints.
@@ -58,6 +81,7 @@ class PeopleSnapshot:
         captures: number of distinct good captures so far; "release after N captures" counts these.
         counters: scenes and bodies dropped, repeated, out of order, ... since the start.
         clock: the estimate of the source's clock; ``None`` if there is none.
+        recent: newest captures of the tracked people; ``None``: only the history is known.
     """
 
     now_ns: int
@@ -73,6 +97,7 @@ class PeopleSnapshot:
     captures: int
     counters: Mapping[str, int]
     clock: ClockEstimate | None = None
+    recent: RecentCaptures | None = None
 
     @property
     def age_s(self) -> float | None:

@@ -1,6 +1,6 @@
 """The levels stage: from what was found to what each robot is advised, and why.
 
-The only memory is one ``LevelMachine`` per robot.
+The only memory is one ``LevelMachine`` per robot, and one ``SteadyReason``.
 """
 
 import math
@@ -17,12 +17,14 @@ from hri_predict.risk.areas import NamedZone
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, remembered
 from hri_predict.risk.levels.machine import Advised, LevelMachine
+from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Findings, RobotFindings
 from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.skeleton import JOINTS
 
 
 class Levels:
@@ -55,6 +57,7 @@ class Levels:
         self._note = ""  # on what an earlier run left
         for machine in self._machines:
             machine.latch("start")
+        self._reasons = tuple(SteadyReason(settings.release_captures) for _ in robots)
 
     def __call__(
         self,
@@ -122,10 +125,13 @@ class Levels:
         machine = self._machines[robot]
         advised = machine.update(demand, snapshot.captures, snapshot.now_ns, causes)
         reason = advised.reason
-        if reason is Reason.NONE and bodies.speeds.fast.any():
+        if reason is Reason.NONE and bodies.speeds.unknown.any():
+            reason = Reason.SPEED_UNKNOWN
+        elif reason is Reason.NONE and bodies.speeds.fast.any():
             reason = Reason.PERSON_FAST
         elif reason is Reason.NONE and (bodies.reasons or remarks):
             reason = (*bodies.reasons, *remarks)[0]
+        reason = self._reasons[robot].update(advised.level, reason, snapshot.captures)
         who = people if people is not None and _decided_by_people(demand) else None
         return Advice(
             robot=robot,
@@ -183,7 +189,8 @@ def asked_of(
     """What people and unseen places ask of a robot, and the finding about people that decides.
 
     Mode ``predictive`` asks for the milder of two: what the zones over time ask for, and what the
-    standard's separation does. Either keeps the robot away, as long as its assumptions hold.
+    standard's separation does of people who move as it assumes. Either keeps the robot away from
+    these; from all others the zones alone do (``Separation``).
     """
     risk, max_speed_m_s = robot.risk, robot.max_speed_m_s
     if found.unknown:
@@ -207,11 +214,19 @@ def asked_of(
 def _reason(finding: Finding, bodies: BodyZones) -> Reason:
     if bodies.lost[finding.person]:
         return Reason.PERSON_LOST
+    unknown = bodies.speeds.unknown
+    if not finding.near and finding.person < len(unknown) and unknown[finding.person]:
+        return Reason.SPEED_UNKNOWN
     return Reason.PERSON_NEAR if finding.near else Reason.PERSON_APPROACHING
 
 
 def _decided_by_people(demand: Demand) -> bool:
-    return demand.reason in (Reason.PERSON_NEAR, Reason.PERSON_APPROACHING, Reason.PERSON_LOST)
+    return demand.reason in (
+        Reason.PERSON_NEAR,
+        Reason.PERSON_APPROACHING,
+        Reason.PERSON_LOST,
+        Reason.SPEED_UNKNOWN,
+    )
 
 
 def _wire_m(distance_m: float) -> float:
@@ -241,8 +256,9 @@ def _detail(
         if who.slack_m < 0:
             parts.append(f"{-who.slack_m:.2f} m too near at its present speed")
     for i in np.flatnonzero(speeds.fast):
-        fast_m_s = f"trunk {speeds.trunk[i]:.1f} m/s, hand {speeds.hand[i]:.1f} m/s"
-        parts.append(f"person {ids[i]} is fast: {fast_m_s}")
+        joint = JOINTS[speeds.fastest_joint[i]]
+        parts.append(f"person {ids[i]} is fast: {joint} {speeds.fastest_m_s[i]:.1f} m/s")
+    parts += [f"speed of person {ids[i]} unknown" for i in np.flatnonzero(speeds.unknown)]
     if demand.reason in (Reason.ZONE_OCCUPIED, Reason.ZONE_ENTRY_PREDICTED):
         inside = demand.reason is Reason.ZONE_OCCUPIED
         names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]

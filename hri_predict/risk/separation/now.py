@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.geometry import Capsules, horizontal_distance
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.nearest import NearestInTime, nearest_in_time
@@ -156,42 +156,57 @@ def by_standard(
     robot: RobotConstants,
     motion: RobotMotion,
     bodies: BodyZones,
+    *,
+    who: Ints | None = None,
     standing: NearestInTime | None = None,
+    by_motion: bool = True,
 ) -> Finding:
     """By the protective separation distance: everybody together, and each fast person alone.
 
+    Of a fast person only the segments that are fast count alone, at their own speed. A person whose
+    speed is unknown counts as fast with all segments.
+
     Args:
         robot, motion: the robot and how it moves.
-        bodies: the people, one at least.
-        standing: the distances of zones over time to the robot where it is now; ``None``: the mode
-            does not use them. Only then a receding robot is looked for: zones over time take its
-            motion into account already.
+        bodies: the people.
+        who: indices of those who count, one at least; ``None``: everybody.
+        standing: the distances of zones over time to the robot where it is now, if everybody
+            counts; ``None``: they are not known.
+        by_motion: whether to look for a receding robot. Zones over time take its motion into
+            account already.
     """
-    zones, human_m_s = bodies.zones.capsules, bodies.speeds.beyond_standard_m_s
+    everybody = np.arange(len(bodies.zones.ids))
+    who = everybody if who is None else who
+    beyond_m_s = bodies.speeds.beyond_standard_m_s
+    all_segments = np.arange(len(bodies.zones.segments))
+    groups = [(who, all_segments, 0.0)]
+    for person in who[who < len(beyond_m_s)]:
+        fast = np.flatnonzero(beyond_m_s[person] > 0)
+        if fast.size:
+            groups.append((np.array([person]), fast, float(beyond_m_s[person].max())))
     found = []
-    for fast in (None, *np.flatnonzero(human_m_s > 0)):
-        who = slice(None) if fast is None else slice(fast, fast + 1)
+    for people, segments, human_m_s in groups:
         near = standing
-        if near is None or fast is not None:
-            near = _nearest_now(zones, motion, who)
+        if near is None or human_m_s > 0:
+            near = _nearest_now(bodies.zones.capsules, motion, people, segments)
         alone = at_distance(
             robot,
             motion,
             float(near.distance[0]),
             bodies.age_s,
-            who=(int(near.person[0]) + (fast or 0), int(near.segment[0]), int(near.link[0])),
-            human_m_s=0.0 if fast is None else float(human_m_s[fast]),
+            who=(int(near.person[0]), int(near.segment[0]), int(near.link[0])),
+            human_m_s=human_m_s,
         )
-        if standing is None:
-            speed_m_s = 0.0 if fast is None else float(human_m_s[fast])
-            alone = _receding(robot, motion, bodies, alone, human_m_s=speed_m_s)
+        if by_motion:
+            alone = _receding(robot, motion, bodies, alone, human_m_s=human_m_s)
         found.append(alone)
     return worst_of(found)
 
 
 def by_circle(robot: RobotConstants, motion: RobotMotion, bodies: BodyZones) -> Finding:
     """By the circle around the base, for the person nearest to it; it is wider for fast people."""
-    zones, human_m_s = bodies.zones.capsules, bodies.speeds.beyond_standard_m_s
+    zones = bodies.zones.capsules
+    human_m_s = bodies.speeds.beyond_standard_m_s.max(1, initial=0.0)
     near = _nearest_now(zones, motion)
     who = int(near.person[0]), int(near.segment[0]), int(near.link[0])
     found = at_distance(robot, motion, float(near.distance[0]), bodies.age_s, who=who)
@@ -270,8 +285,23 @@ def _receding(
     )
 
 
-def _nearest_now(zones: Capsules, motion: RobotMotion, who: slice = slice(None)) -> NearestInTime:
-    """The nearest pair of people and robot as captured."""
-    people = Capsules(zones.a[who, :1], zones.b[who, :1], zones.radius[who, :1])
+def _nearest_now(
+    zones: Capsules, motion: RobotMotion, who: Ints | None = None, segments: Ints | None = None
+) -> NearestInTime:
+    """The nearest pair of people and robot as captured.
+
+    Args:
+        zones: (P, K+1, S).
+        motion: of the robot.
+        who, segments: indices of the people and of their segments that count; ``None``: all.
+    """
+    persons, _, count = zones.radius.shape
+    who = np.arange(persons) if who is None else who
+    segments = np.arange(count) if segments is None else segments
+    some = np.ix_(who, np.zeros(1, np.intp), segments)
     robot = motion.capsules
-    return nearest_in_time(people, Capsules(robot.a[None], robot.b[None], robot.radius[None]))
+    near = nearest_in_time(
+        Capsules(zones.a[some], zones.b[some], zones.radius[some]),
+        Capsules(robot.a[None], robot.b[None], robot.radius[None]),
+    )
+    return replace(near, person=who[near.person], segment=segments[near.segment])

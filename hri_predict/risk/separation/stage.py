@@ -5,19 +5,20 @@ It is a pure function of this tick's bodies and robots, and has no memory. It on
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hri_predict.arrays import Floats
+from hri_predict.geometry import Capsules
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.in_time import TimeByTime, farthest
 from hri_predict.risk.separation.nearest import BodiesInTime
 from hri_predict.risk.separation.now import by_circle, by_standard
-from hri_predict.risk.separation.outlook import outlooks
-from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.separation.outlook import Outlook, outlooks
+from hri_predict.risk.separation.terms import Finding, worst_of
 from hri_predict.risk.separation.unseen import beside_view
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
@@ -33,8 +34,9 @@ class RobotFindings:
     Attributes:
         unknown: why the situation is unknown; the other fields are then ``None``.
         people: about the people, as the mode judges them; ``None`` if nobody is here.
-        standard: in mode ``predictive``, the same by the standard's separation, if the zones do not
-            permit the highest speed. The milder of the two counts.
+        standard: in mode ``predictive``, if the zones do not permit the highest speed: the same
+            people, by the standard's separation where its assumptions hold, and by their zones
+            where not (``BodyZones.as_assumed``). The milder of the two counts.
         unseen: about the space that the sensor does not see; ``None`` if it sees everything.
     """
 
@@ -177,15 +179,41 @@ class Separation:
         """All robots together; also by the standard, if that may permit more."""
         judging = [self._time_by_time(i, motion) for i, motion in motions.items()]
         found = outlooks(list(motions.values()), judging, BodiesInTime(bodies.zones.capsules))
-        return [
-            (
-                outlook.finding,
-                by_standard(self._robots[i], motion, bodies, outlook.standing)
-                if self._may_permit_more(self._robots[i], outlook.finding)
-                else None,
-            )
-            for (i, motion), outlook in zip(motions.items(), found, strict=True)
-        ]
+        result: list[_AboutPeople] = []
+        for (i, motion), judge, outlook in zip(motions.items(), judging, found, strict=True):
+            standard = None
+            if self._may_permit_more(self._robots[i], outlook.finding):
+                standard = self._milder(i, motion, judge, bodies, outlook)
+            result.append((outlook.finding, standard))
+        return result
+
+    def _milder(
+        self,
+        robot: int,
+        motion: RobotMotion,
+        judging: TimeByTime,
+        bodies: BodyZones,
+        outlook: Outlook,
+    ) -> Finding | None:
+        """By the standard for those who move as it assumes, by their zones for all others.
+
+        Each person is judged by one argument that holds for that person, and the robot meets the
+        demands of all. ``None``: nobody moves as assumed.
+        """
+        assumed = np.flatnonzero(bodies.as_assumed)
+        if not assumed.size:
+            return None
+        constants = self._robots[robot]
+        others = np.flatnonzero(~bodies.as_assumed)
+        if not others.size:
+            standing = outlook.standing
+            return by_standard(constants, motion, bodies, standing=standing, by_motion=False)
+        relaxed = by_standard(constants, motion, bodies, who=assumed, by_motion=False)
+        zones = bodies.zones.capsules
+        some = Capsules(zones.a[others], zones.b[others], zones.radius[others])
+        (by_zones,) = outlooks([motion], [judging], BodiesInTime(some))
+        kept = by_zones.finding
+        return worst_of([relaxed, replace(kept, person=int(others[kept.person]))])
 
     def _may_permit_more(self, robot: RobotConstants, found: Finding) -> bool:
         """Whether the standard's separation may permit more than the zones do.

@@ -15,19 +15,19 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import Capsules
-from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.self_check.self_check import Trust
 from hri_predict.risk.settings import HumanLimits
 from hri_predict.risk.types import Zones
 from hri_predict.risk.zones.human_speed import (
-    NOBODY,
     HumanSpeeds,
+    SpeedRule,
     Velocities,
-    measure_people,
     velocities_in,
 )
+from hri_predict.risk.zones.joint_speeds import joint_speeds
 from hri_predict.risk.zones.joint_zones import FRESH_S, JointZones
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.whereabouts import anywhere_in
@@ -49,6 +49,9 @@ class BodyZones:
         reasons: why the zones are no better than they are.
         claimed: see ``JointSpheres``.
         speeds: of the people who are here, in the order of the snapshot.
+        as_assumed: (P,) whether the standard's assumptions are known to hold for a person: here, of
+            measured speed, not fast, and with a forecast that is neither widened nor out of
+            distribution. For all others their zones alone decide in mode ``predictive``.
         untrusted: why the scene cannot be trusted; the zones then mean nothing.
     """
 
@@ -57,9 +60,10 @@ class BodyZones:
     lost: Bools
     age_s: float
     capture_ns: int | None
+    speeds: HumanSpeeds
+    as_assumed: Bools
     reasons: tuple[Reason, ...] = ()
     claimed: Floats | None = None
-    speeds: HumanSpeeds = NOBODY
     untrusted: tuple[Reason, ...] = ()
 
 
@@ -114,6 +118,7 @@ class ZoneBuilder:
         self._radius: Floats = np.array([s.radius for s in segments])
         # (S, J): a sphere of this size about joint k holds the whole of segment s
         self._reach: Floats = np.maximum(skeleton.reach[self._a], skeleton.reach[self._b])
+        self._speed_rule = SpeedRule(skeleton, limits)
         self.times_s: Floats = np.arange(1 + (steps or horizon_steps)) / rate_hz
         self.joints = JointZones(
             skeleton=skeleton,
@@ -143,8 +148,19 @@ class ZoneBuilder:
         capture_ns = _oldest_capture(snapshot)
         if velocities is None:
             velocities = velocities_in(snapshot, self._rate_hz)
+        recent = snapshot.recent
+        if recent is None:
+            recent = RecentCaptures.of_history(snapshot.history, snapshot.observed, self._rate_hz)
+        moving = joint_speeds(recent)
+        speeds = self._speed_rule.people(moving, (self._a, self._b))
         joints = self.joints.build(
-            snapshot, forecast, capture_ns=capture_ns, trust=trust, velocities=velocities
+            snapshot,
+            forecast,
+            capture_ns=capture_ns,
+            trust=trust,
+            velocities=velocities,
+            growth_m_s=self._speed_rule.growth(moving, speeds.unknown),
+            unknown=speeds.unknown,
         )
         zones = self._segments(joints.mid, joints.radius, joints.joint_age)
         zones = self._where_lost(zones, snapshot, capture_ns)
@@ -160,7 +176,11 @@ class ZoneBuilder:
             age_s=0.0 if capture_ns is None else max(0.0, (snapshot.now_ns - capture_ns) * 1e-9),
             capture_ns=capture_ns,
             claimed=joints.claimed,
-            speeds=measure_people(velocities, self._skeleton, self.limits),
+            speeds=speeds,
+            as_assumed=np.append(
+                speeds.within_standard & _trusted(trust, len(snapshot.ids)),
+                np.zeros(len(snapshot.lost), np.bool_),
+            ),
         )
 
     def _where_lost(
@@ -195,6 +215,13 @@ class ZoneBuilder:
             b = np.where(bounded[..., None], centre, b)
             radius = np.where(bounded, about + reach, radius)
         return Capsules(a, b, radius + self._radius)
+
+
+def _trusted(trust: Trust | None, people: int) -> Bools:
+    """(P,) whether forecasts are neither widened nor out of distribution."""
+    if trust is None:
+        return np.ones(people, np.bool_)
+    return ~trust.out_of_distribution & (trust.widen <= 1.0).all(1)
 
 
 def _oldest_capture(snapshot: PeopleSnapshot) -> int | None:

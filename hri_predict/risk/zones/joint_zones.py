@@ -19,9 +19,10 @@ forecast can leave such a zone; how often is unknown.
 was not seen in the capture or only recently appeared, and to a person whose motion is out of
 distribution. Without a calibration, the standard's assumption replaces them: the joint is at most
 ``v (t + joint_age)`` from where it was last seen, where ``v`` is the physical speed or the joint's
-present speed, whichever is higher. A lost person goes on from where each joint was last seen, at
-the speed last measured or the standard's, whichever is higher; a limb that was faster than its body
-gets an arm's length farther. Past the last calibrated step the zone grows at the physical speed.
+present speed, whichever is higher, and the physical limit if nobody could measure how fast the
+person is. A lost person goes on from where each joint was last seen, at the speed last measured or
+the standard's, whichever is higher; a limb that was faster than its body gets an arm's length
+farther. Past the last calibrated step the zone grows at the physical speed.
 
 Zones that follow a forecast are also cut to what a body can do by then.
 """
@@ -35,7 +36,7 @@ from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
 from hri_predict.risk.self_check.self_check import Trust
 from hri_predict.risk.settings import HumanLimits
-from hri_predict.risk.zones.human_speed import Velocities, growth_speeds, velocities_in
+from hri_predict.risk.zones.human_speed import Velocities, velocities_in
 from hri_predict.risk.zones.motion_class import trunk_speed
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.reach import BodyReach
@@ -137,12 +138,16 @@ class JointZones:
         capture_ns: int | None,
         trust: Trust | None,
         velocities: Velocities | None = None,
+        growth_m_s: Floats | float | None = None,
+        unknown: Bools | None = None,
     ) -> JointSpheres:
         """Spheres for everybody in ``snapshot``; see ``ZoneBuilder.build``.
 
         Args:
             snapshot, forecast, trust, velocities: as there.
             capture_ns: the oldest capture; ``None``: there is none.
+            growth_m_s: (P, J) speeds of joints without a forecast; ``None``: the physical speed.
+            unknown: (P,) whose speed is unknown: without a calibration they have no forecast.
         """
         if velocities is None:
             velocities = velocities_in(snapshot, self._rate_hz)
@@ -152,8 +157,9 @@ class JointZones:
             claimed=claimed,
             trust=trust,
             capture_ns=capture_ns,
-            velocities=velocities,
+            growth_m_s=self._limits.physical_speed_m_s if growth_m_s is None else growth_m_s,
             is_forecast=forecast is not None,
+            unknown=np.zeros(len(snapshot.ids), np.bool_) if unknown is None else unknown,
         )
         since = tracks.age[:, None] + self._times_s  # (P, K+1) seconds since capture
         until = since.copy()
@@ -206,8 +212,9 @@ class JointZones:
         claimed: Floats | None,
         trust: Trust | None,
         capture_ns: int | None,
-        velocities: Velocities,
+        growth_m_s: Floats | float,
         is_forecast: bool,
+        unknown: Bools,
     ) -> _Tracks:
         people, joints = len(snapshot.ids), len(self._speed)
         lost = len(snapshot.lost)
@@ -230,7 +237,7 @@ class JointZones:
         fresh = (joint_age < FRESH_S) & ~is_lost
         follows = np.zeros_like(fresh)
         if is_forecast:
-            follows = fresh
+            follows = fresh & ~np.append(unknown, np.zeros(lost, bool))[:, None]
             if claimed is not None and trust is not None:
                 # a joint without a radius, and a person out of distribution, have physical limits
                 has = np.isfinite(claimed[:, : self._trusted_steps]).all(1)
@@ -239,7 +246,9 @@ class JointZones:
         captures = np.array(
             [*snapshot.capture_ns, *(p.last_seen_ns for p in snapshot.lost)], dtype=np.int64
         )
-        present = growth_speeds(velocities, self._limits.physical_speed_m_s)
+        # a hidden joint of a person of unknown speed is within its reach of those that are seen
+        hidden = unknown[:, None] & ~fresh[:people]
+        present = np.where(hidden, self._limits.physical_speed_m_s, growth_m_s)
         onward = np.array([p.speed_m_s for p in snapshot.lost]).reshape(lost, 1)
         limbs = np.array([p.limbs_m_s for p in snapshot.lost]).reshape(lost, joints)
         reference = snapshot.now_ns if capture_ns is None else capture_ns

@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from hri_predict.arrays import Bools
+from hri_predict.errors import ConfigError, nearest
 from hri_predict.joint_map import JointMap
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import Pose, Quaternion, Vector3
@@ -90,6 +92,13 @@ class Vanish(FaultSettings):
     person: int | None = None
 
 
+class Hide(FaultSettings):
+    """The named ``joints`` of all people (or of the ``person`` with this id) are not observed."""
+
+    joints: list[str] = Field(min_length=1)
+    person: int | None = None
+
+
 class Blind(FaultSettings):
     """The source reports that it does not see the room."""
 
@@ -119,6 +128,7 @@ SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
     "mirror": Mirror,
     "identity_swap": IdentitySwap,
     "vanish": Vanish,
+    "hide": Hide,
     "blind": Blind,
     "clock_drift": ClockDrift,
     "clock_jump": ClockJump,
@@ -140,10 +150,14 @@ class FaultySource:
         """Wrap ``inner``; ``faults`` are applied in the order in which they are listed.
 
         Raises:
-            ConfigError: a fault of unknown kind or with a wrong key; ``where`` names the place.
+            ConfigError: a fault of unknown kind, with a wrong key, or with a joint that the source
+                does not have; ``where`` names the place.
         """
         self._inner = inner
         self._faults = faults_from(faults, SOURCE_FAULTS, f"{where}.faults")
+        for fault in self._faults:
+            if isinstance(fault, Hide):
+                _check_joints(fault, inner.joint_map.source_joints, f"{where}.faults")
         self._rng = np.random.default_rng(seed)
         self._start_ns = 0
         self._arriving: deque[tuple[int, Scene]] = deque()  # arrival time, kept sorted
@@ -258,6 +272,9 @@ class FaultySource:
             ids = [p.id for p in people]
             ids = [*ids[1:], ids[0]] if len(ids) > 1 else [(i + 1000) % 65536 for i in ids]
             return tuple(replace(p, id=i) for p, i in zip(people, ids, strict=True))
+        if isinstance(fault, Hide):
+            hidden = np.isin(self.joint_map.source_joints, fault.joints)
+            return tuple(_without(p, hidden) if fault.person in (None, p.id) else p for p in people)
         if isinstance(fault, Nan):
             return tuple(self._with_nan(p, fault.fraction) for p in people)
         return people
@@ -276,6 +293,20 @@ class FaultySource:
 
     def _is_frozen(self, elapsed_ns: int) -> bool:
         return any(isinstance(f, Freeze) and f.active(elapsed_ns) for f in self._faults)
+
+
+def _without(person: Person, hidden: Bools) -> Person:
+    positions = np.where(hidden[:, None], np.nan, person.positions)
+    return replace(person, positions=positions, observed=person.observed & ~hidden)
+
+
+def _check_joints(fault: Hide, joints: Sequence[str], where: str) -> None:
+    for name in fault.joints:
+        if name not in joints:
+            raise ConfigError(
+                f"{where} (hide): unknown joint '{name}'{nearest(name, joints)}; "
+                f"the source has: {', '.join(joints)}"
+            )
 
 
 def _shifted(scene: Scene, by_ns: int) -> Scene:

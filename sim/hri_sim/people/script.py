@@ -27,7 +27,10 @@ class WalkTo(Settings):
     to: Point
     via: list[Point] = []
     speed_m_s: float = Field(
-        1.2, ge=0.1, le=1.8, description="highest walking speed; sharp bends are slower"
+        1.2,
+        ge=0.1,
+        le=8.0,
+        description="highest speed; from about 2 m/s on people run; sharp bends are slower",
     )
     backwards: bool = False
 

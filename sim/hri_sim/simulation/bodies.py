@@ -18,7 +18,7 @@ from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.runner import PredictionRunner
 from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.risk.zones.human_speed import HumanSpeeds
+from hri_predict.risk.zones.human_speed import joined_speeds
 from hri_predict.run import assemble
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_sim.simulation.approach import ApproachSource
@@ -136,6 +136,7 @@ def _moved_snapshot(snapshot: PeopleSnapshot, matrix: Floats, person: int) -> Pe
         ids=tuple(i + person for i in snapshot.ids),
         history=transform(matrix, snapshot.history),
         last_positions=transform(matrix, snapshot.last_positions),
+        recent=None,  # it served its purpose when the zones were built
         lost=tuple(
             replace(p, id=p.id + person, positions=transform(matrix, p.positions))
             for p in snapshot.lost
@@ -170,6 +171,7 @@ def _joined_snapshots(parts: Sequence[PeopleSnapshot]) -> PeopleSnapshot:
         joint_age_s=np.concatenate([part.joint_age_s for part in parts]),
         lost=tuple(p for part in parts for p in part.lost),
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
+        recent=None,  # it served its purpose when the zones were built
         newest_capture_ns=None if None in newest else min(n for n in newest if n is not None),
         captures=min(part.captures for part in parts),
     )
@@ -199,11 +201,8 @@ def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
         capture_ns=min(captures, default=None),
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
         claimed=None,  # it served its purpose when the zones were built
-        speeds=HumanSpeeds(
-            np.concatenate([part.speeds.trunk for part in parts]),
-            np.concatenate([part.speeds.hand for part in parts]),
-            np.concatenate([part.speeds.fast for part in parts]),
-        ),
+        speeds=joined_speeds([part.speeds for part in parts]),
+        as_assumed=np.concatenate([part.as_assumed for part in parts])[order],
         untrusted=tuple(dict.fromkeys(r for part in parts for r in part.untrusted)),
     )
 

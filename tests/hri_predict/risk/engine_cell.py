@@ -23,6 +23,8 @@ from hri_predict.settings import Pose, Region
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 RATE_HZ, STEPS = 25.0, 25
+HISTORY = 6
+"""Steps in which people have stood where they stand: enough to measure that they do not move."""
 AGE_NS = 50_000_000
 TICK_NS = 40_000_000
 READY = (0.0, -1.2, 1.5, -1.8, -1.57, 0.0)
@@ -90,8 +92,8 @@ class Cell:
         return PeopleSnapshot(
             now_ns=self.now_ns,
             ids=tuple(range(10, 10 + people)),
-            history=last[:, None],
-            observed=np.ones((people, 1, len(JOINTS)), bool),
+            history=np.repeat(last[:, None], HISTORY, axis=1),
+            observed=np.ones((people, HISTORY, len(JOINTS)), bool),
             capture_ns=np.full(people, self.now_ns - AGE_NS, np.int64),
             last_positions=last,
             joint_age_s=np.zeros((people, len(JOINTS))),

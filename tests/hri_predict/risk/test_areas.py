@@ -13,6 +13,7 @@ from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, ap
 from hri_predict.risk.types import NamedZoneState, Zones
 from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.settings import Region
+from tests.hri_predict.risk.people_speeds import speeds_of
 
 SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
 ELL = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]]
@@ -80,6 +81,8 @@ def bodies(x: list[float], grown: float = 0.0) -> BodyZones:
         lost=np.array([False]),
         age_s=0.0,
         capture_ns=0,
+        speeds=speeds_of(0.0),
+        as_assumed=np.ones(1, bool),
     )
 
 
@@ -97,7 +100,15 @@ def test_nobody_occupies_nothing():
     empty = Capsules(np.zeros((0, 2, 1, 3)), np.zeros((0, 2, 1, 3)), np.zeros((0, 2, 1)))
     zones = Zones((), ("head",), np.array([0.0, 0.1]), empty)
     state = zone().state(
-        BodyZones(zones=zones, paths=empty, lost=np.zeros(0, bool), age_s=0.0, capture_ns=0)
+        BodyZones(
+            zones=zones,
+            paths=empty,
+            lost=np.zeros(0, bool),
+            age_s=0.0,
+            capture_ns=0,
+            speeds=speeds_of(),
+            as_assumed=np.zeros(0, bool),
+        )
     )
     assert state == NamedZoneState("door", False, None)
 

@@ -154,7 +154,7 @@ def test_who_runs_is_named_and_counts_as_fast(mode):
     for speed in (1.5, 3.0):  # towards the robot
         run = body(2.2)[None] + back * np.array([speed, 0.0, 0.0])
         found[speed] = cell.settle(2.2, history=run[None], observed=observed)
-        assert ("is fast: trunk 3.0 m/s" in found[speed].detail) == (speed == 3.0)
+        assert ("is fast: waist 3.0 m/s" in found[speed].detail) == (speed == 3.0)
     walked, ran = np.array([a.speed_limit_m_s for a in found.values()], float)  # None becomes NaN
     assert ran < walked if mode == "iso" else ran <= walked
     far = cell.settle(8.0, history=run[None], observed=observed)

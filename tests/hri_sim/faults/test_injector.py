@@ -20,7 +20,7 @@ from hri_sim.faults.injector import (
 )
 
 PERIOD = 40_000_000
-JOINTS = 5
+JOINTS = 21
 
 
 class Walkers:
@@ -76,7 +76,8 @@ def heard(*faults, seed=0, people=2, count=100):
 
 def window(kind, **parameters):
     """A fault from scene 25 to scene 49."""
-    return {"kind": kind, "start_s": 1.0, "duration_s": 1.0, **parameters}
+    needed = {"joints": ["waist"]} if kind == "hide" else {}
+    return {"kind": kind, "start_s": 1.0, "duration_s": 1.0, **needed, **parameters}
 
 
 def sequences(scenes):

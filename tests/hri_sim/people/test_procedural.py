@@ -259,7 +259,7 @@ def test_it_ends_when_it_is_told_to() -> None:
         ([{"do": "walk", "to": [0, 0]}], "remove it"),
         ([{"do": "turn"}], "either"),
         ([{"do": "turn", "toward": [0, 0]}], "stands"),
-        ([{"do": "walk", "to": [3, 0], "speed_m_s": 4}], "speed_m_s"),
+        ([{"do": "walk", "to": [3, 0], "speed_m_s": 9}], "speed_m_s"),
         ([{"do": "fly"}], "fly"),
         ([], "script"),
     ],

@@ -1,6 +1,7 @@
 """All incidents, by what goes wrong in them."""
 
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incidents.fast_people import FAST_PEOPLE
 from hri_sim.fault_table.incidents.latches import LATCHES
 from hri_sim.fault_table.incidents.late_scenes import LATE_SCENES
 from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
@@ -9,6 +10,7 @@ from hri_sim.fault_table.incidents.second_sender import SECOND_SENDER
 from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
 
 INCIDENTS: tuple[Incident, ...] = (
+    *FAST_PEOPLE,
     *LATCHES,
     *LATE_SCENES,
     *LOST_PEOPLE,

@@ -24,10 +24,10 @@ from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Zones
 from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.risk.zones.human_speed import MARGIN_M_S, HumanSpeeds
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.settings import Pose
+from tests.hri_predict.risk.people_speeds import speeds_of
 
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
 ROBOT = RobotSettings(
@@ -84,6 +84,8 @@ def spheres(*centres, radius=0.2) -> BodyZones:
         lost=np.zeros(len(ids), bool),
         age_s=0.05,
         capture_ns=10**9,
+        speeds=speeds_of(*np.zeros(len(ids))),
+        as_assumed=np.ones(len(ids), bool),
     )
 
 
@@ -94,9 +96,7 @@ def now(qd) -> RobotNow:
 
 def running(bodies: BodyZones, *human_m_s: float) -> BodyZones:
     """The same people, whose v_h is this; 0: as the standard assumes."""
-    v_h = np.array(human_m_s)
-    trunk = np.maximum(v_h - MARGIN_M_S, 0.0)
-    return replace(bodies, speeds=HumanSpeeds(trunk, np.zeros_like(trunk), v_h > 0))
+    return replace(bodies, speeds=speeds_of(*human_m_s), as_assumed=np.array(human_m_s) == 0)
 
 
 CELLS = {mode: Cell(mode) for mode in ("iso", "predictive", "reactive", "fixed")}

@@ -24,6 +24,7 @@ from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.settings import Pose
+from tests.hri_predict.risk.people_speeds import speeds_of
 
 # -- demands ---------------------------------------------------------------------------------------
 
@@ -148,6 +149,8 @@ def sphere(x, speed_m_s=0.0, radius_m=0.2, growth_m_s=0.0):
         lost=np.zeros(1, bool),
         age_s=0.05,
         capture_ns=10**9,
+        speeds=speeds_of(0.0),
+        as_assumed=np.ones(1, bool),
     )
 
 
@@ -203,3 +206,63 @@ def test_zones_that_are_no_numbers_stop_it_however_far_somebody_is(nonsense):
     bodies.zones.capsules.a[0, 5] = nonsense  # a later step: the distance now is fine
     assert judged("iso", bodies).demand.level is Level.CLEAR
     assert judged("predictive", bodies).demand.level is Level.STOP
+
+
+# -- people who do not move as the standard assumes ------------------------------------------------
+
+
+def two(x, other_x, *, assumed):
+    """Two such people, and whether each moves as the standard assumes."""
+    one, other = sphere(x, growth_m_s=4.5), sphere(other_x, growth_m_s=4.5)
+    parts = [one.zones.capsules, other.zones.capsules]
+    capsules = Capsules(
+        np.concatenate([c.a for c in parts]),
+        np.concatenate([c.b for c in parts]),
+        np.concatenate([c.radius for c in parts]),
+    )
+    return replace(
+        one,
+        zones=Zones((7, 8), ("sphere",), TIMES, capsules),
+        paths=capsules,
+        lost=np.zeros(2, bool),
+        speeds=speeds_of(0.0, 0.0),
+        as_assumed=np.array(assumed),
+    )
+
+
+def test_zones_alone_decide_about_who_does_not_move_as_assumed():
+    strict = 0
+    for x in PLACES:
+        odd = replace(sphere(x, growth_m_s=4.5), as_assumed=np.zeros(1, bool))
+        zones, found = judged("reactive", odd).demand, judged("predictive", odd).demand
+        assert (ranks(found), limits(found)) == (ranks(zones), limits(zones))
+        strict += found.limit_m_s < judged("iso", odd).demand.limit_m_s
+    assert strict > 5
+
+
+def test_who_moves_as_assumed_is_judged_mildly_beside_somebody_odd_who_is_far():
+    # the odd one is so far away that even these zones permit the highest speed
+    relaxed = two(2.4, 9.0, assumed=[True, False])
+    alone = judged("predictive", sphere(2.4, growth_m_s=4.5)).demand
+    assert limits(judged("predictive", relaxed).demand) == limits(alone)
+    assert limits(alone) > limits(judged("reactive", relaxed).demand)
+
+
+def test_somebody_odd_beside_who_moves_as_assumed_keeps_the_zones():
+    beside = two(2.4, 2.6, assumed=[True, False])
+    odd = replace(sphere(2.6, growth_m_s=4.5), as_assumed=np.zeros(1, bool))
+    found = judged("predictive", beside)
+    by_zones = judged("predictive", odd).demand
+    assert limits(found.demand) <= limits(by_zones)
+    assert severity(found.demand.level) >= severity(by_zones.level)
+
+
+@pytest.mark.long
+@given(st.floats(0.5, 5), st.floats(0.5, 5), st.booleans(), st.booleans())
+def test_with_two_people_it_lies_between_the_zones_and_each_alone(x, other_x, first, second):
+    both = judged("predictive", two(x, other_x, assumed=[first, second])).demand
+    zones = judged("reactive", two(x, other_x, assumed=[first, second])).demand
+    assert both.limit_m_s >= zones.limit_m_s
+    for place, assumed in ((x, first), (other_x, second)):
+        alone = replace(sphere(place, growth_m_s=4.5), as_assumed=np.array([assumed]))
+        assert both.limit_m_s <= judged("predictive", alone).demand.limit_m_s

@@ -50,8 +50,8 @@ def snapshot_of(
     return PeopleSnapshot(
         now_ns=NOW_NS,
         ids=tuple(range(people)),
-        history=np.nan_to_num(last[:, None]),
-        observed=np.ones((people, 1, joints), bool),
+        history=np.repeat(np.nan_to_num(last[:, None]), 6, axis=1),  # they have stood there
+        observed=np.ones((people, 6, joints), bool),
         capture_ns=captures,
         last_positions=last,
         joint_age_s=np.zeros((people, joints)) if joint_age is None else joint_age,

@@ -1,0 +1,70 @@
+"""A steady reason: noise at a threshold must not make an advice's reason alternate.
+
+A person at the edge between "too close" and "may get too close" is on either side of it at every
+other capture. An operator cannot read a reason that changes thirty times a second, and a log of it
+is useless. So of the reasons that pass into each other without any step between them, the milder
+replaces the severer only after a number of captures, which doubles whenever the severer comes back
+at the same level. A severer reason, another level, and every reason that names a fault are given at
+once. The level and the speed limit do not depend on it.
+"""
+
+from hri_predict.protocol.messages import Level
+from hri_predict.protocol.reasons import Reason
+
+_RANK = {
+    reason: rank
+    for rank, reason in enumerate(
+        (
+            Reason.NONE,
+            Reason.ZONES_WIDENED,
+            Reason.MOTION_UNLIKE,
+            Reason.PERSON_FAST,
+            Reason.RELEASE_PENDING,
+            Reason.PERSON_APPROACHING,
+            Reason.PERSON_NEAR,
+        )
+    )
+}
+"""Mildest first. Reasons that are not here are given, and replaced, at once."""
+
+
+class SteadyReason:
+    """The reason's memory of one robot's advice.
+
+    Args:
+        captures: how many distinct captures must agree before a milder reason is given, at first.
+    """
+
+    def __init__(self, captures: int) -> None:
+        self._first = self._needed = captures
+        self._level: Level | None = None
+        self._reason = Reason.NONE
+        self._waiting = Reason.NONE  # the severest of the milder ones that were seen meanwhile
+        self._agreed = 0
+        self._last_capture: int | None = None
+
+    def update(self, level: Level, reason: Reason, captures: int) -> Reason:
+        """The reason to give.
+
+        Args:
+            level: advised at this tick.
+            reason: of this tick alone.
+            captures: number of distinct captures so far.
+        """
+        is_new = captures != self._last_capture
+        self._last_capture = captures
+        rank, held = _RANK.get(reason), _RANK.get(self._reason)
+        if level is not self._level or rank is None or held is None:
+            self._level, self._needed = level, self._first
+            return self._give(reason)
+        if rank >= held:
+            self._needed *= 1 + (rank > held)
+            return self._give(reason)
+        if not self._agreed or rank > _RANK[self._waiting]:
+            self._waiting = reason
+        self._agreed += is_new
+        return self._give(self._waiting) if self._agreed >= self._needed else self._reason
+
+    def _give(self, reason: Reason) -> Reason:
+        self._reason, self._agreed = reason, 0
+        return reason

@@ -1,0 +1,52 @@
+"""Noise does not make advice flicker: an approach, a stay and a departure with 2 cm of it."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from hri_predict.protocol.messages import Level
+from hri_predict.risk.levels.demand import severity
+from hri_predict.risk.settings import RiskSettings
+from tests.hri_predict.risk.engine_cell import HISTORY, RATE_HZ, Cell, body
+
+NOISE_M = 0.02
+NEAR_M = 0.95
+STEP_M = 1.2 / RATE_HZ
+PLACES = np.concatenate(
+    [
+        np.full(75, 4.5),
+        np.arange(4.5, NEAR_M, -STEP_M),
+        np.full(50, NEAR_M),
+        np.arange(NEAR_M, 4.5, STEP_M),
+        np.full(60, 4.5),
+    ]
+)
+"""Metres before the robot: comes at a walk, stays at the edge of "too close", goes."""
+
+
+def story(mode, seed):
+    """(level, reason) of every tick, from the first clear one on."""
+    rng = np.random.default_rng(seed)
+    cell = Cell(RiskSettings(mode=mode))
+    captures = [body(PLACES[0]) + rng.normal(0, NOISE_M, (21, 3)) for _ in range(HISTORY)]
+    found = []
+    for x in PLACES:
+        captures = [*captures[1:], body(x) + rng.normal(0, NOISE_M, (21, 3))]
+        advice = cell.step(x, history=np.array(captures)[None], last_positions=captures[-1][None])
+        found.append((advice.level, advice.reason))
+    return list(itertools.dropwhile(lambda told: told[0] is not Level.CLEAR, found))
+
+
+@pytest.mark.parametrize("mode", ["iso", "predictive"])
+@pytest.mark.parametrize("seed", range(2))
+def test_each_level_comes_once_each_way_and_a_reason_changes_at_most_twice_a_level(mode, seed):
+    told = story(mode, seed)
+    levels = [level for level, _ in itertools.groupby(severity(level) for level, _ in told)]
+    top = levels.index(max(levels))
+    assert levels[top] == severity(Level.STOP)
+    assert levels[: top + 1] == sorted(set(levels[: top + 1]))
+    assert levels[top:] == sorted(set(levels[top:]), reverse=True)
+    for _, ticks in itertools.groupby(told, key=lambda each: each[0]):
+        reasons = [reason for reason, _ in itertools.groupby(r for _, r in ticks)]
+        assert len(reasons) <= 3, reasons
