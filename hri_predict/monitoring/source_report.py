@@ -7,8 +7,8 @@ from typing import Any
 
 from rich.table import Table
 
-from hri_predict.people.clock_alignment import ClockEstimate
-from hri_predict.people.offset_line import LOCK_NS
+from hri_predict.people.clock.clock_alignment import ClockEstimate
+from hri_predict.people.clock.offset_line import LOCK_NS
 from hri_predict.source import Source, live_part
 
 UTC_WITHIN_S = 86_400.0

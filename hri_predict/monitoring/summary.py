@@ -16,7 +16,7 @@ from hri_predict.monitoring.pace import Pace
 from hri_predict.monitoring.source_report import source_table
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.node import Node
-from hri_predict.people.clock_alignment import ClockEstimate
+from hri_predict.people.clock.clock_alignment import ClockEstimate
 from hri_predict.protocol.messages import Level
 
 

@@ -7,15 +7,15 @@ import numpy as np
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.joint_map import JointMap
-from hri_predict.people.body_size import is_human_sized
-from hri_predict.people.free_space import FreeSpace
-from hri_predict.people.lost import LostPeople
-from hri_predict.people.posture_watch import PostureWatch
+from hri_predict.people.body.posture_watch import PostureWatch
+from hri_predict.people.body.size import is_human_sized
+from hri_predict.people.clock.scene_gate import SceneGate
+from hri_predict.people.lost.free_space import FreeSpace
+from hri_predict.people.lost.lost_people import LostPeople
+from hri_predict.people.lost.remembered import RemembersLost
 from hri_predict.people.recent import recent_captures
-from hri_predict.people.remembered import RemembersLost
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.roster import Appearing, Roster
-from hri_predict.people.scene_gate import SceneGate
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.people.track import Body, MotionLimits, Track

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hri_predict.arrays import Bools
-from hri_predict.people.doors import Doors
-from hri_predict.people.lost import Lost, LostPeople, match_places
+from hri_predict.people.lost.doors import Doors
+from hri_predict.people.lost.lost_people import Lost, LostPeople, match_places
 from hri_predict.people.ring_buffer import PushResult, RingBuffer
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body, MotionLimits, Track

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats
-from hri_predict.people.clock_alignment import ClockEstimate
+from hri_predict.people.clock.clock_alignment import ClockEstimate
 from hri_predict.protocol.reasons import Reason
 
 

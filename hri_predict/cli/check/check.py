@@ -17,7 +17,7 @@ from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError
 from hri_predict.link import Transport
 from hri_predict.monitoring.alerts import alert_file
-from hri_predict.people.offset_line import MAX_DRIFT
+from hri_predict.people.clock.offset_line import MAX_DRIFT
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.robot_constants import worst_distance
 from hri_predict.run import assemble

@@ -17,8 +17,8 @@ from hri_predict.cli.register.solve import quaternion
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import transform
 from hri_predict.joint_map import axes_rotation
-from hri_predict.people.posture import posture_of
-from hri_predict.people.posture_watch import Verdict, refusal_of
+from hri_predict.people.body.posture import posture_of
+from hri_predict.people.body.posture_watch import Verdict, refusal_of
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 

@@ -26,7 +26,7 @@ from hri_predict.cli.register.solve import LEAST_POINTS, SCALE_WITHIN, Registrat
 from hri_predict.cli.register.write import lines_to_paste, write_pose
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import transform
-from hri_predict.people.posture_watch import refusal_of
+from hri_predict.people.body.posture_watch import refusal_of
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config

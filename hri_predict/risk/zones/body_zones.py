@@ -25,6 +25,7 @@ from hri_predict.risk.zones.human_speed import (
     HumanSpeeds,
     SpeedRule,
     Velocities,
+    joined_speeds,
     velocities_in,
 )
 from hri_predict.risk.zones.joint_speeds import joint_speeds
@@ -48,7 +49,7 @@ class BodyZones:
         capture_ns: that capture; without people, the newest good one.
         reasons: why the zones are no better than they are.
         claimed: see ``JointSpheres``.
-        speeds: of the people who are here, in the order of the snapshot.
+        speeds: of everybody, in the order of ``zones``.
         as_assumed: (P,) whether the standard's assumptions are known to hold for a person: here, of
             measured speed, not fast, and with a forecast that is neither widened nor out of
             distribution. For all others their zones alone decide in mode ``predictive``.
@@ -176,12 +177,16 @@ class ZoneBuilder:
             age_s=0.0 if capture_ns is None else max(0.0, (snapshot.now_ns - capture_ns) * 1e-9),
             capture_ns=capture_ns,
             claimed=joints.claimed,
-            speeds=speeds,
+            speeds=joined_speeds([speeds, self._lost_speeds(snapshot)]),
             as_assumed=np.append(
                 speeds.within_standard & _trusted(trust, len(snapshot.ids)),
                 np.zeros(len(snapshot.lost), np.bool_),
             ),
         )
+
+    def _lost_speeds(self, snapshot: PeopleSnapshot) -> HumanSpeeds:
+        speeds_m_s = np.array([person.speed_m_s for person in snapshot.lost], dtype=np.float64)
+        return self._speed_rule.lost(speeds_m_s, len(self.segment_names))
 
     def _where_lost(
         self, zones: Capsules, snapshot: PeopleSnapshot, capture_ns: int | None

@@ -118,6 +118,16 @@ class HumanSpeeds:
         """(P,) whether the standard's assumption is known to hold."""
         return ~(self.fast | self.unknown)
 
+    def of(self, people: Ints) -> "HumanSpeeds":
+        """The speeds of some people, in the order of their indices."""
+        return HumanSpeeds(
+            fast=self.fast[people],
+            unknown=self.unknown[people],
+            fastest_m_s=self.fastest_m_s[people],
+            fastest_joint=self.fastest_joint[people],
+            beyond_standard_m_s=self.beyond_standard_m_s[people],
+        )
+
 
 def joined_speeds(parts: Sequence[HumanSpeeds]) -> HumanSpeeds:
     """The speeds of several groups of people as those of one."""
@@ -149,6 +159,7 @@ class SpeedRule:
         self._trunk: Bools = np.asarray(part == "trunk")
         self._leg: Bools = np.asarray(part == "leg")
         self._assumed = np.where(part == "arm", limits.arm_speed_m_s, limits.body_speed_m_s)
+        self._body_m_s = limits.body_speed_m_s
         self._physical = np.array([limits.reach[each].speed_m_s for each in part])
         self._unknown_m_s = limits.reach["trunk"].speed_m_s
         self._growth_m_s = limits.physical_speed_m_s
@@ -177,6 +188,23 @@ class SpeedRule:
             fastest_m_s=speed.max(1, initial=0.0),
             fastest_joint=speed.argmax(1) if speed.size else np.zeros(len(speed), np.intp),
             beyond_standard_m_s=np.maximum(counts[:, ends[0]], counts[:, ends[1]]),
+        )
+
+    def lost(self, speeds_m_s: Floats, segments: int) -> HumanSpeeds:
+        """How fast lost people may go on.
+
+        Args:
+            speeds_m_s: (L,) of their bodies.
+            segments: S.
+        """
+        fast: Bools = speeds_m_s > self._body_m_s
+        speed = np.where(fast, speeds_m_s, 0.0)
+        return HumanSpeeds(
+            fast=fast,
+            unknown=np.zeros(len(fast), np.bool_),
+            fastest_m_s=speed,
+            fastest_joint=np.zeros(len(fast), np.intp),
+            beyond_standard_m_s=np.repeat(speed[:, None], segments, axis=1),
         )
 
     def growth(self, speeds: JointSpeeds, unknown: Bools) -> Floats:

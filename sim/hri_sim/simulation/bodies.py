@@ -201,7 +201,7 @@ def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
         capture_ns=min(captures, default=None),
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
         claimed=None,  # it served its purpose when the zones were built
-        speeds=joined_speeds([part.speeds for part in parts]),
+        speeds=joined_speeds([part.speeds for part in parts]).of(order),
         as_assumed=np.concatenate([part.as_assumed for part in parts])[order],
         untrusted=tuple(dict.fromkeys(r for part in parts for r in part.untrusted)),
     )

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from hri_predict.monitoring.source_report import source_report, source_table
-from hri_predict.people.clock_alignment import ClockEstimate
+from hri_predict.people.clock.clock_alignment import ClockEstimate
 from hri_predict.source import Source, SourceCounters
 
 CLOCK = ClockEstimate(

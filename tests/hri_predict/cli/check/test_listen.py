@@ -8,7 +8,7 @@ import pytest
 from hri_predict.cli.check.listen import _all_axes, refusals, remedy
 from hri_predict.geometry import transform
 from hri_predict.joint_map import load_joint_map
-from hri_predict.people.posture_watch import Verdict
+from hri_predict.people.body.posture_watch import Verdict
 from hri_predict.settings import Pose
 from hri_predict.skeleton import JOINTS
 from hri_sim.baseline_demo import baseline_demo

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.people.posture import Posture, posture_of
+from hri_predict.people.body.posture import Posture, posture_of
 from hri_predict.settings import Pose
 from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_sim.people.body import Body

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from hri_predict.people.lost import match_places
+from hri_predict.people.lost.lost_people import match_places
 from hri_predict.protocol.reasons import Reason
 from hri_predict.scene import Person
 from hri_predict.settings import Region

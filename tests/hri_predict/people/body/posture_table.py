@@ -1,6 +1,6 @@
 """How often people are refused in recordings mapped right, and how soon in recordings mapped wrong.
 
-    python -m tests.hri_predict.people.posture_table ../shared/data
+    python -m tests.hri_predict.people.body.posture_table ../shared/data
 
 prints the tables of docs/measured/axes.md. Every recording of the data pack is played at 30 Hz. A
 camera stands 3 m before its start and 1.5 m up; a wrong rotation turns everything about the camera,
@@ -17,7 +17,7 @@ import numpy as np
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.joint_map import load_joint_map
-from hri_predict.people.posture_watch import PostureWatch, Verdict
+from hri_predict.people.body.posture_watch import PostureWatch, Verdict
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
 from hri_predict.recording import open_recording

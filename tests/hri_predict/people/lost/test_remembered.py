@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hri_predict.people.remembered import lost_as_data, lost_from_data
+from hri_predict.people.lost.remembered import lost_as_data, lost_from_data
 from hri_predict.skeleton import JOINTS
 
 PLACES = [[1.0, 2.0, 0.5], None, [1.1, 2.0, 1.0], *[None] * (len(JOINTS) - 3)]

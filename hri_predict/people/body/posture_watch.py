@@ -17,7 +17,7 @@ import numpy as np
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.geometry import in_polygon
-from hri_predict.people.posture import Posture, posture_of
+from hri_predict.people.body.posture import Posture, posture_of
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hri_predict.people.body_size import is_human_sized
+from hri_predict.people.body.size import is_human_sized
 from hri_predict.protocol.reasons import Reason
 from hri_predict.scene import Person
 from hri_predict.skeleton import JOINTS

@@ -35,7 +35,7 @@ stands still while its source sleeps. All errors make the age larger, never smal
 from collections import deque
 from dataclasses import dataclass
 
-from hri_predict.people.offset_line import LOCK_NS, WANDER_NS, OffsetLine
+from hri_predict.people.clock.offset_line import LOCK_NS, WANDER_NS, OffsetLine
 
 NS_PER_S = 1_000_000_000
 BUCKET_NS = 5 * NS_PER_S

@@ -2,8 +2,8 @@
 
 from collections import Counter
 
-from hri_predict.people.clock_alignment import ClockAlignment
-from hri_predict.people.offset_line import WANDER_NS
+from hri_predict.people.clock.clock_alignment import ClockAlignment
+from hri_predict.people.clock.offset_line import WANDER_NS
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.scene import Scene
 

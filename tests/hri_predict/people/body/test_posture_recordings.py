@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.hri_predict.people.posture_table import (
+from tests.hri_predict.people.body.posture_table import (
     COCO,
     noisy,
     recordings,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.people.posture_watch import PostureWatch, Verdict
+from hri_predict.people.body.posture_watch import PostureWatch, Verdict
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body as Seen
 from hri_predict.protocol.reasons import Reason

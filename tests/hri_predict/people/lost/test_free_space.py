@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.people.free_space import CELL_M, MOST_PLACES, FreeSpace
+from hri_predict.people.lost.free_space import CELL_M, MOST_PLACES, FreeSpace
 from hri_predict.settings import Region
 
 MS = 1_000_000

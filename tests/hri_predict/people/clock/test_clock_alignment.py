@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.people.clock_alignment import JUMPED_SCENES, ClockAlignment
-from hri_predict.people.offset_line import MAX_DRIFT
+from hri_predict.people.clock.clock_alignment import JUMPED_SCENES, ClockAlignment
+from hri_predict.people.clock.offset_line import MAX_DRIFT
 
 MS = 1_000_000
 S = 1000 * MS

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hri_predict.arrays import Floats
-from hri_predict.people.free_space import FreeSpace, Whereabouts
+from hri_predict.people.lost.free_space import FreeSpace, Whereabouts
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import LostPerson
 from hri_predict.people.track import Track

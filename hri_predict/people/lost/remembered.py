@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.people.lost import Lost, LostPeople
+from hri_predict.people.lost.lost_people import Lost, LostPeople
 from hri_predict.skeleton import JOINTS
 
 _LONG_AGO_S = 1e8

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.people.clock_alignment import BUCKET_NS, ClockAlignment
-from hri_predict.people.offset_line import AGREEING, BUCKETS, LOCK_NS, MAX_DRIFT, WANDER_NS
+from hri_predict.people.clock.clock_alignment import BUCKET_NS, ClockAlignment
+from hri_predict.people.clock.offset_line import AGREEING, BUCKETS, LOCK_NS, MAX_DRIFT, WANDER_NS
 
 MS = 1_000_000
 S = 1000 * MS

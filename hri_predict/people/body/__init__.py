@@ -1,0 +1,1 @@
+"""Whether a body can be true: its size, and how it stands."""
