@@ -50,9 +50,7 @@ class Ears(Listener):
 class QuietLink:
     """A link that keeps what is posted and gives what the test puts in."""
 
-    last_error = None
-    foreign_ns = None
-    on_sent = None
+    last_error = foreign_ns = on_sent = None
 
     def __init__(self, name):
         self.name, self.connected, self.counters = name, True, LinkCounters()

@@ -14,7 +14,7 @@ from tests.hri_predict.people.body.posture_table import (
     wrong,
 )
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 
 pytestmark = [
     pytest.mark.long,
