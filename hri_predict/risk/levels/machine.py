@@ -18,6 +18,7 @@ from typing import Any
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.risk.levels.first_sight import FirstSight
 from hri_predict.risk.settings import RiskSettings
 
 _MAX_STEP_S = 1.0
@@ -61,6 +62,7 @@ class LevelMachine:
         self._counted_from = 0.0  # the permitted speed when counting began
         self._last_capture: int | None = None
         self._last_ns: int | None = None
+        self._first_sight = FirstSight(settings.release_captures)
 
     @property
     def latch_id(self) -> int:
@@ -73,6 +75,7 @@ class LevelMachine:
         self._limit = 0.0
         self._agreed = 0
         self._cause_cleared = False
+        self._first_sight.reset()
 
     def latch(self, cause: str) -> None:
         """Latch for ``cause`` if that is configured; a latch that is set gains the cause."""
@@ -111,6 +114,10 @@ class LevelMachine:
             self.latch(cause)
         lasting = any(cause in self._causes for cause in causes)
         self._cause_cleared = severity(demand.release) < severity(Level.STOP) and not lasting
+        again = self._first_sight.update(demand, self._level, self._limit, captures)
+        if again is not None and not self._latch_id:
+            self._level, self._limit = again
+            self._agreed = 0
         pending = self._advance(demand, captures)
         self._last_capture = captures
         self._move_limit(demand, min(max(seconds, 0.0), _MAX_STEP_S))

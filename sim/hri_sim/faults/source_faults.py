@@ -86,6 +86,13 @@ class IdentitySwap(FaultSettings):
     """People's ids rotate; a single person gets a new id."""
 
 
+class Rename(FaultSettings):
+    """The ``person`` with this id has the id ``to``."""
+
+    person: int
+    to: int = Field(ge=0, le=65535)
+
+
 class Vanish(FaultSettings):
     """All people (or the ``person`` with this id) are missing; the source still sees the room."""
 
@@ -127,6 +134,7 @@ SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
     "rotate": Rotate,
     "mirror": Mirror,
     "identity_swap": IdentitySwap,
+    "rename": Rename,
     "vanish": Vanish,
     "hide": Hide,
     "blind": Blind,
@@ -252,6 +260,8 @@ class FaultySource:
     def _people(self, fault: FaultSettings, people: tuple[Person, ...]) -> tuple[Person, ...]:
         if isinstance(fault, Vanish):
             return tuple(p for p in people if fault.person not in (None, p.id))
+        if isinstance(fault, Rename):
+            return tuple(replace(p, id=fault.to) if p.id == fault.person else p for p in people)
         if isinstance(fault, Teleport):
             return tuple(
                 replace(p, positions=p.positions + np.asarray(fault.offset))

@@ -1,25 +1,117 @@
 """People whom the tracker loses while they are in the room."""
 
+from typing import Any
+
+from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
 
-_REACHES_OUT = {
-    "start": [3.6, 2.4],
+_DOOR = [[3.2, 2.0], [4.2, 2.0], [4.2, 3.0], [3.2, 3.0]]
+_FLOOR = [[-4, -4], [6, -4], [6, 5], [-4, 5]]
+_PALLET = {"polygon": [[1.4, -0.6], [2.2, -0.6], [2.2, 0.8], [1.4, 0.8]], "z_max": 1.3}
+
+
+def _reaches_out(waits_s: float, number: int = 1) -> dict[str, Any]:
+    """Walks up to 1.2 m from the robot, stands there for long, then reaches into its way."""
+    return {
+        "id": number,
+        "start": [3.6, 2.4],
+        "repeat": False,
+        "script": [
+            {"do": "walk", "via": [[2.4, 0.9]], "to": [1.75, 0.1]},
+            {"do": "wait", "seconds": waits_s},
+            {"do": "walk", "to": [1.12, 0.1], "speed_m_s": 1.0},
+            {"do": "reach", "hand": "right", "to": [0.72, 0.1, 0.64], "hold_s": 8.0},
+        ],
+    }
+
+
+def _stands(place: list[float], number: int, enter_s: float, seconds: float) -> dict[str, Any]:
+    """Appears at a place, stands there, and is gone."""
+    script = [{"do": "wait", "seconds": seconds}, {"do": "leave", "seconds": 3600.0}]
+    return {
+        "id": number, "start": place, "enter_s": enter_s, "repeat": False, "script": script,
+    }  # fmt: skip
+
+
+_RUNNER = {
+    "start": [9.0, 0.1],
     "repeat": False,
     "script": [
-        {"do": "walk", "via": [[2.4, 0.9]], "to": [1.75, 0.1]},
-        {"do": "wait", "seconds": 12.0},
-        {"do": "walk", "to": [1.3, 0.1], "speed_m_s": 1.0},
-        {"do": "reach", "hand": "right", "to": [0.75, 0.1, 1.0], "hold_s": 4.0},
+        {"do": "walk", "to": [1.0, 0.1], "speed_m_s": 5.0},
+        {"do": "wait", "seconds": 10.0},
     ],
 }
-"""Walks up to 1.2 m from the robot's base, stands there for long, then reaches for the robot."""
 
 LOST_PEOPLE = (
     Incident(
         name="lost: behind a pallet, then reaches out",
-        people=(_REACHES_OUT,),
+        people=(_reaches_out(12.0),),
+        duration_s=28.0,
+        faults=("vanish@5+23:person=1",),
+        not_clear=(5.0, 28.0),
+        says=(Reason.PERSON_LOST,),
+    ),
+    Incident(
+        name="lost: a colleague stands in the door for a second",
+        people=(_reaches_out(12.0), _stands([3.7, 2.5], 2, enter_s=6.0, seconds=1.0)),
+        duration_s=28.0,
+        faults=("vanish@5+23:person=1",),
+        not_clear=(5.0, 28.0),
+    ),
+    Incident(
+        name="lost: a colleague gets the lost one's id",
+        people=(_reaches_out(12.0), _stands([3.7, 2.5], 2, enter_s=7.0, seconds=1.0)),
+        duration_s=28.0,
+        # the only one seen is given another id, and so is the colleague: 1 is lost, and comes back
+        faults=("vanish@5+23:person=1", "rename@7+2:person=2,to=1"),
+        settings={"source": {"keeps_ids": False}},
+        not_clear=(5.0, 28.0),
+    ),
+    Incident(
+        name="lost: a runner, before the robot",
+        people=(_RUNNER,),
+        duration_s=8.0,
+        faults=("vanish@0.9+7",),
+        not_clear=(1.1, 8.0),
+        not_moving=(1.9, 8.0),
+    ),
+    Incident(
+        name="lost: in the doorway, but not on the way out",
+        people=(_reaches_out(12.0) | {"enter_s": 1.0},),
         duration_s=24.0,
-        faults=("vanish@5+19:person=1",),
-        not_clear=(5.0, 24.0),
+        faults=("vanish@1.1+23:person=1",),
+        not_clear=(6.0, 24.0),
+    ),
+    Incident(
+        name="lost: seen free, so the cell works on",
+        people=(_stands([-2.0, 2.5], 1, enter_s=0.0, seconds=4.0),),
+        duration_s=14.0,
+        settings={
+            "source": {
+                "sees_free_space": True,
+                "field_of_view": {"polygon": _FLOOR},
+                "viewpoints": [[6.0, 5.0, 3.0]],
+            },
+            "people": {"exits": [], "room": {"polygon": _FLOOR}},
+        },
+        moving=(8.0, 14.0),
+        never_says=(Reason.OUT_OF_VIEW,),
+    ),
+    Incident(
+        name="lost: behind a pallet, where nobody sees free space",
+        people=(_reaches_out(12.0),),
+        duration_s=28.0,
+        faults=("vanish@5+23:person=1",),
+        settings={
+            "source": {
+                "sees_free_space": True,
+                "field_of_view": {"polygon": _FLOOR},
+                "shadows": [_PALLET],
+                "viewpoints": [[6.0, 5.0, 3.0]],
+            },
+            "people": {"exits": [{"polygon": _DOOR}], "room": {"polygon": _FLOOR}},
+        },
+        not_clear=(5.0, 28.0),
+        says=(Reason.PERSON_LOST,),
     ),
 )
