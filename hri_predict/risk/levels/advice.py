@@ -214,7 +214,7 @@ def asked_of(
 def _reason(finding: Finding, bodies: BodyZones) -> Reason:
     if bodies.lost[finding.person]:
         return Reason.PERSON_LOST
-    if not finding.near and bodies.speeds.unknown[finding.person]:
+    if bodies.speeds.unknown[finding.person]:
         return Reason.SPEED_UNKNOWN
     return Reason.PERSON_NEAR if finding.near else Reason.PERSON_APPROACHING
 

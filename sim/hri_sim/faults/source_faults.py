@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -12,8 +12,9 @@ from hri_predict.arrays import Bools
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.joint_map import JointMap
 from hri_predict.scene import Person, Scene
-from hri_predict.settings import Pose, Quaternion, Vector3
+from hri_predict.settings import Metres, Pose, Quaternion, Vector3
 from hri_predict.source import Source, live_part
+from hri_sim.faults.occlusion import Occlusion
 from hri_sim.faults.settings import FaultSettings, faults_from
 
 SIN_45 = 0.5**0.5
@@ -93,6 +94,17 @@ class Rename(FaultSettings):
     to: int = Field(ge=0, le=65535)
 
 
+class Occlude(FaultSettings):
+    """People are seen by ``cameras`` alone: boxes ([x, y, x, y, height]) and bodies hide them.
+
+    Who is found again gets another id with the probability ``rename``.
+    """
+
+    cameras: list[Vector3] = Field(min_length=1)
+    boxes: list[Annotated[list[Metres], Field(min_length=5, max_length=5)]] = []
+    rename: float = Field(0.0, ge=0, le=1)
+
+
 class Vanish(FaultSettings):
     """All people (or the ``person`` with this id) are missing; the source still sees the room."""
 
@@ -134,6 +146,7 @@ SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
     "rotate": Rotate,
     "mirror": Mirror,
     "identity_swap": IdentitySwap,
+    "occlude": Occlude,
     "rename": Rename,
     "vanish": Vanish,
     "hide": Hide,
@@ -167,6 +180,11 @@ class FaultySource:
             if isinstance(fault, Hide):
                 _check_joints(fault, inner.joint_map.source_joints, f"{where}.faults")
         self._rng = np.random.default_rng(seed)
+        self._occlusions = {
+            id(fault): Occlusion(fault.cameras, fault.boxes, fault.rename, self._rng)
+            for fault in self._faults
+            if isinstance(fault, Occlude)
+        }
         self._start_ns = 0
         self._arriving: deque[tuple[int, Scene]] = deque()  # arrival time, kept sorted
         self._held: Scene | None = None
@@ -255,6 +273,9 @@ class FaultySource:
             return [_shifted(scene, int(fault.offset_s * 1e9))]
         if isinstance(fault, Blind):
             return [replace(scene, sees_room=False, people=())]
+        if isinstance(fault, Occlude):
+            seen = self._occlusions[id(fault)].seen(scene.people, scene.stamp_ns)
+            return [replace(scene, people=seen)]
         return [replace(scene, people=self._people(fault, scene.people))]
 
     def _people(self, fault: FaultSettings, people: tuple[Person, ...]) -> tuple[Person, ...]:

@@ -111,6 +111,7 @@ def summary_of(ticks_ms=(1.0, 2.0, 30.0), checked=None):
         strange_states=0,
         acknowledges=0,
         acknowledges_refused=0,
+        robot_counters={},
         state=NodeState.STOPPING,
         self_check=lambda: checked,
     )
