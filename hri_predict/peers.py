@@ -266,6 +266,41 @@ class SimulationRequest:
     resume: bool = False
 
 
+@dataclass(frozen=True, kw_only=True)
+class OcclusionRequest:
+    """Episodes with people whom cameras lose; see ``hri-predict simulate --occlude``."""
+
+    config: Path
+    predictor: str | None = None
+    modes: tuple[str, ...] = ("predictive", "iso", "fixed")
+    rates_hz: tuple[float, ...] = (8.0, 15.0, 30.0)
+    episodes: int = 2000
+    seed: int = 0
+    cameras: int = 1
+    free_space: bool = False
+    occlude: bool = True
+    jobs: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class OcclusionRow:
+    """What came of one episode in one mode.
+
+    Attributes:
+        index, mode: of the episode.
+        contacts, contacts_standing: touches of a moving and of a standing robot.
+        permitted: mean speed limit, as a share of the robot's highest speed.
+        lost: share of the ticks in which somebody was lost.
+    """
+
+    index: int
+    mode: str
+    contacts: int
+    contacts_standing: int
+    permitted: float
+    lost: float
+
+
 class ReportTable(Protocol):
     """A table of texts: one row per line, the first column names it."""
 
@@ -308,6 +343,15 @@ class ClosedLoop(Protocol):
         Raises:
             HriPredictError: it cannot start; one line with the remedy.
         """
+
+
+class Occluded(Protocol):
+    """Plays episodes with people whom cameras lose: entry point ``occluded``."""
+
+    def __call__(
+        self, request: OcclusionRequest, progress: Callable[[int, int], None], /
+    ) -> Iterator[OcclusionRow]:
+        """Yield each row when its episode is done."""
 
 
 class LinkBench(Protocol):

@@ -11,8 +11,9 @@ from rich.table import Table
 
 from hri_predict import registry
 from hri_predict.cli.common import need_plots, progress, recordings
+from hri_predict.cli.occlude import occluded
 from hri_predict.errors import ConfigError
-from hri_predict.peers import SimulationReport, SimulationRequest
+from hri_predict.peers import OcclusionRequest, SimulationReport, SimulationRequest
 from hri_predict.run import config as configuration
 
 _PROCEDURAL = "procedural"
@@ -58,14 +59,51 @@ def simulate(
         Path | None, typer.Option(help="Folder for tables, plots and what --resume needs.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run in --out.")] = False,
+    occlude: Annotated[
+        bool,
+        typer.Option(
+            "--occlude",
+            help="People whom cameras lose behind boxes and each other, with other ids when they "
+            "are found again; through the whole node.",
+        ),
+    ] = False,
+    rates: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="With --occlude: captures per second. Repeatable.", show_default="8 15 30"
+        ),
+    ] = None,
+    cameras: Annotated[
+        int, typer.Option(min=0, max=4, help="With --occlude: cameras; 0: nothing is hidden.")
+    ] = 1,
+    free_space: Annotated[
+        bool, typer.Option("--free-space", help="With --occlude: the cameras see free space.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> int:
     """Simulate people who approach a robot that follows the advice, and count what happens.
 
     Example: hri-predict simulate --mode predictive --mode iso --episodes 200 --out runs/closed_loop
 
-    Exit status 1: a simulated episode disagrees with the whole node.
+    Exit status 1: a simulated episode disagrees with the whole node, or, with --occlude, somebody
+    was touched by a moving robot.
     """
+    if occlude:
+        return occluded(
+            OcclusionRequest(
+                config=configuration.find(config),
+                predictor=_one("--predictor", predictor),
+                modes=_each_once("--mode", mode) or ("predictive", "iso", "fixed"),
+                rates_hz=tuple(rates or (8.0, 15.0, 30.0)),
+                episodes=episodes,
+                seed=seed,
+                cameras=max(cameras, 1),
+                free_space=free_space,
+                occlude=cameras > 0,
+                jobs=jobs,
+            ),
+            as_json=as_json,
+        )
     simulation = registry.load("simulations", "closed_loop")
     if out is not None:
         need_plots()
@@ -103,6 +141,12 @@ def _each_once(flag: str, names: list[str] | None) -> tuple[str, ...]:
         if (names or []).count(name) > 1:
             raise ConfigError(f"{flag} {name}: given twice; name each once")
     return tuple(names or ())
+
+
+def _one(flag: str, names: list[str] | None) -> str | None:
+    if names and len(names) > 1:
+        raise ConfigError(f"{flag}: --occlude takes one; name one")
+    return names[0] if names else None
 
 
 def _motions(data: list[Path]) -> tuple[str, ...]:

@@ -1,0 +1,238 @@
+"""People whom cameras lose: episodes behind boxes and behind each other, through the whole node.
+
+Each episode draws from its seed: a camera (or two), one to three people who walk to a place near
+the robot, stay there, reach into its way and walk off; boxes that hide the places from the camera;
+the camera's rate; and whether people get other ids when they are found again. Nothing is played
+from earlier results: people, zones, links, controllers, arm and referee are those of a run at
+``--speed max``.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hri_predict.errors import ConfigError, HriPredictError
+from hri_predict.node.listeners import Tick
+from hri_predict.peers import OcclusionRequest, OcclusionRow
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.protocol.messages import Level
+from hri_predict.run import config as configuration
+from hri_predict.run.config import Config
+from hri_predict.run.session import Options, View, run
+from hri_predict.settings import validated
+from hri_sim.baseline_demo import BASELINE
+from hri_sim.simulation.shadows import shadows_of
+
+DURATION_S = 18.0
+ROOM_M = 6.0  # from the robot's base to each wall
+CAMERA_Z_M = 2.8
+REACH_Z_M = (0.85, 1.15)
+_TRIES = 30
+
+
+@dataclass(frozen=True, kw_only=True)
+class Episode:
+    """What happens in one episode; places in metres, room frame."""
+
+    cameras: list[list[float]]
+    boxes: list[list[float]]
+    people: list[dict[str, Any]]
+    rate_hz: float
+    rename: float
+
+
+def draw(seed: int, index: int, rates_hz: Sequence[float], cameras: int) -> Episode:
+    """Draw episode number ``index`` of ``seed``."""
+    rng = np.random.default_rng([seed, index])
+    corners = [[x, y, CAMERA_Z_M] for x in (-ROOM_M, ROOM_M) for y in (-ROOM_M, ROOM_M)]
+    seen_from = [corners[i] for i in rng.choice(4, cameras, replace=False)]
+    people, boxes = [], []
+    for number in range(1, int(rng.integers(1, 4)) + 1):
+        bearing = float(rng.uniform(-math.pi, math.pi))
+        stay_m = float(rng.uniform(1.5, 3.0))
+        people.append(_person(rng, number, bearing, stay_m))
+        if rng.random() < 0.8:
+            boxes.append(_box(rng, _at(bearing, stay_m), seen_from[0]))
+    return Episode(
+        cameras=seen_from,
+        boxes=boxes,
+        people=people,
+        rate_hz=float(rng.choice(np.asarray(rates_hz))),
+        rename=float(rng.choice([0.0, 0.5, 1.0])),
+    )
+
+
+def _at(bearing: float, away_m: float) -> list[float]:
+    return [away_m * math.cos(bearing), away_m * math.sin(bearing)]
+
+
+def _person(rng: np.random.Generator, number: int, bearing: float, stay_m: float) -> dict[str, Any]:
+    """Comes from afar, stays, reaches for the middle of the robot's way, and leaves again."""
+    speed = float(rng.uniform(0.6, 1.8))
+    near_m = float(rng.uniform(0.95, 1.25))
+    reach = {
+        "do": "reach", "hand": str(rng.choice(["left", "right"])),
+        "to": [*_at(bearing, near_m - 0.45), float(rng.uniform(*REACH_Z_M))],
+        "hold_s": float(rng.uniform(0.5, 3.0)),
+    }  # fmt: skip
+    return {
+        "id": number,
+        "start": _at(bearing + float(rng.uniform(-0.5, 0.5)), 5.0),
+        "height_m": float(rng.uniform(1.6, 1.9)),
+        "enter_s": float(rng.uniform(0.0, 3.0)),
+        "repeat": False,
+        "script": [
+            {"do": "walk", "to": _at(bearing, stay_m), "speed_m_s": speed},
+            {"do": "wait", "seconds": float(rng.uniform(0.2, 6.0))},
+            {"do": "walk", "to": _at(bearing, near_m), "speed_m_s": speed},
+            reach,
+            {"do": "walk", "to": _at(bearing + 0.3, 4.5), "speed_m_s": speed},
+            {"do": "wait", "seconds": 3600.0},
+        ],
+    }
+
+
+def _box(rng: np.random.Generator, place: Sequence[float], camera: Sequence[float]) -> list[float]:
+    """A box between a place and the camera, hiding it wholly or in part."""
+    way = np.array(camera[:2]) - place
+    middle = np.array(place) + way / np.hypot(*way) * rng.uniform(0.5, 0.9)
+    half = rng.uniform(0.2, 0.7, 2)
+    low, high = middle - half, middle + half
+    return [*low.tolist(), *high.tolist(), float(rng.uniform(0.9, 2.2))]
+
+
+def configured(base: Config, episode: Episode, mode: str, *, free_space: bool) -> Config:
+    """The configuration of one episode in one mode.
+
+    Raises:
+        ConfigError: the base does not fit.
+    """
+    floor = {
+        "polygon": [[-ROOM_M, -ROOM_M], [ROOM_M, -ROOM_M], [ROOM_M, ROOM_M], [-ROOM_M, ROOM_M]]
+    }
+    occlude = {
+        "kind": "occlude",
+        "cameras": episode.cameras,
+        "boxes": episode.boxes,
+        "rename": episode.rename,
+    }
+    source: dict[str, Any] = {
+        "kind": "procedural",
+        "people": episode.people,
+        "rate_hz": episode.rate_hz,
+        "noise_m": 0.005,
+        "keeps_ids": episode.rename == 0.0,
+        "faults": [occlude],
+    }
+    people: dict[str, Any] = {}
+    if free_space:
+        source |= {
+            "field_of_view": floor,
+            "sees_free_space": True,
+            "viewpoints": episode.cameras,
+            "shadows": shadows_of(episode.boxes, episode.cameras, ROOM_M),
+        }
+        people["room"] = floor
+    node = base.node.model_copy(
+        update={
+            "risk": base.node.risk.model_copy(update={"mode": mode}),
+            "people": validated(PeopleSettings, people, "people"),
+        }
+    )
+    return replace(base, node=node).with_source(source)
+
+
+class _Watch(View):
+    """Sums what was permitted."""
+
+    def __init__(self) -> None:
+        self.ticks = self.clear = 0
+        self.permitted = 0.0
+        self.lost = 0
+
+    def on_tick(self, tick: Tick) -> None:
+        """Note the first robot's advice."""
+        if tick.snapshot is None:
+            return
+        advice = tick.advices[0]
+        self.ticks += 1
+        self.clear += advice.level is Level.CLEAR
+        self.permitted += advice.speed_limit_m_s or 0.0
+        self.lost += bool(tick.snapshot.lost)
+
+
+def play(request: OcclusionRequest, index: int) -> list[OcclusionRow]:
+    """Play one episode in each mode.
+
+    Raises:
+        HriPredictError: it cannot run.
+    """
+    base = _base(request)
+    episode = _possible(base, request, index)
+    rows = []
+    for mode in request.modes:
+        watch = _Watch()
+        config = configured(base, episode, mode, free_space=request.free_space)
+        summary = run(config, Options(factor=None, duration_s=DURATION_S, view=watch))
+        fastest = base.node.robots[0].max_speed_m_s
+        rows.append(
+            OcclusionRow(
+                index=index,
+                mode=mode,
+                contacts=summary.contacts or 0,
+                contacts_standing=summary.contacts_standing or 0,
+                permitted=watch.permitted / max(watch.ticks, 1) / fastest,
+                lost=watch.lost / max(watch.ticks, 1),
+            )
+        )
+    return rows
+
+
+def _base(request: OcclusionRequest) -> Config:
+    config = configuration.load(request.config).quiet()
+    if request.predictor is None:
+        return config.with_predictor(**BASELINE)
+    return config.with_predictor(request.predictor)
+
+
+def _possible(base: Config, request: OcclusionRequest, index: int) -> Episode:
+    """The first draw whose people can do what they are to do; arms have their length."""
+    for attempt in range(_TRIES):
+        seed = request.seed * _TRIES + attempt
+        episode = draw(seed, index, request.rates_hz, request.cameras)
+        if not request.occlude:
+            episode = replace(episode, boxes=[], cameras=[[0.0, 0.0, 50.0]], rename=0.0)
+        try:
+            configured_source = configured(base, episode, "iso", free_space=False)
+            _check_script(configured_source)
+        except HriPredictError:
+            continue
+        return episode
+    raise ConfigError(f"--seed {request.seed}: episode {index} cannot be drawn; take another seed")
+
+
+def _check_script(config: Config) -> None:
+    from hri_predict.run.assemble import build_source
+
+    build_source(config)
+
+
+def simulate(
+    request: OcclusionRequest, progress: Callable[[int, int], None]
+) -> Iterator[OcclusionRow]:
+    """Play all episodes; yield the rows of each when it is done."""
+    progress(0, request.episodes)
+    if request.jobs == 1:
+        for index in range(request.episodes):
+            yield from play(request, index)
+            progress(index + 1, request.episodes)
+        return
+    with ProcessPoolExecutor(request.jobs) as pool:
+        results = pool.map(play, [request] * request.episodes, range(request.episodes))
+        for done, rows in enumerate(results, 1):
+            yield from rows
+            progress(done, request.episodes)
