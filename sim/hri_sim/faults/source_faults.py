@@ -90,8 +90,8 @@ class IdentitySwap(FaultSettings):
 class Rename(FaultSettings):
     """The ``person`` with this id has the id ``to``."""
 
-    person: int
-    to: int = Field(ge=0, le=65535)
+    person: int = 1
+    to: int = Field(2000, ge=0, le=65535)
 
 
 class Occlude(FaultSettings):
@@ -100,7 +100,7 @@ class Occlude(FaultSettings):
     Who is found again gets another id with the probability ``rename``.
     """
 
-    cameras: list[Vector3] = Field(min_length=1)
+    cameras: list[Vector3] = Field([[-6.0, -6.0, 2.8]], min_length=1)
     boxes: list[Annotated[list[Metres], Field(min_length=5, max_length=5)]] = []
     rename: float = Field(0.0, ge=0, le=1)
 

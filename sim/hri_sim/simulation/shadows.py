@@ -1,4 +1,4 @@
-"""What boxes hide from cameras, as polygons on the floor: the shadows that a configuration names."""
+"""What boxes hide from cameras, as polygons on the floor: ``source.shadows`` of a configuration."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -57,7 +57,7 @@ def _turn(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
 
 
 def _clipped(subject: Floats, convex: Floats) -> Floats:
-    """The part of a polygon inside a convex, counterclockwise one (Sutherland and Hodgman, 1974)."""
+    """The part of a polygon inside a convex, counterclockwise one (Sutherland, Hodgman 1974)."""
     points = [tuple(p) for p in subject.tolist()]
     for a, b in zip(convex.tolist(), np.roll(convex, -1, axis=0).tolist(), strict=True):
         inside = [_turn(a, b, p) >= 0 for p in points]

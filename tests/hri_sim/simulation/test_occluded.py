@@ -1,0 +1,38 @@
+"""Episodes with people whom cameras lose: drawn from a seed, and safe."""
+
+from pathlib import Path
+
+import pytest
+
+from hri_predict.peers import OcclusionRequest
+from hri_predict.run import config as configuration
+from hri_sim.simulation.occluded import draw, play, simulate
+
+CONFIG = configuration.shipped("simulate.yaml")
+REQUEST = OcclusionRequest(config=Path(CONFIG), episodes=2, modes=("predictive", "iso", "fixed"))
+
+
+def test_number_and_seed_decide_an_episode():
+    first = draw(3, 5, (8.0, 30.0), 2)
+    assert draw(3, 5, (8.0, 30.0), 2) == first
+    assert draw(3, 6, (8.0, 30.0), 2) != first
+    assert first.rate_hz in (8.0, 30.0)
+    assert len(first.cameras) == 2
+    assert 1 <= len(first.people) <= 3
+
+
+def test_an_episode_in_each_mode():
+    rows = play(REQUEST, 1)
+    assert [row.mode for row in rows] == ["predictive", "iso", "fixed"]
+    assert [row.contacts for row in rows] == [0, 0, 0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("free_space", [False, True])
+def test_nobody_is_touched_by_a_moving_robot(free_space):
+    request = OcclusionRequest(config=Path(CONFIG), episodes=6, seed=11, free_space=free_space)
+    done = []
+    rows = list(simulate(request, lambda k, n: done.append((k, n))))
+    assert [row.index for row in rows if row.contacts] == []
+    assert any(row.lost > 0 for row in rows)
+    assert done[-1] == (6, 6)
