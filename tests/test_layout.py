@@ -64,7 +64,7 @@ MAY_IMPORT = {  # from the bottom to the top
     "hri_sim.fault_table": f"{NODE} node monitoring run hri_drivers.wires hri_drivers.links "
     "hri_sim.people hri_sim.senders hri_sim.faults hri_sim.controllers hri_sim.baseline_demo",
     "hri_sim.simulation": f"{EVERYTHING} library hri_sim hri_sim.people hri_sim.replay "
-    "hri_sim.referee hri_sim.controllers",
+    "hri_sim.referee hri_sim.controllers hri_sim.baseline_demo",
     "hri_drivers": "",
     "hri_sim": "",
 }

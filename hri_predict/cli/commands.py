@@ -14,13 +14,13 @@ from hri_predict.cli import (
     listen,
     protocol,
     run,
-    simulate,
     train,
     urdf,
 )
 from hri_predict.cli.bench import bench
 from hri_predict.cli.check import check, conformance
 from hri_predict.cli.register import register
+from hri_predict.cli.simulate.simulate import simulate
 
 app = typer.Typer(
     help="Predict where people near a robot will be, and advise the robot's controller in time.",
@@ -61,7 +61,7 @@ app.command()(train.ablate)
 app.command()(evaluate.evaluate)
 app.command()(evaluate.card)
 app.command()(calibrate.calibrate)
-app.command()(simulate.simulate)
+app.command()(simulate)
 app.command()(convert.convert)
 app.command()(urdf.urdf)
 app.add_typer(bench.app, name="bench")

@@ -21,7 +21,7 @@ distribution. Without a calibration, the standard's assumption replaces them: th
 ``v (t + joint_age)`` from where it was last seen, where ``v`` is the physical speed or the joint's
 present speed, whichever is higher, and the physical limit if nobody could measure how fast the
 person is. A lost person goes on from where each joint was last seen, at the speed last measured or
-the standard's, whichever is higher; a limb that was faster than its body gets an arm's length
+the physical speed, whichever is higher; a limb that was faster than its body gets an arm's length
 farther. Past the last calibrated step the zone grows at the physical speed.
 
 Zones that follow a forecast are also cut to what a body can do by then.
@@ -250,12 +250,13 @@ class JointZones:
         hidden = unknown[:, None] & ~fresh[:people]
         present = np.where(hidden, self._limits.physical_speed_m_s, growth_m_s)
         onward = np.array([p.speed_m_s for p in snapshot.lost]).reshape(lost, 1)
+        onward = np.maximum(onward, self._limits.physical_speed_m_s)  # as just before the loss
         limbs = np.array([p.limbs_m_s for p in snapshot.lost]).reshape(lost, joints)
         reference = snapshot.now_ns if capture_ns is None else capture_ns
         return _Tracks(
             last=last,
             joint_age=joint_age,
-            speed=np.concatenate([present, np.maximum(self._speed, onward)]),
+            speed=np.concatenate([present, np.repeat(onward, joints, axis=1)]),
             limbs=np.concatenate([np.zeros((people, joints)), limbs]),
             forecast=follows,
             age=np.maximum(0.0, (snapshot.now_ns - captures) * 1e-9),

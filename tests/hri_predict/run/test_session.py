@@ -16,6 +16,7 @@ from hri_predict.recording import open_recording
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
+from hri_predict.settings import Region
 from hri_sim.baseline_demo import BASELINE
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
@@ -290,6 +291,16 @@ def test_who_vanishes_near_the_robot_never_becomes_clear_by_ageing_out():
         assert len(after) > 450
         assert set(after) == {(Level.STOP, Reason.PERSON_LOST)}
         assert summary.counted["vanished"] == 1
+
+
+@pytest.mark.parametrize("kind", ["exits", "entrances"])
+def test_a_door_within_a_robots_reach_and_separation_is_refused(kind):
+    loaded = config()
+    door = {"polygon": [[1.5, 0.0], [2.5, 0.0], [2.5, 1.0], [1.5, 1.0]]}
+    people = loaded.node.people.model_copy(update={kind: [Region(**door)]})
+    node = loaded.node.model_copy(update={"people": people})
+    with pytest.raises(ConfigError, match=rf"people.{kind}.0: \d\.\d\d m too near to robot arm"):
+        play(replace(loaded, node=node), duration_s=0.1)
 
 
 def test_a_room_that_is_seen_empty_becomes_clear():

@@ -239,13 +239,72 @@ def test_a_lost_person_walks_from_where_they_were_last_seen():
     zones = bodies.zones
     assert zones.ids == (0, 9)
     assert bodies.lost.tolist() == [False, True]
-    speed = np.array([2.0 if s.part.endswith("arm") else 1.6 for s in CANONICAL.segments])
-    names = [s.name for s in CANONICAL.segments]
-    speed[names.index("shoulders")] = 2.0  # its ends belong to the arms
+    speed = 2.0
     radii = np.array([s.radius for s in CANONICAL.segments])
     assert np.allclose(zones.capsules.radius[1, 0], radii + speed * 0.9)
     assert np.allclose(zones.capsules.radius[1, 3], radii + speed * (1.0 + zones.times_s[3]))
     assert bodies.age_s == pytest.approx(0.1)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_zone_does_not_shrink_at_the_instant_of_loss(seed):
+    """Whatever joints were last seen long ago, and however fast the person was."""
+    rng = np.random.default_rng(seed)
+    joint_age = np.where(rng.random(len(JOINTS)) < 0.4, rng.uniform(0.0, 5.0, len(JOINTS)), 0.0)
+    joint_age[rng.integers(len(JOINTS))] = 0.0
+    here = builder().build(snapshot_of(body()[None], [0.1], joint_age[None]), None).zones.capsules
+    lost = lost_person(1, body(), NOW_NS - 100_000_000, joint_age_s=joint_age)
+    nobody = np.zeros((0, len(JOINTS), 3))
+    gone = builder().build(snapshot_of(nobody, [], lost=(lost,)), None)
+    then = gone.zones.capsules
+    for k in range(1, STEPS):
+        assert (then.radius[0, k] >= here.radius[0, k] - 1e-9).all()
+        assert then.a[0, k] == pytest.approx(here.a[0, k])
+
+
+def test_a_lost_runner_goes_on_as_fast_and_counts_as_fast():
+    zones = {}
+    for speed in (1.6, 6.0):
+        lost = lost_person(9, body(2.0), NOW_NS - 500_000_000, speed_m_s=speed)
+        zones[speed] = builder().build(snapshot_of(body()[None], [0.1], lost=(lost,)), None)
+    walker, runner = zones[1.6], zones[6.0]
+    gain = runner.zones.capsules.radius[1, 5] - walker.zones.capsules.radius[1, 5]
+    assert gain == pytest.approx((6.0 - 2.0) * (0.5 + walker.zones.times_s[5]))
+    assert runner.speeds.fast.tolist() == [False, True]
+    assert (runner.speeds.beyond_standard_m_s[1] == 6.0).all()
+    assert walker.speeds.fast.tolist() == [False, False]
+    assert not runner.as_assumed[1]
+
+
+def test_a_fast_limb_gets_an_arms_length_ahead_of_its_body():
+    limbs = np.zeros(len(JOINTS))
+    limbs[HAND] = 6.0
+    plain, kicks = (
+        builder().build(
+            snapshot_of(
+                body()[None],
+                [0.1],
+                lost=(lost_person(9, body(2.0), NOW_NS - 100_000_000, limbs_m_s=speeds),),
+            ),
+            None,
+        )
+        for speeds in (np.zeros(len(JOINTS)), limbs)
+    )
+    hand = [i for i, s in enumerate(CANONICAL.segments) if HAND in (s.joint_a, s.joint_b)]
+    ahead = kicks.zones.capsules.radius[1] - plain.zones.capsules.radius[1]
+    assert ahead[1, hand] == pytest.approx(6.0 * 0.14)
+    assert ahead[-1, hand] == pytest.approx(0.85)
+
+
+def test_who_is_known_to_be_in_some_places_has_upright_zones_about_them():
+    places = np.array([[1.0, 0.0, 0.3], [2.0, 1.0, 0.5]])
+    lost = lost_person(9, body(2.0), NOW_NS - 10**9, places=places, places_ns=NOW_NS - 100_000_000)
+    found = builder().build(snapshot_of(body()[None], [0.1], lost=(lost,)), None)
+    zones, times = found.zones.capsules, found.zones.times_s
+    assert zones.a[1, 0, 0] == pytest.approx([1.0, 0.0, 0.0])
+    assert zones.radius[1, 0, :2] == pytest.approx([0.3 + 0.85, 0.5 + 0.85])
+    assert zones.radius[1, 4, 0] == pytest.approx(0.3 + 0.85 + 1.6 * (0.1 + times[4]))
+    assert zones.b[1, 0, 0, 2] + zones.radius[1, 0, 0] >= 2.5  # whoever reaches up is in it
 
 
 def test_zones_rest_on_the_oldest_capture():

@@ -340,7 +340,7 @@ def test_a_lost_person_walks_from_where_they_were_beside_one_who_is_here(calibra
     assert spheres.radius.shape == (2, STEPS + 1, COUNT)
     assert spheres.radius[0, 1:] == pytest.approx(table(calibration))
     t = 0.5 + np.arange(STEPS + 1) / RATE_HZ
-    assert spheres.radius[1, :, WAIST] == pytest.approx(1.6 * t)
+    assert spheres.radius[1, :, WAIST] == pytest.approx(2.0 * t)
     assert spheres.radius[1, :, WRIST] == pytest.approx(2.0 * t)
     assert spheres.claimed.shape == (1, STEPS, COUNT)
     assert not follows(spheres)[1].any()

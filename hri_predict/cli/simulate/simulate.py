@@ -11,7 +11,7 @@ from rich.table import Table
 
 from hri_predict import registry
 from hri_predict.cli.common import need_plots, progress, recordings
-from hri_predict.cli.occlude import occluded
+from hri_predict.cli.simulate.occlude import occluded
 from hri_predict.errors import ConfigError
 from hri_predict.peers import OcclusionRequest, SimulationReport, SimulationRequest
 from hri_predict.run import config as configuration

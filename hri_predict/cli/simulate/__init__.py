@@ -1,0 +1,1 @@
+"""``simulate``: closed loops, and people whom cameras lose."""
