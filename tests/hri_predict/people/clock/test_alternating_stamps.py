@@ -1,4 +1,4 @@
-"""Stamps that alternate for four seconds, about as far as the limit of a jump, are soon forgotten."""
+"""Stamps that alternate for four seconds, about as far as a jump begins, are soon forgotten."""
 
 import numpy as np
 import pytest
