@@ -20,7 +20,7 @@ from hri_predict.risk.levels.machine import Advised, LevelMachine
 from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Findings, RobotFindings
-from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.separation.terms import NEAR_M, Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
@@ -214,7 +214,7 @@ def asked_of(
 def _reason(finding: Finding, bodies: BodyZones) -> Reason:
     if bodies.lost[finding.person]:
         return Reason.PERSON_LOST
-    if bodies.speeds.unknown[finding.person]:
+    if bodies.speeds.unknown[finding.person] and finding.separation_m > NEAR_M:
         return Reason.SPEED_UNKNOWN
     return Reason.PERSON_NEAR if finding.near else Reason.PERSON_APPROACHING
 
