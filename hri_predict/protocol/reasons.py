@@ -81,7 +81,7 @@ _TEXT = {
     ),
     Reason.PERSON_LOST: (
         "a person vanished and may still be here",
-        "the person is seen again, or the lost zone expires (then the room must be seen empty)",
+        "the person is seen again or seen not to be there, or an Acknowledge arrives",
     ),
     Reason.LATCHED: (
         "motion must wait for an acknowledgement",
@@ -113,8 +113,9 @@ _TEXT = {
     ),
     Reason.CLOCK_JUMP: ("the source's clock jumped", "the clock runs evenly again"),
     Reason.ROOM_NOT_SEEN_EMPTY: (
-        "a person vanished and the room has not been seen empty since",
-        "the room is seen empty for long enough, or an Acknowledge arrives",
+        "more people vanished than the node can keep, or nobody knows who did: somebody may be "
+        "anywhere",
+        "an Acknowledge arrives",
     ),
     Reason.TOO_MANY_PEOPLE: (
         "more people are present than the node can follow",
