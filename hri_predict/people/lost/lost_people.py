@@ -125,7 +125,7 @@ class LostPeople:
         Returns:
             how many lost people have been proven to be gone.
         """
-        if self._space is None:
+        if self._space is None or not self.people:
             return 0
         free = self._space.free(seen) if is_whole else None
         before = len(self.people)
