@@ -1,12 +1,18 @@
 """Settings of the people stage (``people:`` in the configuration)."""
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hri_predict.settings import Metres, Region, Settings
 
 Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
+
+
+_GONE = {
+    "lost_growth_s": "acknowledge_after_s; a lost zone no longer stops growing",
+    "empty_scenes": "source.sees_free_space; a scene without anybody proves nothing",
+}
 
 
 class PeopleSettings(Settings):
@@ -90,3 +96,11 @@ class PeopleSettings(Settings):
         description="why bodies are not checked against gravity and the floor here; without a "
         "reason they are, and a body that cannot be right makes the advice unknown",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gone(cls, data: Any) -> Any:
+        for key, instead in _GONE.items():
+            if isinstance(data, dict) and key in data:
+                raise ValueError(f"{key} is gone; see {instead}")
+        return data

@@ -1,5 +1,6 @@
 """Writes a pose into ``source.room_from_source`` of a configuration; all else stays as it is."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
@@ -15,7 +16,7 @@ PoseLists = tuple[list[float], list[float]]
 def lines_to_paste(pose: PoseLists) -> str:
     """The pose as it stands under ``source:``."""
     xyz, quaternion = pose
-    return f"room_from_source: {{xyz: {xyz}, quaternion_xyzw: {quaternion}}}"
+    return f"room_from_source: {{xyz: {_listed(xyz)}, quaternion_xyzw: {_listed(quaternion)}}}"
 
 
 def with_pose(text: str, pose: PoseLists) -> str | None:
@@ -33,9 +34,9 @@ def with_pose(text: str, pose: PoseLists) -> str | None:
     for key, numbers in zip(("xyz", "quaternion_xyzw"), pose, strict=True):
         value = _value(node, key)
         if value is None:
-            missing.append(f"{key}: {numbers}")
+            missing.append(f"{key}: {_listed(numbers)}")
         elif isinstance(value, yaml.SequenceNode) and value.flow_style:
-            changes.append((value.start_mark.index, value.end_mark.index, str(numbers)))
+            changes.append((value.start_mark.index, value.end_mark.index, _listed(numbers)))
         else:
             return None
     if missing:
@@ -46,7 +47,10 @@ def with_pose(text: str, pose: PoseLists) -> str | None:
     for start, end, new in sorted(changes, reverse=True):
         text = text[:start] + new + text[end:]
     after = load_yaml(text)
-    before["source"]["room_from_source"] = dict(zip(("xyz", "quaternion_xyzw"), pose, strict=True))
+    rounded = [[float(_number(v)) for v in numbers] for numbers in pose]
+    before["source"]["room_from_source"] = dict(
+        zip(("xyz", "quaternion_xyzw"), rounded, strict=True)
+    )
     return text if after == before else None
 
 
@@ -75,6 +79,17 @@ def write_pose(path: Path, pose: PoseLists) -> Path:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}; {paste}") from error
     configuration.load(path)
     return backup
+
+
+def _listed(numbers: Sequence[float]) -> str:
+    return f"[{', '.join(_number(v) for v in numbers)}]"
+
+
+def _number(value: float) -> str:
+    """A number without an exponent: YAML reads 5e-06 as a word."""
+    text = f"{value:.6f}".rstrip("0")
+    text = text + "0" if text.endswith(".") else text
+    return "0.0" if float(text) == 0 else text
 
 
 def _value(node: yaml.Node | None, key: str) -> yaml.Node | None:

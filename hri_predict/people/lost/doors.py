@@ -17,6 +17,8 @@ LAST_MOTION_S = 1.0
 """The last motion is that of this time before a person was last seen."""
 ON_THE_WAY_M = 0.2
 """Who moved less than this in ``LAST_MOTION_S`` stood: a slow step is 0.3 m."""
+INSIDE_M = 0.3
+"""Who got less far into an exit may only have passed its edge."""
 
 
 class Doors:
@@ -53,4 +55,4 @@ class Doors:
         if float(np.linalg.norm(moved)) < ON_THE_WAY_M:
             return False
         inward = track.centroid - track.doorstep  # from where the exit began
-        return float(moved @ inward) >= 0.0
+        return float(np.linalg.norm(inward)) >= INSIDE_M and float(moved @ inward) > 0.0

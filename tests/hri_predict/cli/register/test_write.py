@@ -64,3 +64,12 @@ def test_the_old_file_is_kept_and_no_backup_is_overwritten(tmp_path):
 def test_a_shipped_configuration_is_not_written():
     with pytest.raises(ConfigError, match=r"belongs to the package.*room_from_source: \{xyz"):
         write_pose(data_path("live_udp.yaml"), POSE)
+
+
+def test_small_numbers_are_no_words():
+    """YAML reads -5e-06 as text; a level sensor's pose has such numbers."""
+    pose = ([0.0, 1e-7, 2.4], [-5e-06, 5e-06, 0.295506, 0.955341])
+    new = with_pose("source:\n  room_from_source: {xyz: [0, 0, 0]}\n  kind: udp\n", pose)
+    assert new is not None
+    assert "[-0.000005, 0.000005, 0.295506, 0.955341]" in new
+    assert "[0.0, 0.0, 2.4]" in new

@@ -35,6 +35,7 @@ def steps(begin, end, speed=1.2):
         (np.append(steps(2.0, 5.5), steps(5.5, 4.2)), False),  # turned round
         (np.append(steps(5.8, 3.0), steps(3.0, 5.0)), True),  # came in, and leaves again
         (steps(1.0, 3.7), False),  # on the way to it
+        (steps(2.0, 4.2), False),  # at its edge
     ],
 )
 def test_who_has_left(make_room, xs, has_left):
