@@ -107,7 +107,9 @@ class Roster:
                     # The body is back at the place that this id had jumped from: the jump was a
                     # glitch of the source, and nobody stayed at the place in between.
                     self.counters["glitches_undone"] += 1
-                    left = [t for t in left if t.id != body.id]
+                    # Who was tracked before the jump is a person whose place it led to.
+                    jumped_ns = place.capture_ns
+                    left = [t for t in left if t.id != body.id or t.began_ns <= jumped_ns]
                 left = [t for t in left if t is not place]
             track = place.track if isinstance(place, Lost) else place
             admitted = self._admit(
