@@ -334,4 +334,5 @@ def _free_space(settings: PeopleSettings, source: SourceSettings) -> FreeSpace |
         shadows=source.shadows,
         viewpoints=source.viewpoints,
         captures=settings.free_captures,
+        floor_m=settings.floor_m,
     )

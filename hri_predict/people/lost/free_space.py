@@ -31,7 +31,8 @@ TALL_M = 2.0
 """A shadow that begins above hides nobody who stands on the floor."""
 STEP_M = 0.5
 """A body's mean may lie this far from where it was: other joints, a step."""
-MOST_PLACES = 20
+MOST_PLACES = 16
+"""Not more than a body has segments: a zone has a capsule for each."""
 _HALF_M = CELL_M * math.sqrt(0.5)  # from a cell's middle to its corner
 _BORDER_M = 1.0  # of the grid around the field of view: cells that are never open
 
@@ -46,6 +47,7 @@ class FreeSpace:
         viewpoints: (V, 3) where the cameras are; empty: unknown, and nothing is open in a scene
             with people in it, who may hide others.
         captures: in how many captures somebody in the open is seen at least once.
+        floor_m: height of the floor.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class FreeSpace:
         shadows: Sequence[Region],
         viewpoints: Sequence[Sequence[float]],
         captures: int,
+        floor_m: float = 0.0,
     ) -> None:
         corners = np.asarray((room or view).polygon, dtype=np.float64)
         low = corners.min(0) - _BORDER_M
@@ -67,9 +70,10 @@ class FreeSpace:
         self.in_room: Bools = np.ones(self.shape, bool)
         if room is not None:
             self.in_room = self._contains(room)
-        seen = self._contains(view) if view.z_min <= HIDES_M else np.zeros(self.shape, bool)
+        sees_floor = view.z_min <= floor_m + HIDES_M
+        seen = self._contains(view) if sees_floor else np.zeros(self.shape, bool)
         for shadow in shadows:
-            if min(shadow.z_max, TALL_M) - max(shadow.z_min, 0.0) > HIDES_M:
+            if shadow.z_max > floor_m + HIDES_M and shadow.z_min < floor_m + TALL_M:
                 seen &= ~self._touches(shadow)
         hidden = (self.in_room & ~seen).astype(np.intp)
         for _ in range(math.ceil((BODY_M + _HALF_M) / CELL_M)):

@@ -149,6 +149,8 @@ class LostPeople:
                 limbs_m_s=lost.limbs_m_s,
                 places=None if lost.whereabouts is None else lost.whereabouts.places(),
                 places_ns=None if lost.whereabouts is None else lost.whereabouts.capture_ns,
+                floor_m=self._settings.floor_m,
+                platform_m=self._settings.platform_m,
             )
             for lost in self.people
         )

@@ -174,3 +174,19 @@ def test_places_hold_every_cell(seed):
         [[-1, -1], [-1, 1], [1, -1], [1, 1]]
     )
     assert holds(places, corners.reshape(-1, 2)).all()
+
+
+@pytest.mark.parametrize("floor_m", [-1.5, -0.9, 2.0])
+def test_a_pallet_hides_people_however_high_the_floor_is(floor_m):
+    heights = {"z_min": floor_m, "z_max": floor_m + 1.2}
+    room = FreeSpace(
+        view=Region(polygon=VIEW.polygon, z_min=floor_m, z_max=floor_m + 3),
+        room=None,
+        shadows=(Region(polygon=PALLET.polygon, **heights),),
+        viewpoints=(),
+        captures=CAPTURES,
+        floor_m=floor_m,
+    )
+    lost = room.start(at(1.7, 0), 0, WALK)
+    watch(room, lost, 200)
+    assert may_be(lost, at(1.7, 0.9))
