@@ -146,7 +146,9 @@ class Roster:
             return -1.0
         if self._doors.is_entrance(body.centroid):
             return -1.0 if is_lost else SAME_PLACE_M + self._settings.lost_speed_m_s * seconds
-        return PLACE_SLACK_M + speed * seconds
+        track = place.track if isinstance(place, Lost) else place
+        assert track is not None
+        return PLACE_SLACK_M + self.lost.found_speed_of(track) * seconds
 
     def _forget(self, place: Track | Lost) -> bool:
         """Drop ``place``, whose body is found; return whether that body was already lost."""

@@ -92,10 +92,13 @@ class FreeSpace:
         return self._open & ~hidden
 
     def start(self, place: Floats, capture_ns: int, speed_m_s: float) -> "Whereabouts | None":
-        """Where a person may be who was last seen at ``place`` (3,); ``None``: off the grid."""
-        near = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0)) <= STEP_M + CELL_M
-        near &= self.in_room
-        return Whereabouts(self, near, capture_ns, speed_m_s) if near.any() else None
+        """Where a person may be who was last seen at ``place`` (3,); ``None``: off the grid, or
+        outside the room."""
+        apart = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0))
+        if not (apart[self.in_room] <= STEP_M).any():  # seen where nobody can be: do not rely on it
+            return None
+        near = self.in_room & (apart <= STEP_M + CELL_M)
+        return Whereabouts(self, near, capture_ns, speed_m_s)
 
     def _touches(self, region: Region) -> Bools:
         """Cells any of which lies inside."""
@@ -160,8 +163,11 @@ class Whereabouts:
         self._travel_m += self.speed_m_s * max(0, capture_ns - self.capture_ns) * 1e-9
         self.capture_ns = capture_ns
         while self._travel_m > 0:  # whole cells, before the way is walked: never too late
-            self._left = np.where(self._space.in_room, _spread(self._left), 0)
+            wider = np.where(self._space.in_room, _spread(self._left), 0)
             self._travel_m -= CELL_M
+            if np.array_equal(wider, self._left):  # everywhere: a pause of hours costs no more
+                self._travel_m = min(self._travel_m, 0.0)
+            self._left = wider
         unseen = np.where(self._left > 0, self._space.captures, 0)
         self._left = unseen if free is None else np.where(free, self._left - 1, unseen)
         np.maximum(self._left, 0, out=self._left)
@@ -169,7 +175,8 @@ class Whereabouts:
     def places(self) -> Floats:
         """(D, 3) x, y and radius of discs that hold every place, D <= ``MOST_PLACES``."""
         index = np.argwhere(self._left > 0)
-        for size in itertools.count(2):  # cells along a block's edge
+        least = math.ceil(math.sqrt(len(index) / MOST_PLACES))  # smaller ones are too many
+        for size in itertools.count(max(2, least)):  # cells along a block's edge
             _, block = np.unique(index // size @ [len(self._left[0]) + 1, 1], return_inverse=True)
             if block.max(initial=0) < MOST_PLACES:
                 break
