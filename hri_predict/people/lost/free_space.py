@@ -177,8 +177,10 @@ class Whereabouts:
         index = np.argwhere(self._left > 0)
         least = math.ceil(math.sqrt(len(index) / MOST_PLACES))  # smaller ones are too many
         for size in itertools.count(max(2, least)):  # cells along a block's edge
-            _, block = np.unique(index // size @ [len(self._left[0]) + 1, 1], return_inverse=True)
-            if block.max(initial=0) < MOST_PLACES:
+            number = index // size @ [len(self._left[0]) + 1, 1]
+            used = np.bincount(number, minlength=1) > 0
+            if np.count_nonzero(used) <= MOST_PLACES:
+                block = (np.cumsum(used) - 1)[number]
                 break
         return _discs(self._space.centres[index[:, 0], index[:, 1]], block)
 
