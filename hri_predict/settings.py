@@ -3,6 +3,7 @@
 Each source, predictor, robot and link has its own model beside its code, derived from ``Settings``.
 """
 
+import itertools
 import math
 import reprlib
 from typing import Annotated, Any, Self, TypeVar
@@ -81,6 +82,8 @@ class Region(Settings):
         )
         if abs(area) < 1e-6:
             raise ValueError("polygon has no area; give its corners in order")
+        if _crosses_itself(self.polygon):
+            raise ValueError("polygon crosses itself; give its corners in order")
         return self
 
     def contains(self, point: Floats) -> bool:
@@ -88,6 +91,19 @@ class Region(Settings):
         corners = np.asarray(self.polygon, dtype=np.float64)
         high = self.z_min <= point[2] <= self.z_max
         return bool(high and in_polygon(point[:2], corners))
+
+
+def _crosses_itself(polygon: list[Point]) -> bool:
+    """Whether two edges cross at a point inside both: what is inside would not be what is meant."""
+
+    def side(a: Point, b: Point, c: Point) -> float:
+        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+    edges = list(zip(polygon, [*polygon[1:], polygon[0]], strict=True))
+    return any(
+        side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+        for (a, b), (c, d) in itertools.combinations(edges, 2)
+    )
 
 
 def validated(model: type[S], data: Any, where: str) -> S:

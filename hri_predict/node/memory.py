@@ -34,7 +34,7 @@ LONG_AGO_S = 1e8
 MAX_BYTES = 1_000_000
 RETRY_S = 1.0
 """After a failed write, the next attempt."""
-_WRONG = (KeyError, TypeError, ValueError, AttributeError, RecursionError)
+_WRONG = (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 
 
 class StateSettings(Settings):

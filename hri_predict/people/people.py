@@ -6,6 +6,7 @@ from collections import Counter
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats
+from hri_predict.errors import ConfigError
 from hri_predict.joint_map import JointMap
 from hri_predict.people.body.posture_watch import PostureWatch
 from hri_predict.people.body.size import is_human_sized
@@ -24,6 +25,8 @@ from hri_predict.scene import Person, Scene
 from hri_predict.skeleton import JOINTS
 from hri_predict.source import SourceSettings
 
+FREE_SPACE_M = 60.0
+"""Where free space is seen, the node keeps a grid: larger ones would delay the advice."""
 ROOM_LIMIT_M = 1000.0
 """No room is larger: a coordinate beyond this is an error."""
 
@@ -328,10 +331,17 @@ class People(RemembersLost):
 def _free_space(settings: PeopleSettings, source: SourceSettings) -> FreeSpace | None:
     if not source.sees_free_space or source.field_of_view is None:
         return None
+    corners = np.asarray((settings.room or source.field_of_view).polygon)
+    if np.ptp(corners, axis=0).max() > FREE_SPACE_M:
+        raise ConfigError(
+            f"source.sees_free_space: only for rooms up to {FREE_SPACE_M:g} m wide; draw"
+            " people.room, or source.field_of_view, smaller"
+        )
     return FreeSpace(
         view=source.field_of_view,
         room=settings.room,
         shadows=source.shadows,
         viewpoints=source.viewpoints,
         captures=settings.free_captures,
+        floor_m=settings.floor_m,
     )

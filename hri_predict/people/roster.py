@@ -107,7 +107,9 @@ class Roster:
                     # The body is back at the place that this id had jumped from: the jump was a
                     # glitch of the source, and nobody stayed at the place in between.
                     self.counters["glitches_undone"] += 1
-                    left = [t for t in left if t.id != body.id]
+                    # Who was tracked before the jump is a person whose place it led to.
+                    jumped_ns = place.capture_ns
+                    left = [t for t in left if t.id != body.id or t.began_ns <= jumped_ns]
                 left = [t for t in left if t is not place]
             track = place.track if isinstance(place, Lost) else place
             admitted = self._admit(
@@ -144,7 +146,9 @@ class Roster:
             return -1.0
         if self._doors.is_entrance(body.centroid):
             return -1.0 if is_lost else SAME_PLACE_M + self._settings.lost_speed_m_s * seconds
-        return PLACE_SLACK_M + speed * seconds
+        track = place.track if isinstance(place, Lost) else place
+        assert track is not None
+        return PLACE_SLACK_M + self.lost.found_speed_of(track) * seconds
 
     def _forget(self, place: Track | Lost) -> bool:
         """Drop ``place``, whose body is found; return whether that body was already lost."""

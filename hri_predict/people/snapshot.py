@@ -25,6 +25,7 @@ class LostPerson:
         places: (D, 3) x, y and radius of discs on the floor in which the person is, by what was
             seen free until ``places_ns``; ``None``: the source does not see free space.
         places_ns: node's clock.
+        floor_m, platform_m: of the room: between which heights those people may stand.
     """
 
     id: int
@@ -35,6 +36,8 @@ class LostPerson:
     limbs_m_s: Floats
     places: Floats | None = None
     places_ns: int | None = None
+    floor_m: float = 0.0
+    platform_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -105,3 +105,19 @@ def test_coordinates_beyond_a_kilometre_are_refused(model, data, recwarn):
     with pytest.raises(ConfigError):
         validated(model, data, "x")
     assert not recwarn.list
+
+
+@pytest.mark.parametrize(
+    ("corners", "fine"),
+    [
+        ([[0, -2], [3, 2], [3, -2], [0, 2.2]], False),  # drawn across: hides nobody in the middle
+        ([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], True),
+        ([[0, 2], [1, 2], [1, 1], [2, 1], [2, 0], [0, 0]], True),
+    ],
+)
+def test_a_polygon_that_crosses_itself_is_refused(corners, fine):
+    if fine:
+        Region(polygon=corners)
+        return
+    with pytest.raises(ConfigError, match="crosses itself"):
+        validated(Region, {"polygon": corners}, "here")

@@ -31,7 +31,8 @@ TALL_M = 2.0
 """A shadow that begins above hides nobody who stands on the floor."""
 STEP_M = 0.5
 """A body's mean may lie this far from where it was: other joints, a step."""
-MOST_PLACES = 20
+MOST_PLACES = 16
+"""Not more than a body has segments: a zone has a capsule for each."""
 _HALF_M = CELL_M * math.sqrt(0.5)  # from a cell's middle to its corner
 _BORDER_M = 1.0  # of the grid around the field of view: cells that are never open
 
@@ -46,6 +47,7 @@ class FreeSpace:
         viewpoints: (V, 3) where the cameras are; empty: unknown, and nothing is open in a scene
             with people in it, who may hide others.
         captures: in how many captures somebody in the open is seen at least once.
+        floor_m: height of the floor.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class FreeSpace:
         shadows: Sequence[Region],
         viewpoints: Sequence[Sequence[float]],
         captures: int,
+        floor_m: float = 0.0,
     ) -> None:
         corners = np.asarray((room or view).polygon, dtype=np.float64)
         low = corners.min(0) - _BORDER_M
@@ -67,9 +70,10 @@ class FreeSpace:
         self.in_room: Bools = np.ones(self.shape, bool)
         if room is not None:
             self.in_room = self._contains(room)
-        seen = self._contains(view) if view.z_min <= HIDES_M else np.zeros(self.shape, bool)
+        sees_floor = view.z_min <= floor_m + HIDES_M
+        seen = self._contains(view) if sees_floor else np.zeros(self.shape, bool)
         for shadow in shadows:
-            if min(shadow.z_max, TALL_M) - max(shadow.z_min, 0.0) > HIDES_M:
+            if shadow.z_max > floor_m + HIDES_M and shadow.z_min < floor_m + TALL_M:
                 seen &= ~self._touches(shadow)
         hidden = (self.in_room & ~seen).astype(np.intp)
         for _ in range(math.ceil((BODY_M + _HALF_M) / CELL_M)):
@@ -88,10 +92,13 @@ class FreeSpace:
         return self._open & ~hidden
 
     def start(self, place: Floats, capture_ns: int, speed_m_s: float) -> "Whereabouts | None":
-        """Where a person may be who was last seen at ``place`` (3,); ``None``: off the grid."""
-        near = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0)) <= STEP_M + CELL_M
-        near &= self.in_room
-        return Whereabouts(self, near, capture_ns, speed_m_s) if near.any() else None
+        """Where a person may be who was last seen at ``place`` (3,); ``None``: off the grid, or
+        outside the room."""
+        apart = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0))
+        if not (apart[self.in_room] <= STEP_M).any():  # seen where nobody can be: do not rely on it
+            return None
+        near = self.in_room & (apart <= STEP_M + CELL_M)
+        return Whereabouts(self, near, capture_ns, speed_m_s)
 
     def _touches(self, region: Region) -> Bools:
         """Cells any of which lies inside."""
@@ -156,8 +163,11 @@ class Whereabouts:
         self._travel_m += self.speed_m_s * max(0, capture_ns - self.capture_ns) * 1e-9
         self.capture_ns = capture_ns
         while self._travel_m > 0:  # whole cells, before the way is walked: never too late
-            self._left = np.where(self._space.in_room, _spread(self._left), 0)
+            wider = np.where(self._space.in_room, _spread(self._left), 0)
             self._travel_m -= CELL_M
+            if np.array_equal(wider, self._left):  # everywhere: a pause of hours costs no more
+                self._travel_m = min(self._travel_m, 0.0)
+            self._left = wider
         unseen = np.where(self._left > 0, self._space.captures, 0)
         self._left = unseen if free is None else np.where(free, self._left - 1, unseen)
         np.maximum(self._left, 0, out=self._left)
@@ -165,9 +175,12 @@ class Whereabouts:
     def places(self) -> Floats:
         """(D, 3) x, y and radius of discs that hold every place, D <= ``MOST_PLACES``."""
         index = np.argwhere(self._left > 0)
-        for size in itertools.count(2):  # cells along a block's edge
-            _, block = np.unique(index // size @ [len(self._left[0]) + 1, 1], return_inverse=True)
-            if block.max(initial=0) < MOST_PLACES:
+        least = math.ceil(math.sqrt(len(index) / MOST_PLACES))  # smaller ones are too many
+        for size in itertools.count(max(2, least)):  # cells along a block's edge
+            number = index // size @ [len(self._left[0]) + 1, 1]
+            used = np.bincount(number, minlength=1) > 0
+            if np.count_nonzero(used) <= MOST_PLACES:
+                block = (np.cumsum(used) - 1)[number]
                 break
         return _discs(self._space.centres[index[:, 0], index[:, 1]], block)
 

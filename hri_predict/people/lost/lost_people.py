@@ -80,6 +80,7 @@ class LostPeople:
         self._most = settings.max_people
         self._settled_ns = round(settings.acknowledge_after_s * 1e9)
         self.forgotten = False
+        self._dropped_ns: int | None = None  # when the last dropped person was last seen
 
     def add(self, track: Track) -> None:
         """Add a lost person. Beyond ``max_people`` the oldest place is dropped, and that person
@@ -109,6 +110,15 @@ class LostPeople:
         if measured is None:
             return self._settings.max_body_speed_m_s
         return max(self._settings.lost_speed_m_s, GAIN * measured + GAIN_M_S)
+
+    def found_speed_of(self, track: Track) -> float:
+        """How fast the body may have been that is found elsewhere, m/s.
+
+        As ``speed_of``, but if none was measured the standard's: whoever was seen for a moment is
+        not found at the other end of the room.
+        """
+        measured, _ = track.speeds(SPEED_SPAN_S)
+        return self._settings.lost_speed_m_s if measured is None else self.speed_of(track)
 
     def remove(self, lost: Lost) -> None:
         """Forget a person who is seen again."""
@@ -149,6 +159,8 @@ class LostPeople:
                 limbs_m_s=lost.limbs_m_s,
                 places=None if lost.whereabouts is None else lost.whereabouts.places(),
                 places_ns=None if lost.whereabouts is None else lost.whereabouts.capture_ns,
+                floor_m=self._settings.floor_m,
+                platform_m=self._settings.platform_m,
             )
             for lost in self.people
         )
@@ -160,7 +172,8 @@ class LostPeople:
         """
         before = len(self.people)
         self.people = [p for p in self.people if now_ns - p.capture_ns <= self._settled_ns]
-        self.forgotten = False
+        if self._dropped_ns is None or now_ns - self._dropped_ns > self._settled_ns:
+            self.forgotten, self._dropped_ns = False, None
         return before - len(self.people)
 
     def keep(self, lost: Lost) -> None:
@@ -169,8 +182,10 @@ class LostPeople:
             lost.whereabouts = self._space.start(lost.centroid, lost.capture_ns, lost.speed_m_s)
         self.people.append(lost)
         if len(self.people) > self._most:
-            self.people.remove(min(self.people, key=lambda p: p.capture_ns))
+            oldest = min(self.people, key=lambda p: p.capture_ns)
+            self.people.remove(oldest)
             self.forgotten = True
+            self._dropped_ns = max(self._dropped_ns or oldest.capture_ns, oldest.capture_ns)
 
 
 def match_places(starts: list[Floats], places: list[Floats], radii: Floats) -> dict[int, int]:

@@ -13,7 +13,7 @@ from hri_predict.people.snapshot import LostPerson
 ARM_M = 0.85
 """How far a hand gets from the body's middle: ISO 13855:2010 takes 850 mm for an arm's reach."""
 TOP_M = 2.5
-"""Nobody reaches above: a tall man's grip is at 2.2 m."""
+"""Nobody reaches farther above where they stand: a tall man's grip is at 2.2 m."""
 
 
 def anywhere_in(person: LostPerson, until_s: Floats, segments: int) -> Capsules:
@@ -22,13 +22,26 @@ def anywhere_in(person: LostPerson, until_s: Floats, segments: int) -> Capsules:
     Args:
         person: with places.
         until_s: (K,) seconds since ``places_ns`` by which they may have walked on.
-        segments: S; the places are dealt out over them.
+        segments: S; the places are dealt out over them, and joined where there are more.
     """
     assert person.places is not None
-    places = person.places[np.arange(segments) % len(person.places)]
+    held = _at_most(person.places, segments)
+    places = held[np.arange(segments) % len(held)]
     radius = places[:, 2] + ARM_M + person.speed_m_s * until_s[:, None]
-    a = np.broadcast_to([0.0, 0.0, 0.0], (*radius.shape, 3)).copy()
+    a = np.full((*radius.shape, 3), person.floor_m)
     a[..., :2] = places[:, :2]
     b = a.copy()
-    b[..., 2] = np.maximum(TOP_M - radius, 0.0)
+    b[..., 2] += np.maximum(person.platform_m + TOP_M - radius, 0.0)
     return Capsules(a, b, radius)
+
+
+def _at_most(places: Floats, count: int) -> Floats:
+    """(min(D, count), 3) discs that hold all of ``places``: neighbours are joined."""
+    if len(places) <= count:
+        return places
+    joined = []
+    for group in np.array_split(places, count):
+        middle = 0.5 * (group[:, :2].min(0) + group[:, :2].max(0))
+        apart = np.hypot(*(group[:, :2] - middle).T)
+        joined.append([*middle, (apart + group[:, 2]).max()])
+    return np.array(joined)

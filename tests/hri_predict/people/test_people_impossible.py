@@ -96,6 +96,16 @@ def test_a_teleport_and_back_leaves_nothing_behind(make_room, keeps_ids, capture
     assert snapshot.counters["glitches_undone"] == 1
 
 
+def test_an_id_that_was_on_a_hidden_person_for_a_moment_does_not_forget_that_person(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), body(2, 3.0), times=20)
+    room.see(body(1, 0.0), times=4)
+    room.see(body(1, 3.0), times=6)  # the tracker's mistake: this is who was 2
+    room.see(body(1, 0.0), times=6)
+    (lost,) = room.snapshot().lost
+    assert lost.positions == pytest.approx(SHAPE + np.array([3.0, 0.0, 0.0]), abs=0.01)
+
+
 def test_an_id_that_is_long_elsewhere_may_be_two_people(make_room):
     room = make_room()
     room.see(body(1, 0.0), times=5)

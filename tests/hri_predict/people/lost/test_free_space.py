@@ -1,5 +1,7 @@
 """Where a lost person may be, by what was seen free: the true place is never left out."""
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -174,3 +176,34 @@ def test_places_hold_every_cell(seed):
         [[-1, -1], [-1, 1], [1, -1], [1, 1]]
     )
     assert holds(places, corners.reshape(-1, 2)).all()
+
+
+@pytest.mark.parametrize("floor_m", [-1.5, -0.9, 2.0])
+def test_a_pallet_hides_people_however_high_the_floor_is(floor_m):
+    heights = {"z_min": floor_m, "z_max": floor_m + 1.2}
+    room = FreeSpace(
+        view=Region(polygon=VIEW.polygon, z_min=floor_m, z_max=floor_m + 3),
+        room=None,
+        shadows=(Region(polygon=PALLET.polygon, **heights),),
+        viewpoints=(),
+        captures=CAPTURES,
+        floor_m=floor_m,
+    )
+    lost = room.start(at(1.7, 0), 0, WALK)
+    watch(room, lost, 200)
+    assert may_be(lost, at(1.7, 0.9))
+
+
+def test_a_pause_of_hours_takes_no_longer_than_one_of_a_minute():
+    room = space(room=VIEW)
+    lost = room.start(at(1.7, 0), 0, WALK)
+    started = time.process_time()
+    lost.update(12 * 3600 * 1000 * MS, None)
+    assert time.process_time() - started < 0.5
+    assert all(may_be(lost, at(x, y)) for x in (-5.9, 5.9) for y in (-5.9, 5.9))
+
+
+def test_who_was_seen_outside_the_room_is_not_proven_gone():
+    room = space(room=Region(polygon=[[0, -6], [6, -6], [6, 6], [0, 6]]))
+    assert room.start(at(-0.7, 0), 0, WALK) is None
+    assert room.start(at(-0.2, 0), 0, WALK) is not None  # at the wall

@@ -342,3 +342,27 @@ def test_places_are_matched_nearest_first_and_once():
     assert match_places(starts, places, np.full((2, 2), 9.0)) == {1: 0, 0: 1}
     assert match_places(starts, places, np.full((2, 2), -1.0)) == {}
     assert match_places([], places, np.zeros((0, 2))) == {}
+
+
+def test_who_was_seen_for_a_moment_is_not_found_at_the_other_end_of_the_room(make_room):
+    room = make_room()
+    room.see(times=10)
+    room.see(body(1, 0.0), times=4)  # too short to measure a speed
+    room.see(times=8)
+    snapshot = room.see(body(2, 4.0), times=5)
+    assert snapshot.ids == (2,)
+    assert lost_ids(snapshot) == [1]
+
+
+def test_an_acknowledge_too_early_leaves_those_dropped_from_too_many(make_room):
+    room = make_room(max_people=1)
+    room.see(body(1, 0.0), times=10)
+    room.see(times=4)
+    room.see(body(2, 5.0), times=10)
+    assert room.see(times=4).reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
+    room.people.acknowledge()  # the first was last seen 0.7 s ago
+    assert room.snapshot().reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
+    room.see(times=LONG_SCENES)
+    room.people.acknowledge()
+    assert room.snapshot().reasons == ()
+    assert room.snapshot().lost == ()
