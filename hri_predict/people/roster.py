@@ -103,8 +103,8 @@ class Roster:
             place = places[pairs[index]] if index in pairs else None
             if place is not None:
                 was_lost = self._forget(place)
-                if risen is not None and was_lost and place.id == body.id:
-                    # The body is back at the place that this id had jumped from: the jump was a
+                if self._keeps_ids and risen is not None and was_lost and place.id == body.id:
+                    # This person is back at the place that the id had jumped from: the jump was a
                     # glitch of the source, and nobody stayed at the place in between.
                     self.counters["glitches_undone"] += 1
                     # Who was tracked before the jump is a person whose place it led to.

@@ -122,6 +122,8 @@ class FreeSpace:
         hidden = np.zeros(self.shape, bool)
         for body in bodies:
             to = body - viewpoint
+            if np.hypot(*to) <= BODY_M + _HALF_M:  # at the camera, it may hide everything
+                return np.ones(self.shape, bool)
             along = (way @ to) / length  # of the body, along the ray to the cell
             aside = np.abs(way[..., 0] * to[1] - way[..., 1] * to[0]) / length
             behind = (along > 0) & (along <= length + BODY_M + _HALF_M)

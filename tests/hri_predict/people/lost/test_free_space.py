@@ -89,6 +89,12 @@ def test_people_in_view_hide_others_unless_it_is_known_from_where_they_are_seen(
     assert not beside.anywhere
 
 
+def test_a_body_at_the_camera_hides_everything_from_it():
+    sighted = space(shadows=(), viewpoints=[[-4, 0, 2.5]])
+    assert not sighted.free([at(-4.1, 0.1)]).any()
+    assert sighted.free([at(-3, 0.1)]).any()
+
+
 def test_a_second_camera_sees_who_is_hidden_from_the_first():
     one = space(shadows=(), viewpoints=[[-6, 0, 2.5]])
     two = space(shadows=(), viewpoints=[[-6, 0, 2.5], [0, -6, 2.5]])
