@@ -12,6 +12,7 @@ from rich.table import Table
 from hri_predict import registry
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
+from hri_predict.cli.check.lost import lost_notes
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError
@@ -120,6 +121,10 @@ def examine(config: Config) -> dict[str, Any]:
     reaction_time_s = sum(terms.values())
     terms["controller_reaction"] = terms.pop("reaction")  # one part of T_r, not all of it
     risk = _risk_needs(config, assembly, budget)
+    needed = {
+        model.name: (model, risk["robots"][model.name]["protective_distance_m"])
+        for model in assembly.robots
+    }
     return {
         "path": str(config.path),
         "delay_budget_s": terms,
@@ -135,7 +140,11 @@ def examine(config: Config) -> dict[str, Any]:
         "latch": list(config.node.risk.latch),
         "state": _state(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
-        "notes": [*_notes(config), *_radius_note(risk)],
+        "notes": [
+            *_notes(config),
+            *lost_notes(config, needed, source.rate_hz),
+            *_radius_note(risk),
+        ],
     }
 
 

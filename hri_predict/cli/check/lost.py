@@ -1,0 +1,50 @@
+"""What ends being lost in this cell, and which shadows keep a robot waiting: notes of ``check``."""
+
+from collections.abc import Mapping
+
+from hri_predict.people.lost.free_space import BODY_M, CELL_M
+from hri_predict.risk.areas import floor_distance
+from hri_predict.risk.zones.whereabouts import ARM_M
+from hri_predict.robots.model import RobotModel
+from hri_predict.run.config import Config
+
+PAGE = "docs/guides/lost-people.md"
+
+
+def lost_notes(
+    config: Config, robots: Mapping[str, tuple[RobotModel, float]], rate_hz: float
+) -> list[str]:
+    """One line each for what whoever wires the cell should know.
+
+    Args:
+        config: the configuration.
+        robots: by name, each robot and its separation distance at the highest speed, metres.
+        rate_hz: scenes per second.
+    """
+    source, people = config.source, config.node.people
+    found = f"{people.found_within_s:g} s"
+    if not source.sees_free_space:
+        ends = ["an Acknowledge"]
+        ends += ["an exit"] if people.exits else []
+        ends += ["the same id"] if source.keeps_ids else []
+        return [
+            f"who vanishes for longer than {found} stays lost until {' or '.join(ends)} ends it; "
+            f"see {PAGE}"
+        ]
+    notes = []
+    if not source.viewpoints:
+        notes.append(
+            "source.sees_free_space without viewpoints: nothing counts as seen free while anybody "
+            "is in view"
+        )
+    walked_m = people.lost_speed_m_s * people.free_captures / rate_hz
+    around_m = ARM_M + BODY_M + CELL_M + walked_m
+    for i, shadow in enumerate(source.shadows):
+        for name, (model, needed_m) in robots.items():
+            short_m = model.reach_m + needed_m + around_m - floor_distance(shadow, model.base)
+            if short_m > 0:
+                notes.append(
+                    f"source.shadows.{i}: {short_m:.2f} m too near to robot {name} for it to go on "
+                    f"at full speed after somebody vanished there, until an Acknowledge"
+                )
+    return notes
