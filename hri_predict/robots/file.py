@@ -172,7 +172,7 @@ def _find(model: str, base_dir: Path | None) -> Path:
     if Path(model).suffix in (".yaml", ".yml"):
         return (base_dir or Path()) / model
     path = data_path("robots", f"{model}.yaml")
-    if not os.path.isfile(path):  # also accepts a name that is too long
+    if not os.path.isfile(path):  # does not raise if the name is too long
         shipped = sorted(p.stem for p in data_path("robots").glob("*.yaml"))
         raise RobotError(
             f"unknown robot model '{model}'{nearest(model, shipped)}; "

@@ -130,7 +130,7 @@ def _find(file: str, base_dir: Path | None) -> Path:
     if Path(file).suffix in (".yaml", ".yml"):
         return (base_dir or Path()) / file
     path = data_path("trajectories", f"{file}.yaml")
-    if not os.path.isfile(path):  # also accepts a name that is too long
+    if not os.path.isfile(path):  # does not raise if the name is too long
         shipped = sorted(p.stem for p in data_path("trajectories").glob("*.yaml"))
         raise RobotError(
             f"unknown trajectory '{file}'{nearest(file, shipped)}; "
