@@ -57,7 +57,7 @@ class Chain:
     """A serial chain of N joints on a fixed base; link 0 is the base, link i moves with joint i.
 
     Args:
-        base: (4, 4) pose of the base in the frame that results are wanted in.
+        base: (4, 4) pose of the base in the frame of the results.
         joints: N joints from the base outwards.
 
     Attributes:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 SLACK_S = 0.1
 """Added to T_r + T_s: jitter of RobotState and cycles of both sides."""
 SPEED_SHARE = 0.1
-"""Part of the limit by which a robot may exceed it: servos overshoot, speeds are upper bounds."""
+"""A robot may exceed its limit by this part of it: servos overshoot, speeds are upper bounds."""
 SPEED_SLACK_M_S = 0.05
 """The same in m/s: noise of the velocities, at the end of a long arm."""
 STANDS_M_S = 0.02

@@ -55,7 +55,7 @@ SPEED_SHARE = 0.1
 ONE_STEP = 0.7
 """If one step has this share of a deviation, the deviation is a jump of the position."""
 HELD_S = 3.0
-"""A finding is held for so long after it was last made: a robot that stops disproves nothing."""
+"""A finding is held this long after it was last made: a robot that stops disproves nothing."""
 COUNTERS = 1 << 16
 RESTART = 1000
 """A counter that advances by more has restarted."""

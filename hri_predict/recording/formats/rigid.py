@@ -1,8 +1,8 @@
 """Rigid bones that follow joints: rotations that bring a hierarchy close to given positions.
 
-Every bone has a rotation of its own, so that only its length can be wrong: it is turned from its
-parent's end, as it came out, towards where the joint truly is, the shortest way (twist about a bone
-cannot be seen in positions). A joint on which several bones hang is turned as their ends fit best
+Every bone has its own rotation, so only its length can be wrong. It starts at the computed end of
+its parent and is turned the shortest way towards the true place of its joint (positions do not show
+twist about a bone). A joint that carries several bones gets the rotation that fits their ends best
 (Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32, 1976).
 """
 

@@ -25,9 +25,10 @@ class LatchIds:
 
 
 def causes_now(snapshot: PeopleSnapshot, untrusted: Sequence[Reason]) -> list[str]:
-    """What holds now and may latch.
+    """The present causes that may latch.
 
-    Before the first capture, nothing was seen that could be lost from view: that is ``start``.
+    Before the first capture, nothing was seen, so nothing can be lost from view: the cause is
+    ``start``.
     """
     causes = []
     if snapshot.captures and not _BLIND.isdisjoint(untrusted):

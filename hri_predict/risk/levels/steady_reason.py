@@ -32,7 +32,8 @@ class SteadyReason:
     """The reason's memory of one robot's advice.
 
     Args:
-        captures: how many distinct captures must agree before a milder reason is given, at first.
+        captures: initial number of distinct captures that must agree before a milder reason is
+            given.
     """
 
     def __init__(self, captures: int) -> None:
