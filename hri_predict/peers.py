@@ -122,7 +122,7 @@ class Cell(Protocol):
         """
 
     def transports(self) -> Mapping[str, Transport[Any]]:
-        """Build all for the virtual clock; returns link name -> the node's end of its wire."""
+        """Build all for the virtual clock; return link name -> the node's end of its wire."""
 
     def next_ns(self) -> int | None:
         """When the next step is due; ``None``: never."""

@@ -9,7 +9,7 @@ they were last seen, except in cells that they could reach only by staying in th
 ``free_captures`` captures.
 
 So a person who vanishes in the open is gone after that many captures. A person who steps behind a
-pallet may be there, or within reach of it, until a camera sees behind it, but nowhere else.
+pallet may be there, or within reach of it, and nowhere else, until the sensor sees behind it.
 """
 
 import itertools

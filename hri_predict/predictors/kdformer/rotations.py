@@ -41,7 +41,7 @@ def expmap(q: Tensor) -> Tensor:
 def continuous(q: Tensor, dim: int = 1) -> Tensor:
     """Choose between q and -q (the same rotation) so that the last has w >= 0 and none jumps.
 
-    Exponential maps wrap by 2 pi. In maps made from the result, the last one is the shortest and
+    Exponential maps wrap by 2 pi. Among the maps of the result, the last one is the shortest and
     the earlier ones follow it without a jump, up to three quarters of a turn. Beyond that the
     shortest is taken, because a map near a whole turn has no well-defined axis.
 

@@ -120,7 +120,7 @@ def _layout(path: Path, data: bytes, parameters: Parameters) -> _Layout:
     if len(start) == len(end) == 2:  # as two words, for more than 65535 frames
         frames = (end[0] + (end[1] << 16)) - (start[0] + (start[1] << 16)) + 1
     else:
-        for name in ("FRAMES", "LONG_FRAMES"):  # or as a float; the latter counts
+        for name in ("FRAMES", "LONG_FRAMES"):  # or as a float; the latter has priority
             said = parameters.number("POINT", name, 0.0)
             frames = int(said) if MAX_COUNT < said < MAX_FRAMES else frames
     block = parameters.number("POINT", "DATA_START", word(data, 16))
