@@ -1,8 +1,8 @@
-"""What the command line asks of the parts that run without hardware: ``hri_sim``, by the registry.
+"""Contracts of the parts that run without hardware, ``hri_sim``; the registry finds them.
 
 A *cell* is what stands at the other ends of simulated links; *faults* are injected into a source or
-a link, and tabulated; *simulations* run the closed loop and measure links. One package brings all
-of them, but the node knows these contracts alone.
+a link, and tabulated; *simulations* run the closed loop and measure links. One package provides all
+of them, but the node knows only these contracts.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,24 +27,24 @@ Joints = Mapping[str, tuple[Floats, Floats]]
 
 @dataclass(slots=True, kw_only=True)
 class ControllerReport:
-    """What a controller met. Times in seconds, of its own clock.
+    """What a controller experienced. Times are in seconds of its own clock.
 
     Attributes:
-        name, role, robot: of the link, the controller and the robot.
-        ended: how: ``ok``, or ``killed`` (then nothing below was told).
-        messages, bytes: received and good; received at all.
+        name, role, robot: the link's name, the controller's role, the robot's name.
+        ended: how it ended: ``ok``, or ``killed`` (then nothing below was reported).
+        messages, bytes: good messages received; all bytes received.
         crc_errors, counter_errors, malformed, incomplete: as the receiver counts them.
         schema_mismatches: Schema messages of another version or hash.
-        schema_trouble: which one it heard last, and which it was built for.
+        schema_trouble: the last such Schema that it heard, and the one that it was built for.
         timeouts: times that the node fell silent.
-        stale: times that the newest advice was or grew too old.
+        stale: times that the newest advice was, or became, too old.
         max_age_s: greatest age of an advice at its receipt, as carried.
         max_gap_s: longest time between two good advices.
         round_trip_p50_s, round_trip_max_s: from sending a RobotState to an advice that echoes it.
         slowdowns: times that it went from full speed to a lower limit.
         stops: times that it had to stop while it was allowed to move.
-        states_sent, acknowledges_sent, write_errors: what it sent, and what did not go out.
-        stop_causes: cause -> how many of the stops.
+        states_sent, acknowledges_sent, write_errors: messages sent, and failed writes.
+        stop_causes: cause -> number of stops.
         events: [seconds, cause, limit] of each change between running, slow and stopped (at most
             1000), seconds since its start, the limit in m/s.
     """
@@ -83,14 +83,14 @@ class TruePeople(Protocol):
         """Start, at the same time as the node's own copy."""
 
     def at(self, now_ns: int) -> Bodies:
-        """Everybody at ``now_ns``."""
+        """Everybody's true place at ``now_ns``."""
 
 
 class Referee(Protocol):
     """Compares true people with true robots; the node never sees any of it.
 
     Attributes:
-        contacts, contacts_standing: touches of a robot that moved, and of one that stood.
+        contacts, contacts_standing: touches of a moving robot, and of a standing robot.
         min_separation_m: smallest distance; ``None`` while nobody was seen.
     """
 
@@ -122,10 +122,10 @@ class Cell(Protocol):
         """
 
     def transports(self) -> Mapping[str, Transport[Any]]:
-        """Build all for the virtual clock; returns link name -> the node's end of its wire."""
+        """Build all for the virtual clock; return link name -> the node's end of its wire."""
 
     def next_ns(self) -> int | None:
-        """When it wants to be stepped next; ``None``: never."""
+        """When the next step is due; ``None``: never."""
 
     def step(self, now_ns: int) -> None:
         """Do what is due."""
@@ -134,10 +134,10 @@ class Cell(Protocol):
         """Where every simulated robot truly is."""
 
     def referee(self, robots: Sequence[RobotModel], /) -> Referee:
-        """A referee for these robots, to be fed with ``robot_truth``."""
+        """A referee for these robots; it must be fed with ``robot_truth``."""
 
     def true_people(self, source: Source, /) -> TruePeople:
-        """Where everybody in ``source`` truly is; nobody else may poll that."""
+        """Where everybody in ``source`` truly is; nothing else may poll ``source``."""
 
     def stop(self) -> Sequence[ControllerReport]:
         """End all controllers; returns their reports, link by link. Safe to call twice."""
@@ -158,8 +158,8 @@ class CellClass(Protocol):
         """Check everything; nothing is started yet.
 
         Args:
-            links: those that have a ``simulate:`` block.
-            robots: all that are configured.
+            links: the links that have a ``simulate:`` block.
+            robots: all configured robots.
             base_dir: the configuration's folder, where relative paths start.
             clock: the node's.
             factor: node seconds per wall second.
@@ -186,7 +186,7 @@ class SourceFaults(Protocol):
 class LinkFaults(Protocol):
     """Puts faults between a link and its wire: entry point ``link``.
 
-    What damages units knows those of the links that are shipped: bytes, CAN frames, keyed payloads.
+    Faults that damage units know the units of the shipped links: bytes, CAN frames, keyed payloads.
     """
 
     def __call__(
@@ -230,18 +230,18 @@ class FaultTable(Protocol):
     """Tries each fault alone: entry point ``table``."""
 
     def __call__(self, only: str | None = None, /) -> Iterator[FaultOutcome]:
-        """Run every case whose name contains ``only``; yields each as it is done."""
+        """Run every case whose name contains ``only``; yield each when it is done."""
 
 
 class Soak(Protocol):
-    """Hours with faults at random: entry point ``soak``."""
+    """Runs for hours with random faults: entry point ``soak``."""
 
     def __call__(self, hours: float, seed: int, speed: float | None, /) -> dict[str, object]:
-        """Plain data of what came of it; ``fine`` says whether all held.
+        """Return the result as plain data; ``fine`` says whether all conditions held.
 
         Args:
             hours: of node time.
-            seed: of the faults.
+            seed: random seed of the faults.
             speed: node seconds per second; ``None``: as fast as possible, on the virtual clock.
         """
 
@@ -251,7 +251,7 @@ class Soak(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationRequest:
-    """What is asked for; see ``hri-predict simulate``."""
+    """The settings of a simulation; see ``hri-predict simulate``."""
 
     config: Path
     predictors: tuple[str, ...] = ()
@@ -284,10 +284,10 @@ class OcclusionRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class OcclusionRow:
-    """What came of one episode in one mode.
+    """The result of one episode in one mode.
 
     Attributes:
-        index, mode: of the episode.
+        index, mode: the episode's index and mode.
         contacts, contacts_standing: touches of a moving and of a standing robot.
         permitted: mean speed limit, as a share of the robot's highest speed.
         lost: share of the ticks in which somebody was lost.
@@ -316,13 +316,13 @@ class ReportTable(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationReport:
-    """What came of a simulation, as shown and written.
+    """The result of a simulation, as shown and written.
 
     Attributes:
         tables, notes: for people.
         json: the same for programs.
-        files: what was written.
-        disagreements: one line for each episode that came out otherwise in the whole node.
+        files: the files written.
+        disagreements: one line for each episode with a different result in the whole node.
     """
 
     tables: Sequence[ReportTable]
@@ -338,7 +338,7 @@ class ClosedLoop(Protocol):
     def run(
         self, request: SimulationRequest, progress: Callable[[int, int], None], /
     ) -> SimulationReport:
-        """Run (or finish) a simulation; ``progress`` is told how many of how many are done.
+        """Run (or finish) a simulation; ``progress`` gets the number done and the total.
 
         Raises:
             HriPredictError: it cannot start; one line with the remedy.
@@ -371,10 +371,10 @@ class LinkBench(Protocol):
         """Kinds of link whose delays can be measured."""
 
     def delays(self, names: list[str], seconds: float, /) -> Iterator[dict[str, Any]]:
-        """For each of these kinds and rates a row of figures, or why there is no such wire."""
+        """A row of figures for each of these kinds and rates, or why there is no such wire."""
 
     def capacities(self, seconds: float, /) -> Iterator[dict[str, Any]]:
-        """For each baud rate how full a serial wire gets: a row of figures."""
+        """A row of figures for each baud rate: how full a serial wire gets."""
 
 
 class FleetBench(Protocol):
@@ -391,7 +391,7 @@ class FleetBench(Protocol):
     def RATES_HZ(self) -> Sequence[float]: ...  # noqa: D102
 
     def costs(self, seconds: float, /) -> Iterator[dict[str, Any]]:
-        """For each topology and rate, a row of figures."""
+        """A row of figures for each topology and rate."""
 
     def recovery(self, times: int, /) -> dict[str, list[float]]:
-        """Seconds until a cell is heard, after it joins and after the router returns."""
+        """Seconds until a cell is heard after it joins, and after the router returns."""

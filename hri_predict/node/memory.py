@@ -1,9 +1,9 @@
 """What survives the node: latches and lost people, in a small file.
 
-Parts that have something to remember offer ``remember``, ``recall`` and ``distrust``. Their stamps
-are of a monotonic clock, which means nothing to the next process: they say how long ago something
-was (``ago_s``), and the file says when it was written, by the wall clock. What cannot be read or
-dated is distrusted: each part then takes what is safe.
+Parts with something to remember offer ``remember``, ``recall`` and ``distrust``. Their stamps come
+from a monotonic clock, which means nothing to the next process. So the parts store how long ago
+something was (``ago_s``), and the file stores when it was written, by the wall clock. Data that
+cannot be read or dated is distrusted: each part then assumes the safe state.
 
 The loop's thread only compares and hands over; a thread of its own writes. A file is replaced as a
 whole, after it has reached the disk, so a crash or a power failure leaves the old or the new one.
@@ -33,7 +33,7 @@ LONG_AGO_S = 1e8
 """Used where the time since cannot be known: the wall clock went backwards."""
 MAX_BYTES = 1_000_000
 RETRY_S = 1.0
-"""After a failed write, the next attempt."""
+"""Time from a failed write to the next attempt."""
 _WRONG = (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 
 
@@ -58,18 +58,18 @@ class Remembers(Protocol):
     """A part of the node with something that must survive it."""
 
     def remember(self) -> dict[str, Any]:
-        """What to keep, as JSON can hold it. Seconds before now are under a key ``ago_s``; that
-        they grow is no change."""
+        """The data to keep, as JSON can hold it. Seconds before now are under a key ``ago_s``;
+        their growth does not count as a change."""
 
     def recall(self, data: Mapping[str, Any]) -> None:
-        """Take what ``remember`` gave in an earlier run; every ``ago_s`` counts from now.
+        """Take the data of ``remember`` from an earlier run; every ``ago_s`` counts from now.
 
         Raises:
             KeyError, TypeError, ValueError: ``data`` is not as ``remember`` gives it.
         """
 
     def distrust(self, why: str) -> None:
-        """An earlier run left something that cannot be trusted, for ``why``: take what is safe."""
+        """Assume the safe state: an earlier run's data cannot be trusted; ``why`` is the reason."""
 
 
 class Memory(Listener):
@@ -104,7 +104,7 @@ class Memory(Listener):
         self._wall_s = wall_s
         self._threaded = threaded
         self._lock: int | None = None
-        self._kept: Any = None  # what was handed over last, without how long ago
+        self._kept: Any = None  # the data last handed over, without the ``ago_s``
         self._kept_at_s = 0.0
         self._waiting: bytes | None = None  # the newest wins
         self._wake = threading.Event()
@@ -144,7 +144,7 @@ class Memory(Listener):
             self._write_waiting()
 
     def close(self) -> None:
-        """Write what is left and let go of the file; safe to call twice."""
+        """Write the remaining data and release the file; safe to call twice."""
         self._stop = True
         self._wake.set()
         if self._thread is not None:
@@ -157,7 +157,7 @@ class Memory(Listener):
     # -- the disk ---------------------------------------------------------------------------------
 
     def _claim(self) -> None:
-        """Lock the file beside it; the lock ends with the process, however that ends."""
+        """Lock the file beside it; the lock ends in any case when the process ends."""
         lock = self.path.with_name(self.path.name + ".lock")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -177,7 +177,7 @@ class Memory(Listener):
             ) from error
 
     def _read(self) -> dict[str, Any] | None:
-        """What the file holds; ``None`` if there is none."""
+        """The file's content; ``None`` if there is no file."""
         try:
             with self.path.open("rb") as file:
                 raw = file.read(MAX_BYTES + 1)
@@ -215,7 +215,7 @@ class Memory(Listener):
                 return
 
     def _write_waiting(self) -> bool:
-        """Write what waits; keep it for another attempt if that fails."""
+        """Write the waiting data; keep it for another attempt if that fails."""
         data = self._waiting
         if data is None:
             return True

@@ -1,4 +1,4 @@
-"""Whether somebody else sends with this node's ids, on any of its links."""
+"""Detects another sender that uses this node's ids, on any of its links."""
 
 import logging
 from collections.abc import Sequence

@@ -1,10 +1,10 @@
-"""Who is here and who is lost: people come, change their ids, vanish, and are seen again.
+"""Present and lost people: people come, change their ids, vanish, and are seen again.
 
-A body that appears may be somebody who vanished. It takes over that track only a short time after
-(``found_within_s``), within what that person could have moved, and not where people enter.
-Otherwise both exist. Where a source keeps its ids, an id that comes back is that person, at any
-time. Two bodies cannot be in one place, so an id that changes while its body is in place is that
-body, wherever it is.
+A body that appears may be a person who vanished. It takes over that person's track only a short
+time later (``found_within_s``), within the distance that the person could have moved, and not where
+people enter. Otherwise both exist. If a source keeps its ids, an id that comes back is that person,
+at any time. Two bodies cannot be in one place. So if an id changes while its body stays in place,
+it is the same body, at any place in the room.
 """
 
 from collections import Counter
@@ -22,7 +22,7 @@ from hri_predict.people.track import Body, MotionLimits, Track
 PLACE_SLACK_M = 0.5
 """How far the mean of a body's visible joints may move when it turns or shows other joints."""
 SAME_PLACE_M = 0.25
-"""Nearer than this to where a body was a moment ago, nobody else can be."""
+"""Nobody else can be nearer than this to where a body was a moment ago."""
 
 Appearing = tuple[Body, Track | None]
 """A body that appears, and the track of an id that jumped there; ``None``: a new id."""
@@ -35,7 +35,7 @@ class Roster:
         settings: see ``PeopleSettings``.
         keeps_ids: an id that comes back is the same person.
         lost: the lost people.
-        limits: of a body's motion.
+        limits: limits of a body's motion.
         gap_ns: longest absence of a tracked person.
         history: makes an empty ring buffer.
 
@@ -82,7 +82,7 @@ class Roster:
     def begin(self, starts: Sequence[Appearing], capture_ns: int, now_ns: int) -> bool:
         """Start to track bodies that appear: new ids, and ids that jumped and stayed there.
 
-        So two ids that swapped bodies end up with each other's history.
+        So two ids that swapped bodies get each other's history.
 
         Returns:
             whether there are more people than can be tracked.
@@ -104,10 +104,10 @@ class Roster:
             if place is not None:
                 was_lost = self._forget(place)
                 if self._keeps_ids and risen is not None and was_lost and place.id == body.id:
-                    # This person is back at the place that the id had jumped from: the jump was a
-                    # glitch of the source, and nobody stayed at the place in between.
+                    # This person is back where the id had jumped from. The jump was a glitch of the
+                    # source, and nobody stayed at the place in between.
                     self.counters["glitches_undone"] += 1
-                    # Who was tracked before the jump is a person whose place it led to.
+                    # A track from before the jump is that of a person whose place it led to.
                     jumped_ns = place.capture_ns
                     left = [t for t in left if t.id != body.id or t.began_ns <= jumped_ns]
                 left = [t for t in left if t is not place]
@@ -133,7 +133,7 @@ class Roster:
     def _radius(
         self, body: Body, risen: Track | None, place: Track | Lost, capture_ns: int
     ) -> float:
-        """The metres that who vanished at ``place`` may have moved to become ``body``; -1: no."""
+        """How far (m) the person lost at ``place`` may have moved to be ``body``; -1: not them."""
         # An id that jumped has been where it is since its first capture there.
         since_ns = (capture_ns if risen is None else risen.began_ns) - place.capture_ns
         seconds = max(since_ns, 0) * 1e-9
@@ -166,7 +166,7 @@ class Roster:
         """Track a body that appears, with the history of ``track`` if that is plausible.
 
         Returns:
-            whether there was room for it.
+            whether there was room for another track.
         """
         believed = track.believable(body, capture_ns, self._limits) if track else None
         if track is not None and believed is not None:

@@ -4,24 +4,24 @@ Xu, Tan, Tan, Chen, Wang, Wang: "Auxiliary Tasks Benefit 3D Skeleton-based Human
 ICCV 2023. Every coordinate (a joint at a step) is one token. Layers alternate attention among the
 observed tokens with attention among all, each in space (the joints of a step), then in time (the
 steps of a joint). Besides the future, the network learns to recover hidden coordinates and to clean
-noisy ones; prediction does without both tasks.
+noisy ones; prediction uses neither of these tasks.
 
-Unobserved joints are the method's strength: their tokens hold a learnt vector instead of a
-coordinate, and observed-only attention skips them. Filled-in values are not read.
+The method's strength is how it treats unobserved joints: their tokens hold a learnt vector instead
+of a coordinate, and observed-only attention skips them. Filled-in values are not read.
 
 Where this differs from the paper, and why:
 
-- As printed, the softmax is taken over all keys, multiplied by the mask, and not normalised again,
-  so weights would no longer sum to one and hidden tokens would still steal weight. Here the softmax
-  is taken over the observed keys. Tokens that are not observed keep their features in it.
-- The paper names neither normalisation nor activation: features are normalised before each
+- As printed, the softmax is taken over all keys, multiplied by the mask, and not normalised again.
+  Weights would then no longer sum to one, and hidden tokens would still take weight. Here the
+  softmax is taken over the observed keys, and unobserved tokens keep their features.
+- The paper specifies neither normalisation nor activation. Here features are normalised before each
   attention (pre-norm), and the FFN has one hidden layer with ReLU.
-- Heads give the difference from the filled-in input (for the future: from its last pose), so that
-  an untrained network predicts zero velocity; the encoder sees a coordinate and its difference from
-  that last pose. The paper's give and see coordinates.
-- For speed, ``future_stride`` steps of the future share a token whose head gives them all, and the
-  auxiliary tasks leave the future out and see half of each batch. ``future_stride: 1``,
-  ``auxiliary_future: true`` and ``auxiliary_share: 1`` are the paper's.
+- Heads return the difference from the filled-in input (for the future: from its last pose), so an
+  untrained network predicts zero velocity. The encoder reads a coordinate and its difference from
+  that last pose. The paper's heads return coordinates, and its encoder reads coordinates.
+- For speed, ``future_stride`` steps of the future share a token whose head predicts them all. The
+  auxiliary tasks leave the future out and use half of each batch. ``future_stride: 1``,
+  ``auxiliary_future: true`` and ``auxiliary_share: 1`` give the paper's version.
 """
 
 import math
@@ -94,7 +94,7 @@ class Attention(nn.Module):
         )
 
     def forward(self, tokens: Tensor, observed: Tensor | None) -> Tensor:
-        """Update tokens (N, T, J, F) among those that ``observed`` (N, T, J) marks, or among all.
+        """Update tokens (N, T, J, F) by attention to those that are ``observed`` (N, T, J), or all.
 
         H <- H + FFN(heads of softmax(Q K' / sqrt(F / heads)) V), the softmax over observed keys.
         """
@@ -107,7 +107,7 @@ class Attention(nn.Module):
         return tokens + change
 
     def _split(self, x: Tensor) -> tuple[Tensor, ...]:
-        """(N, T, J, 3 F) as three (sequences, heads, length, F / heads), without a copy.
+        """Split (N, T, J, 3 F) into three (sequences, heads, length, F / heads) without a copy.
 
         Features are ordered by head, then query, key, value, so that joints and heads are one axis.
         """
@@ -120,7 +120,7 @@ class Attention(nn.Module):
         return x.transpose(1, 2).unbind(3)
 
     def _keys(self, observed: Tensor) -> Tensor:
-        """The mask of keys that fits ``_split``; nothing observed opens all (its queries lapse)."""
+        """Key mask that fits ``_split``; without observed keys all are open (queries unused)."""
         if self.over == "joints":
             keys = observed.flatten(0, 1)[:, None, None]
         else:
@@ -163,7 +163,7 @@ class AuxFormer(Network):
         """L = L_prediction + alpha_1 L_mask + alpha_2 L_denoise (section 3.3).
 
         Each is a mean distance in metres: over the known future, the hidden coordinates, and all
-        observed past ones (of which some got noise). Draws from torch's global generator.
+        observed past coordinates (some with noise added). Draws from torch's global generator.
         """
         options = self.options
         tasks = int(options.masking) + int(options.denoising)
@@ -207,7 +207,7 @@ class AuxFormer(Network):
         truth: tuple[Tensor, Tensor],
         target: Target,
     ) -> Tensor:
-        """Mean distance over hidden coordinates: of the past, and of the future as printed."""
+        """Mean distance over hidden coordinates of the past, and of the future as in the paper."""
         positions, observed = truth
         hidden = observed & ~masked.observed
         recovered = self._past(cast(nn.Module, self.unmask), tokens, filled)
@@ -228,7 +228,7 @@ class AuxFormer(Network):
         return Window(window.positions + noise * chosen[..., None], window.observed)
 
     def _filled(self, window: Window) -> Tensor:
-        """(N, T, J, 3) filled anew: hiding a coordinate must hide what was filled in from it."""
+        """(N, T, J, 3) filled in again: values filled in from a hidden coordinate must go, too."""
         clean = torch.where(window.observed[..., None], window.positions, 0.0)
         return fill(clean, window.observed, self.rest, self.nearest)
 
@@ -257,7 +257,7 @@ class AuxFormer(Network):
         return cast(Tensor, self.norm(tokens))
 
     def _order(self) -> list[tuple[nn.Module, bool]]:
-        """Layers in turn, and whether each is among the observed alone (Table 7)."""
+        """Layers in order, and whether each attends to observed tokens only (Table 7)."""
         observed = [(layer, True) for layer in self.observed_layers]
         full = [(layer, False) for layer in self.full_layers]
         if self.options.order == "separate" or not observed:
@@ -265,11 +265,11 @@ class AuxFormer(Network):
         return [pair for both in zip(observed, full, strict=True) for pair in both]
 
     def _past(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
-        """(N, T, J, 3) metres: the filled input and what the head adds to it."""
+        """(N, T, J, 3) metres: the filled input plus the head's output."""
         return filled + cast(Tensor, head(tokens[:, : filled.shape[1]])) / _PER_METRE
 
     def _future(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
-        """(N, H, J, 3) metres: the last filled pose and what the head adds to it."""
+        """(N, H, J, 3) metres: the last filled pose plus the head's output."""
         count, past, joints, _ = filled.shape
         change = head(tokens[:, past:]).view(count, self.future_tokens, joints, -1, 3)
         change = change.transpose(2, 3).flatten(1, 2)[:, : self.shape.horizon_steps]

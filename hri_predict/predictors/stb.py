@@ -5,19 +5,20 @@ Motion Increments", ACM Multimedia 2023; Sec. 3 and 4, Fig. 4.
 
 Where this differs from the paper, or the paper leaves it open:
 
-- Eq. 4's increment x(t+1) - x(t) holds, at the last observed frame, the first future one. Here it
-  is causal, x(t) - x(t-1), 0 at the first frame. Padded frames repeat the last pose: 0, too.
-- Unobserved joints: increments go across filled-in values, and the observed mask enters beside
-  them (0 for padded frames). The past's loss counts observed joints alone.
-- Eqs. 12-15 want one value per joint where the output has three coordinates: it is the length of
-  the joint's change, in decimetres, as all lengths inside, the losses of Eq. 19 among them.
+- Eq. 4's increment x(t+1) - x(t) contains the first future frame at the last observed one. Here
+  it is causal: x(t) - x(t-1), 0 at the first frame. Padded frames repeat the last pose, so their
+  increments are 0, too.
+- Unobserved joints: increments are taken over filled-in values, and the observed mask is a further
+  input (0 for padded frames). The loss over the past counts observed joints only.
+- Eqs. 12-15 need one value per joint, but the output has three coordinates. The value is the length
+  of the joint's change in decimetres, like all lengths inside, including the losses of Eq. 19.
 - Neither side of Eq. 16 is detached: each branch is teacher and student of the other.
 - Eqs. 17-18 print a squared norm but are called the average L2 distance: they are MPJPE here.
-- The inside of a layer isn't given. A graph layer is (learnt adjacency) x features x weights; a
-  block of two, with ReLU and dropout between, is added to its input, which is normalised before.
-  Connectivity starts near the identity; what a block and the decoder add starts at zero, so that
-  an untrained network predicts the last pose. The decoder's input isn't normalised: how fast the
-  body moves would be lost.
+- The paper does not describe the inside of a layer. Here a graph layer is (learnt adjacency) x
+  features x weights. A block normalises its input, applies two layers with ReLU and dropout in
+  between, and adds the result to its input. Connectivity starts near the identity. The outputs of
+  a block and of the decoder start at zero, so an untrained network predicts the last pose. The
+  decoder's input isn't normalised, because the speed of the body would be lost.
 """
 
 from functools import partial
@@ -46,7 +47,7 @@ class STBOptions(NetworkOptions):
 
     Attributes:
         width: C, channels of a frame (temporal branch) or of a coordinate (spatial branch).
-        blocks: of each branch's encoder.
+        blocks: number of blocks of each branch's encoder.
         inputs: Table 5: increments, or the positions themselves; ``both`` isn't in the paper.
         branches: Table 5: one branch alone, or the mean of both.
         distillation: lambda of Eq. 19 (Table 6); 0 leaves the distillation out (Table 5).
@@ -61,7 +62,7 @@ class STBOptions(NetworkOptions):
 
 
 class STB(Network):
-    """The two branches, each from the padded sequence to all its T + H frames."""
+    """The two branches; each maps the padded sequence to all its T + H frames."""
 
     options_model = STBOptions
     options: STBOptions
@@ -70,7 +71,7 @@ class STB(Network):
         super().__init__(shape)
         self.options = options
         frames, coordinates = shape.history_steps + shape.horizon_steps, 3 * shape.joints
-        kinds = 3 if options.inputs == "both" else 2  # of features, the mask among them
+        kinds = 3 if options.inputs == "both" else 2  # kinds of features, including the mask
         make = partial(Branch, width=options.width, blocks=options.blocks, dropout=options.dropout)
         self.branches = nn.ModuleDict()
         if options.branches != "spatial":
@@ -106,7 +107,7 @@ class STB(Network):
         return torch.cat([window.positions, future], dim=1) * _DECIMETRES
 
     def _changes(self, window: Window) -> dict[str, Tensor]:
-        """Of each branch what it adds to the padded sequence, (B, T + H, J, 3) decimetres."""
+        """What each branch adds to the padded sequence, (B, T + H, J, 3) decimetres."""
         features = self._features(window)
         mask = window.observed.to(features[0].dtype)
         mask = nn.functional.pad(mask, (0, 0, 0, self.shape.horizon_steps))
@@ -122,7 +123,7 @@ class STB(Network):
         padded = self._padded(window)
         if self.options.inputs == "positions":
             return [padded]
-        # Eq. 4 made causal: nothing of frame t + 1 is in the increment at t.
+        # Eq. 4 made causal: the increment at t does not contain frame t + 1.
         increments = nn.functional.pad(padded[:, 1:] - padded[:, :-1], (0, 0, 0, 0, 1, 0))
         return [increments] if self.options.inputs == "increments" else [increments, padded]
 
@@ -152,7 +153,7 @@ class Branch(nn.Module):
         self.decoder = GraphLayer(nodes, width, outputs, silent=True)
 
     def forward(self, nodes: Tensor) -> Tensor:
-        """(N, B, inputs) to (N, B, outputs)."""
+        """Map (N, B, inputs) to (N, B, outputs)."""
         decoded: Tensor = self.decoder(self.encoder(self.embedding(nodes)))
         return decoded
 
@@ -168,9 +169,9 @@ class GraphBlock(nn.Module):
         self.dropout = nn.Dropout(dropout)
 
     def forward(self, features: Tensor) -> Tensor:
-        """(N, B, C) to the same."""
+        """Map (N, B, C) to the same shape."""
         inner = self.first(self.norm(features)).relu()
-        if self.training:  # a channel drops out of all nodes: a hundredth of the random numbers
+        if self.training:  # drop a channel at all nodes: needs 1/100 of the random numbers
             inner = inner * self.dropout(torch.ones_like(inner[:1]))
         change: Tensor = self.second(inner)
         return features + change
@@ -189,7 +190,7 @@ class GraphLayer(nn.Module):
             nn.init.zeros_(self.weights.bias)
 
     def forward(self, features: Tensor) -> Tensor:
-        """(N, B, inputs) to (N, B, outputs); nodes come first so that both products are plain."""
+        """Map (N, B, inputs) to (N, B, outputs); with nodes first, both products are plain."""
         weighted = self.weights(features)
         return (self.adjacency @ weighted.flatten(1)).view_as(weighted)
 
@@ -197,9 +198,10 @@ class GraphLayer(nn.Module):
 def distillation(temporal: Tensor, spatial: Tensor) -> Tensor:
     """L_KL of Eq. 16, a mean over the batch, from two (B, N, J, 3) changes.
 
-    A joint's motion energy is the length of its change. It is made a distribution over the joints
-    of each frame (Eqs. 12, 14), where the temporal branch is compared to the spatial, and over the
-    frames of each joint (Eqs. 13, 15), where the spatial is compared to the temporal.
+    A joint's motion energy is the length of its change. It is normalised to a distribution over the
+    joints of each frame (Eqs. 12, 14) to compare the temporal branch to the spatial one, and to a
+    distribution over the frames of each joint (Eqs. 13, 15) to compare the spatial branch to the
+    temporal one.
     """
     t, s = _energy(temporal), _energy(spatial)
     over_joints = _divergence(t.log_softmax(2), s.log_softmax(2))
@@ -212,7 +214,7 @@ def _energy(change: Tensor) -> Tensor:
 
 
 def _divergence(p: Tensor, q: Tensor) -> Tensor:
-    """KL(p || q), summed, of logarithms."""
+    """The sum of KL(p || q), from the logarithms of p and q."""
     return (p.exp() * (p - q)).sum()
 
 

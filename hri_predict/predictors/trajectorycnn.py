@@ -5,15 +5,15 @@ Network for Human Motion Prediction", IEEE TCSVT 31(6), 2021; Sec. III-C and Fig
 
 Where this differs from the paper, or the paper leaves it open:
 
-- The observed mask enters as further input channels (broadcast over the coordinates), so unobserved
-  joints come filled in *and* marked. The paper knows whole bodies only.
-- The frames enter as displacements from the last pose, and the last pose itself
-  (``relative: true``): an invertible linear change of the paper's raw positions before a linear
-  layer, so the same network, but one that trains faster. Lengths are in decimetres inside.
-- Where the 1x1 branches leave and join isn't legible in the text: here around the second and third,
-  and around the fourth and fifth layer of each block.
-- The rate of dropout isn't given.
-- Eq. 5 prints a squared norm but is named, and evaluated, as MPJPE; the loss is MPJPE.
+- The observed mask forms further input channels (broadcast over the coordinates), so unobserved
+  joints are filled in *and* marked. The paper considers complete bodies only.
+- The input is the frames' displacements from the last pose, and the last pose itself
+  (``relative: true``). This is an invertible linear change of the paper's raw positions before a
+  linear layer: the same network, but it trains faster. Lengths are in decimetres inside.
+- The text does not say clearly where the 1x1 branches leave and join. Here they go around the
+  second and third layer, and around the fourth and fifth layer, of each block.
+- The paper does not give the dropout rate.
+- Eq. 5 prints a squared norm but is called, and evaluated as, MPJPE; here the loss is MPJPE.
 """
 
 from typing import Literal
@@ -39,10 +39,10 @@ class TrajectoryCNNOptions(NetworkOptions):
 
     Attributes:
         kernel: Table VI: ``1x1`` (w/o C-ST #1) sees one coordinate of one joint, ``1x3`` (#2) one
-            joint; everywhere in the network.
-        layout: Table VII: ``trajectory`` has the frames as channels; ``pose`` (w/o GTC) the frames
-            as width, the joints as height, the coordinates as channels.
-        residual: Table VIII: the 1x1 branches of the blocks (w/o DLG without).
+            joint; it holds for the whole network.
+        layout: Table VII: ``trajectory`` has the frames as channels; ``pose`` (w/o GTC) has the
+            frames as width, the joints as height, the coordinates as channels.
+        residual: Table VIII: use the 1x1 branches of the blocks; false is "w/o DLG".
         relative: feed displacements from the last pose, not raw positions.
     """
 
@@ -82,7 +82,7 @@ class TrajectoryCNN(Network):
                 for _ in range(options.blocks)
             )
         )
-        self.decoder = nn.Sequential(  # Eq. 4: a layer of the local joints, then of single points
+        self.decoder = nn.Sequential(  # Eq. 4: a layer over local joints, then over single points
             _convolution(width, outputs, kernel), nn.LeakyReLU(), _convolution(outputs, outputs)
         )
 
@@ -101,15 +101,15 @@ class TrajectoryCNN(Network):
         return last + change[:, :, self.place] / _DECIMETRES
 
     def _by_trajectory(self, positions: Tensor, observed: Tensor) -> Tensor:
-        """(B, T, J, 3) and (B, T, J) to (B, H, J, 3): frames are channels already."""
+        """Map (B, T, J, 3) and (B, T, J) to (B, H, J, 3); frames are channels already."""
         mask = observed[..., None].expand_as(positions)
         return self._convolve(torch.cat([positions, mask], dim=1))
 
     def _by_pose(self, positions: Tensor, observed: Tensor) -> Tensor:
         """The same with an image of joints by frames (Table VII).
 
-        Such a network gives as many frames as it gets; a history shorter than the horizon is
-        continued by its last frame, and the last H columns are the future.
+        Such a network returns the number of frames that it reads. A history shorter than the
+        horizon is padded with its last frame, and the last H columns are the future.
         """
         image = torch.cat([positions, observed[..., None]], dim=3).permute(0, 3, 2, 1)
         missing = max(0, self.shape.horizon_steps - image.shape[3])
@@ -142,7 +142,7 @@ class TrajectoryBlock(nn.Module):
         )
 
     def forward(self, features: Tensor) -> Tensor:
-        """(B, C, J, W) to the same."""
+        """Map (B, C, J, W) to the same shape."""
         first, *deeper = self.layers
         features = first(features)
         for i in range(0, len(deeper), 2):
@@ -155,14 +155,14 @@ class TrajectoryBlock(nn.Module):
 
 def _convolution(inputs: int, outputs: int, kernel: tuple[int, int] = (1, 1)) -> nn.Conv2d:
     layer = nn.Conv2d(inputs, outputs, kernel, padding="same")
-    nn.init.xavier_uniform_(layer.weight)  # what TensorFlow, the paper's framework, starts from
+    nn.init.xavier_uniform_(layer.weight)  # the default of TensorFlow, the paper's framework
     assert layer.bias is not None
     nn.init.zeros_(layer.bias)
     return layer
 
 
 def part_order(skeleton: Skeleton) -> list[int]:
-    """Joints sorted by part (Sec. III-C), joints of no part last; every joint once."""
+    """Each joint once, sorted by part (Sec. III-C); joints that belong to no part come last."""
     parts = [skeleton.parts.get(name, ()) for name in PART_ORDER]
     parts.append(tuple(range(len(skeleton.joints))))
     return list(dict.fromkeys(joint for part in parts for joint in part))

@@ -15,7 +15,7 @@ from hri_predict.files import data_path, read_yaml
 from hri_predict.robots.kinematics import Joint, dh_joint, origin_joint
 from hri_predict.settings import Metres, Settings, Vector3, validated
 
-MAX_JOINTS = 7  # what RobotState carries
+MAX_JOINTS = 7  # the most that RobotState carries
 
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 
@@ -33,14 +33,14 @@ class DhRow(Settings):
 
 
 class Origin(Settings):
-    """As in URDF: where the joint sits in its parent link; metres, fixed-axis roll pitch yaw."""
+    """As in URDF: the joint's pose in its parent link; metres, fixed-axis roll pitch yaw."""
 
     xyz: Vector3
     rpy: Vector3 = [0.0, 0.0, 0.0]
 
 
 class JointFile(Settings):
-    """One joint: what it connects, where (``dh``, or ``origin`` and ``axis``), and its limits."""
+    """One joint: its links, its place (``dh``, or ``origin`` and ``axis``), and its limits."""
 
     name: Name
     type: Literal["revolute"] = "revolute"
@@ -68,7 +68,7 @@ class JointFile(Settings):
         """The joint for the kinematics."""
         if self.dh is not None:
             return dh_joint(self.dh.a, self.dh.alpha, self.dh.d, self.dh.theta)
-        assert self.origin is not None  # the validator saw to it
+        assert self.origin is not None  # the validator guarantees it
         assert self.axis is not None
         xyz, rpy, axis = (np.array(v) for v in (self.origin.xyz, self.origin.rpy, self.axis))
         return origin_joint(xyz, rpy, axis)
@@ -100,7 +100,7 @@ class StoppingRow(Settings):
 class StoppingFile(Settings):
     """How long and how far the robot moves once its brake or ramp has begun.
 
-    ``speed_m_s`` is that of the robot's fastest point; each row has a value for every speed.
+    ``speed_m_s`` is the speed of the robot's fastest point; each row has a value for every speed.
     """
 
     source: str = Field(min_length=1)
@@ -155,7 +155,7 @@ def read_robot_file(model: str, base_dir: Path | None) -> RobotFile:
         base_dir: base of relative paths.
 
     Raises:
-        RobotError: one line with the file, what is wrong in it, and the remedy.
+        RobotError: one line that names the file, the mistake, and the remedy.
     """
     path = _find(model, base_dir)
     try:
@@ -172,7 +172,7 @@ def _find(model: str, base_dir: Path | None) -> Path:
     if Path(model).suffix in (".yaml", ".yml"):
         return (base_dir or Path()) / model
     path = data_path("robots", f"{model}.yaml")
-    if not os.path.isfile(path):  # bears a name that is too long
+    if not os.path.isfile(path):  # does not raise if the name is too long
         shipped = sorted(p.stem for p in data_path("robots").glob("*.yaml"))
         raise RobotError(
             f"unknown robot model '{model}'{nearest(model, shipped)}; "

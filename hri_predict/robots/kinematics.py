@@ -57,7 +57,7 @@ class Chain:
     """A serial chain of N joints on a fixed base; link 0 is the base, link i moves with joint i.
 
     Args:
-        base: (4, 4) pose of the base in the frame that results are wanted in.
+        base: (4, 4) pose of the base in the frame of the results.
         joints: N joints from the base outwards.
 
     Attributes:
@@ -68,8 +68,8 @@ class Chain:
         self.dof = len(joints)
         self._base = base
         self._joints = joints
-        # pre Rot(q) post is linear in 1, sin q and cos q (Rodrigues): three constant 4 x 4 blocks
-        # per joint, so that all joints' local transforms are one product: (N, 3, 16).
+        # pre Rot(q) post is linear in 1, sin q and cos q (Rodrigues). So each joint has three
+        # constant 4 x 4 blocks, and one product gives all joints' local transforms: (N, 3, 16).
         blocks = np.zeros((self.dof, 3, 4, 4))
         for i, joint in enumerate(joints):
             along = np.outer(joint.axis, joint.axis)
@@ -78,7 +78,7 @@ class Chain:
             blocks[i, 0, :3, 3] += joint.pre[:3, 3]
             blocks[i, 0, 3, 3] = 1.0
         self._blocks = blocks.reshape(self.dof, 3, 16)
-        # (N, 3, 2) each joint's axis and its origin, in the parent's frame
+        # (N, 3, 2) each joint's axis and origin in the parent's frame
         self._axis_and_origin = np.array(
             [np.column_stack([j.pre[:3, :3] @ j.axis, j.pre[:3, 3]]) for j in joints]
         )
@@ -102,11 +102,11 @@ class Chain:
         """Angular and linear velocity of every link as one moving frame through the origin.
 
         Args:
-            links: as ``links`` gave them.
+            links: the result of ``links``.
             qd: (..., N) rad/s.
 
         Returns:
-            ``omega, v0``, each (N+1, ..., 3): a point x of link i moves at ``v0 + omega x x``.
+            ``omega, v0``, each (N+1, ..., 3); a point x of link i moves at ``v0 + omega x x``.
         """
         parent = links[:-1]
         qd = np.asarray(qd)
@@ -122,9 +122,10 @@ class Chain:
     def arms(self, link: int, point: Floats) -> Floats:
         """(N,) lengths of the rigid pieces between the joint axes, from joint 1 to a point.
 
-        Piece i is fixed to link i + 1: from a point on that link's own axis to one on the next
-        axis, or to ``point`` (3,) of ``link``. Pieces beyond it are 0. A point of the link is no
-        farther from axis j than the sum of the pieces from j on, whatever the configuration.
+        Piece i is fixed to link i + 1. It runs from a point on that link's own axis to a point on
+        the next axis, or to ``point`` (3,) of ``link``. Pieces beyond that link are 0. In every
+        configuration, a point of the link is no farther from axis j than the sum of the pieces
+        from j on.
         """
         lengths = np.zeros(self.dof)
         for i in range(link):

@@ -1,10 +1,10 @@
-"""Whether a robot does what it was advised: keeps the speed limit, and stops as its table says.
+"""Whether a robot follows its advice: it keeps the speed limit and stops as its table says.
 
-The node counts on both: a person's separation is judged with the robot's present speed, but a limit
-is granted because the robot will keep it, and a stop because it stops in time. The robot must be
-no faster than the highest limit advised within the last T_r + T_s: what it has not heard yet, and
-what it takes to slow down. No single delay is measured, so a robot that reacts early may brake
-later; only the sum counts, as it does for the separation.
+The node relies on both. It judges a person's separation with the robot's present speed. But it
+grants a limit because the robot will keep it, and it relies on a stop because the robot stops in
+time. The robot must be no faster than the highest limit advised within the last T_r + T_s: the time
+until it hears a limit, and the time to slow down. No single delay is measured, so a robot that
+reacts early may brake later; only the sum counts, as it does for the separation.
 """
 
 from collections import deque
@@ -13,29 +13,29 @@ from collections.abc import Callable
 SLACK_S = 0.1
 """Added to T_r + T_s: jitter of RobotState and cycles of both sides."""
 SPEED_SHARE = 0.1
-"""Part of the limit by which a robot may exceed it: servos overshoot, speeds are upper bounds."""
+"""A robot may exceed its limit by this part of it: servos overshoot, speeds are upper bounds."""
 SPEED_SLACK_M_S = 0.05
-"""Likewise in m/s: noise of the velocities, at the end of a long arm."""
+"""The same in m/s: noise of the velocities, at the end of a long arm."""
 STANDS_M_S = 0.02
 """A robot that stops is at rest below this speed."""
 HELD_NS = 10_000_000_000
-"""A robot that was too fast counts as one that does not slow down for this long."""
+"""For this long, a robot that was too fast counts as a robot that does not slow down."""
 MOST_STRETCH = 100.0
-"""A robot that needs longer than so many times its table does not stop."""
+"""A robot that needs more than this many times the time in its table does not stop."""
 
 
 class Obedience:
     """Watches one robot's speed against the limits it was given.
 
     Args:
-        reaction_s: from an advice to the onset of braking, at worst; with the delay of RobotState.
+        reaction_s: longest time from an advice to the onset of braking, with RobotState's delay.
         stopping: speed (m/s) -> T_s (s) and S_s (m) of the stopping table.
         max_speed_m_s: the robot's highest speed in production.
 
     Attributes:
-        stretch: how many times longer than its table says the robot took to stop, at least 1. It
-            never falls: the table is wrong until somebody corrects it.
-        too_fast, late_stops: how often that began.
+        stretch: the robot's time to stop divided by its table's, at least 1. It never falls: the
+            table is wrong until somebody corrects it.
+        too_fast, late_stops: how often each of these began.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Obedience:
         return now_ns < self._too_fast_until_ns
 
     def forget(self) -> None:
-        """Nothing is known of the robot for now, or it is not the advice that moves it."""
+        """Nothing is known of the robot now, or something other than the advice moves it."""
         self._limits.clear()
         self._speeds.clear()
         self._stop = None
@@ -77,7 +77,7 @@ class Obedience:
         self._speeds.append((now_ns, speed_m_s))
         while self._speeds[0][0] < since_ns:
             self._speeds.popleft()
-        # of the limits before that time, the last one held on
+        # the last limit before that time stayed in force
         while len(self._limits) > 1 and self._limits[1][0] < since_ns:
             self._limits.popleft()
         if not self._limits:
@@ -92,7 +92,7 @@ class Obedience:
         within_s = self._reaction_s + self._stopping(fastest)[0] * self.stretch + SLACK_S
         since_ns = now_ns - round(within_s * 1e9)
         if self._limits[0][0] > since_ns:
-            return  # what was advised before is not known
+            return  # the earlier advice is unknown
         held = [limit for at, limit in self._limits if at > since_ns]
         held.append([limit for at, limit in self._limits if at <= since_ns][-1])
         if speed_m_s > max(held) * (1 + SPEED_SHARE) + SPEED_SLACK_M_S:
@@ -100,7 +100,7 @@ class Obedience:
             self._too_fast_until_ns = now_ns + HELD_NS
 
     def _see_stop(self, speed_m_s: float, now_ns: int) -> None:
-        """Measure a stop from the advice to rest, time and way."""
+        """Measure the time and distance of a stop, from the advice to rest."""
         if self._stop is None:
             advised_ns = self._limits[-1][0]
             before = [speed for at, speed in self._speeds if at <= advised_ns]
@@ -130,7 +130,7 @@ class Obedience:
 
 
 class _Stop:
-    """One stop: when it was advised, the robot's speed then, and its way since."""
+    """One stop: when it was advised, the robot's speed then, and its travel since."""
 
     def __init__(self, advised_ns: int, speed_m_s: float, seen_ns: int) -> None:
         self.advised_ns = advised_ns

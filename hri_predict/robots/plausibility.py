@@ -2,17 +2,17 @@
 
 RobotState carries a counter but no time stamp, so only arrival times are known. A state arrives
 later than its sample by a delay that varies: jitter, cycles of both sides, bursts. Over a window
-t_0 .. t_n the way of a joint by its velocities is sum(h_k v_k), with h_k between arrivals and v_k
-the mean of two velocities. If every sample was taken within ``jitter`` of the same delay before its
-arrival, this sum is off by at most
+t_0 .. t_n, a joint's velocities give the travel sum(h_k v_k), with the time h_k between arrivals
+and the mean v_k of two velocities. If the delays between sample and arrival differ by no more than
+``jitter``, the error of this sum is at most
 
     jitter / 2 x (|v_0| + |v_n| + TV)        TV = sum |v_{k+1} - v_k|      (summation by parts)
 
 A velocity that is filtered for ``LAG_S`` adds LAG_S x TV; the shape of the velocity between two
 samples adds h |v_{k+1} - v_k| / 2. The jitter itself is measured: with evenly sampled states, it is
 the spread of the arrivals about their counters, over ``MEMORY_S``. A sender that samples unevenly
-looks like one with much jitter, so less is found and nothing is confirmed. Whatever goes beyond the
-sum of these tolerances is no accident of the wire.
+looks like one with much jitter, so less is found and nothing is confirmed. The wire cannot cause a
+deviation that exceeds the sum of these tolerances.
 """
 
 from collections import deque
@@ -26,11 +26,11 @@ from hri_predict.protocol.reasons import Reason
 WINDOW_S = 0.3
 """How far back states are compared."""
 LEAST_STATES = 4
-"""Fewer states in the window show nothing."""
+"""Fewer states in the window prove nothing."""
 LEAST_SPAN_S = 0.05
-"""Likewise for a shorter time between the first and the last."""
+"""A shorter time between the first and the last state proves nothing."""
 APART_S = 0.008
-"""States that arrive closer together are compared as one: a fast sender costs no more."""
+"""States that arrive closer together count as one, so a fast sender costs no more time."""
 MEMORY_S = 2.0
 """How long arrivals are kept to measure the jitter."""
 LEARNT_S = 0.4
@@ -42,23 +42,23 @@ JITTER_S = 0.01
 LAG_S = 0.03
 """How long a controller may filter its velocities."""
 SHARE = 0.2
-"""Part of the reported way by which velocities may be off: estimates of encoders are not exact."""
+"""Permitted error of velocities, as a part of the reported travel: encoders only estimate them."""
 NOISE_RAD = 0.004
 """Encoder noise and the wire's rounding (0.25 mrad; 4 mrad for the seventh joint)."""
 NOISE_SEVENTH_RAD = 0.01
 OFFSET_RAD_S = 0.01
 """Noise and rounding (1 mrad/s; 10 mrad/s for the seventh joint) of a velocity that adds up."""
 JUMP_JITTER_S = 0.1
-"""Two states may arrive together that were sampled this long apart."""
+"""Two states that were sampled this long apart may arrive together."""
 SPEED_SHARE = 0.1
 """A servo overshoots its velocity limit for a moment, as a fraction of the limit."""
 ONE_STEP = 0.7
-"""A deviation of which one step has this share is a jump of the position."""
+"""If one step has this share of a deviation, the deviation is a jump of the position."""
 HELD_S = 3.0
-"""A finding is held for so long after it was last made: a robot that stops disproves nothing."""
+"""A finding is held this long after it was last made: a robot that stops disproves nothing."""
 COUNTERS = 1 << 16
 RESTART = 1000
-"""A counter that goes on by more has begun anew."""
+"""A counter that advances by more has restarted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,9 +78,10 @@ class StateCheck:
     Attributes:
         confirmed: whether motion within the window proves the direction of the velocities. False
             in the first states, and while the robot stands.
-        unreported: (N,) rad/s that the positions prove beyond the reported velocities, too little
-            for a finding; ``None`` if there is none. The true velocity may be higher by it.
-        counters: findings of ``velocity_wrong`` and ``jumped``.
+        unreported: (N,) rad/s by which the positions prove the reported velocities too low, but too
+            little for a finding; ``None`` if there is none. The true velocity may be this much
+            higher.
+        counters: numbers of the findings ``velocity_wrong`` and ``jumped``.
     """
 
     def __init__(self, velocity_max: Floats) -> None:
@@ -120,7 +121,7 @@ class StateCheck:
         return self._found if now_ns < self._held_until_ns else None
 
     def _follow(self, before: _State, state: _State) -> None:
-        """Start anew where the states do not follow each other."""
+        """Restart if the states do not follow each other."""
         steps = (state.counter - before.counter) % COUNTERS
         if steps > RESTART:
             self._arrivals.clear()
@@ -129,7 +130,7 @@ class StateCheck:
             self.confirmed, self.unreported = False, None
 
     def _keep(self, state: _State) -> None:
-        """Keep the state and its arrival; of those close together, only the last."""
+        """Keep the state and its arrival; keep only the last of several close together."""
         window, arrivals, now_ns = self._window, self._arrivals, state.received_ns
         if len(window) > 1 and now_ns - window[-2].received_ns < APART_S * 1e9:
             window.pop()
@@ -157,7 +158,7 @@ class StateCheck:
         self._window.append(newest)
 
     def _jumps(self, before: _State, state: _State) -> bool:
-        """Whether a joint went farther than it can in the time between."""
+        """Whether a joint moved farther than is possible in the time between."""
         elapsed_s = (state.received_ns - before.received_ns) * 1e-9 + JUMP_JITTER_S
         return any(
             abs(b - a) > most * elapsed_s + NOISE_SEVENTH_RAD

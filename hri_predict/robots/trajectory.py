@@ -21,7 +21,7 @@ from hri_predict.robots.model import RobotModel
 from hri_predict.settings import Settings, validated
 
 PEAK = 15 / 8
-"""Greatest velocity of a minimum-jerk move over its mean velocity."""
+"""Greatest velocity of a minimum-jerk move divided by its mean velocity."""
 
 
 class Waypoint(Settings):
@@ -32,7 +32,7 @@ class Waypoint(Settings):
 
 
 class TrajectoryFile(Settings):
-    """A trajectory: the first waypoint at 0 s, the last one repeats it and ends the cycle."""
+    """A trajectory: the first waypoint is at 0 s; the last one repeats it and ends the cycle."""
 
     waypoints: Annotated[list[Waypoint], Field(min_length=2)]
 
@@ -45,7 +45,7 @@ class Trajectory:
         positions: (M, N) rad; the last row equals the first.
 
     Attributes:
-        duration_s: of one cycle.
+        duration_s: duration of one cycle.
     """
 
     def __init__(self, times_s: Floats, positions: Floats) -> None:
@@ -79,9 +79,9 @@ class Trajectory:
     def acceleration_most(self, from_s: Floats, to_s: Floats) -> Floats:
         """(..., N) bound of each joint's acceleration, rad/s2 at full speed, between two phases.
 
-        A move's greatest is 10 / sqrt(3) x move / time^2, where ``s''(x) = 60 x - 180 x^2 + 120
-        x^3`` has its extremes (x = 1/2 -+ 1/sqrt(12)). Moves before and after both count; where
-        more than two are passed, all do.
+        A move's greatest acceleration is 10 / sqrt(3) x move / time^2, where
+        ``s''(x) = 60 x - 180 x^2 + 120 x^3`` has its extremes (x = 1/2 -+ 1/sqrt(12)). The moves
+        before and after both count; if the arm passes more than two moves, all of them count.
         """
         first, last = self._move_of(from_s), self._move_of(to_s)
         most = np.maximum(self._acceleration[first], self._acceleration[last])
@@ -105,11 +105,12 @@ def load_trajectory(file: str, model: RobotModel, base_dir: Path | None) -> Traj
 
     Args:
         file: a name under ``configs/trajectories``, or a path ending in .yaml.
-        model: the robot that is to follow it.
+        model: the robot that will follow it.
         base_dir: base of relative paths.
 
     Raises:
-        RobotError: not readable, wrong joint count, outside the joints' limits, not cyclic.
+        RobotError: it is unreadable, has a wrong joint count, exceeds the joints' limits, or is
+            not cyclic.
     """
     path = _find(file, base_dir)
     try:
@@ -129,7 +130,7 @@ def _find(file: str, base_dir: Path | None) -> Path:
     if Path(file).suffix in (".yaml", ".yml"):
         return (base_dir or Path()) / file
     path = data_path("trajectories", f"{file}.yaml")
-    if not os.path.isfile(path):  # bears a name that is too long
+    if not os.path.isfile(path):  # does not raise if the name is too long
         shipped = sorted(p.stem for p in data_path("trajectories").glob("*.yaml"))
         raise RobotError(
             f"unknown trajectory '{file}'{nearest(file, shipped)}; "

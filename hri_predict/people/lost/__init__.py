@@ -1,1 +1,1 @@
-"""Lost people: who vanished, where they may be, and how being lost ends."""
+"""Lost people: who vanished, where they may be, and when they stop being lost."""

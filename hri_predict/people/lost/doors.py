@@ -1,8 +1,8 @@
 """Exits and entrances: where people leave and enter the room.
 
-Whoever vanishes in an exit has not left unless his last motion led there: he was seen in the room,
-walked into the exit, and was still on his way when he was seen last. Somebody who stands in a
-doorway and is hidden by a colleague has not left, nor has somebody who has just come in.
+A person who vanishes in an exit has left only if the last motion led there: the person was seen in
+the room, walked into the exit, and was still walking when last seen. A person who stands in a
+doorway and is hidden by a colleague has not left. A person who has just come in has not left.
 """
 
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ from hri_predict.people.track import Track
 from hri_predict.settings import Region
 
 LAST_MOTION_S = 1.0
-"""The last motion is that of this time before a person was last seen."""
+"""The last motion is the motion during this time before a person was last seen."""
 ON_THE_WAY_M = 0.2
-"""Who moved less than this in ``LAST_MOTION_S`` stood: a slow step is 0.3 m."""
+"""A person who moved less than this in ``LAST_MOTION_S`` stood: a slow step is 0.3 m."""
 INSIDE_M = 0.3
-"""Who got less far into an exit may only have passed its edge."""
+"""A person who got less far into an exit may only have passed its edge."""
 
 
 class Doors:

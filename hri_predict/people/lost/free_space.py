@@ -4,12 +4,12 @@ Only a sensor that can tell free space from occupied space gives such evidence (
 lidar whose tracker reports everybody who stands in the open): ``source.sees_free_space``. The floor
 is a grid. A cell is *open* in a scene if nobody could stand there unseen: it and half a body's
 width around it are inside the field of view (or behind a wall), outside every static shadow, and
-not behind (or at) another body. A lost person may be wherever walking leads from where they
-were last seen, except in cells that they could only reach by staying in the open for
+not behind (or at) another body. A lost person may be in every cell that they can walk to from where
+they were last seen, except in cells that they could reach only by staying in the open for
 ``free_captures`` captures.
 
-So somebody who vanishes in the open is gone after that many captures; somebody who steps behind a
-pallet may be there for as long as nobody looks behind it, and in reach of it, but nowhere else.
+So a person who vanishes in the open is gone after that many captures. A person who steps behind a
+pallet may be there, or within reach of it, and nowhere else, until the sensor sees behind it.
 """
 
 import itertools
@@ -24,15 +24,15 @@ from hri_predict.settings import Region
 
 CELL_M = 0.25
 BODY_M = 0.3
-"""Half a body's width. Who is so near to a hidden place may be half hidden, and be missed."""
+"""Half a body's width. A person this near to a hidden place may be half hidden, and be missed."""
 HIDES_M = 0.3
-"""Somebody who lies on the floor fits into this height."""
+"""A person who lies on the floor fits into this height."""
 TALL_M = 2.0
-"""A shadow that begins above hides nobody who stands on the floor."""
+"""A shadow that begins above this height hides nobody who stands on the floor."""
 STEP_M = 0.5
 """A body's mean may lie this far from where it was: other joints, a step."""
 MOST_PLACES = 16
-"""Not more than a body has segments: a zone has a capsule for each."""
+"""At most the number of a body's segments: a zone has a capsule for each."""
 _HALF_M = CELL_M * math.sqrt(0.5)  # from a cell's middle to its corner
 _BORDER_M = 1.0  # of the grid around the field of view: cells that are never open
 
@@ -44,9 +44,9 @@ class FreeSpace:
         view: what the sensor sees.
         room: where people can be, up to walls and fences; ``None``: everywhere.
         shadows: what it never sees within its view.
-        viewpoints: (V, 3) where the cameras are; empty: unknown, and nothing is open in a scene
-            with people in it, who may hide others.
-        captures: in how many captures somebody in the open is seen at least once.
+        viewpoints: (V, 3) where the cameras are; empty: unknown, so nothing is open in a scene with
+            people in it, because they may hide others.
+        captures: number of captures in which a person in the open is seen at least once.
         floor_m: height of the floor.
     """
 
@@ -92,16 +92,16 @@ class FreeSpace:
         return self._open & ~hidden
 
     def start(self, place: Floats, capture_ns: int, speed_m_s: float) -> "Whereabouts | None":
-        """Where a person may be who was last seen at ``place`` (3,); ``None``: off the grid, or
-        outside the room."""
+        """Where a person last seen at ``place`` (3,) may be; ``None``: ``place`` is off the grid,
+        or outside the room."""
         apart = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0))
-        if not (apart[self.in_room] <= STEP_M).any():  # seen where nobody can be: do not rely on it
+        if not (apart[self.in_room] <= STEP_M).any():  # nobody can be there: do not rely on it
             return None
         near = self.in_room & (apart <= STEP_M + CELL_M)
         return Whereabouts(self, near, capture_ns, speed_m_s)
 
     def _touches(self, region: Region) -> Bools:
-        """Cells any of which lies inside."""
+        """Cells that lie at least partly inside."""
         return self._contains(region) | (self._edge_m(region) < _HALF_M)
 
     def _contains(self, region: Region) -> Bools:
@@ -143,7 +143,7 @@ class Whereabouts:
 
     def __init__(self, space: FreeSpace, cells: Bools, capture_ns: int, speed_m_s: float) -> None:
         self._space = space
-        # In how many more captures somebody in this cell may go unseen; 0: nobody is there.
+        # The number of further captures that may miss a person in this cell; 0: nobody is there.
         self._left: Ints = np.where(cells, space.captures, 0)
         self._travel_m = 0.0
         self.capture_ns = capture_ns
@@ -151,16 +151,16 @@ class Whereabouts:
 
     @property
     def anywhere(self) -> bool:
-        """Whether a place is left where the person may be."""
+        """Whether any place is left where the person may be."""
         return bool(self._left.any())
 
     def update(self, capture_ns: int, free: Bools | None) -> None:
-        """Walk on until ``capture_ns``, then leave out what is seen free.
+        """Let the person walk until ``capture_ns``, then remove cells that are seen free.
 
         Args:
-            capture_ns: of the scene.
-            free: cells that are open in it; ``None``: it proves nothing, and what was seen before
-                must be seen again.
+            capture_ns: capture time of the scene.
+            free: cells that are open in it; ``None``: the scene proves nothing, and cells seen
+                before must be seen again.
         """
         self._travel_m += self.speed_m_s * max(0, capture_ns - self.capture_ns) * 1e-9
         self.capture_ns = capture_ns

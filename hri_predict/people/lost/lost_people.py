@@ -1,12 +1,12 @@
 """Lost people: people who vanished, but not by an exit.
 
 A tracker that returns no skeleton has not seen an empty place. So a lost person stays lost, a zone
-that grows at the speed last measured (the risk stage grows it), however many scenes without that
-person arrive. Being lost ends only by
+that grows at the speed last measured (the risk stage grows it). Scenes without that person do not
+change this. A person stops being lost only by
 
 - being seen again: see ``Roster``;
 - ``acknowledge``, some time after the person was last seen;
-- being nowhere left to be, where the source sees free space: see ``FreeSpace``.
+- having no place left to be, if the source sees free space: see ``FreeSpace``.
 
 Time alone never ends it.
 """
@@ -23,9 +23,9 @@ from hri_predict.people.snapshot import LostPerson
 from hri_predict.people.track import Track
 
 SPEED_SPAN_S = 0.4
-"""The speed last measured is that over this time: a third of a step, and four captures at 10 Hz."""
+"""The last speed is measured over this time: a third of a step, and four captures at 10 Hz."""
 GAIN, GAIN_M_S = 1.25, 0.4
-"""A lost person may become so much faster than measured: a runner gains 4 m/s2 for a moment."""
+"""A lost person may become this much faster than measured: a runner gains 4 m/s2 for a moment."""
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -37,9 +37,9 @@ class Lost:
         positions: (J, 3) where each joint was last seen; NaN if never.
         joint_age_s: (J,) seconds from then to ``capture_ns``; inf if never.
         capture_ns: when the person was last seen.
-        speed_m_s: how fast the body may go on.
+        speed_m_s: how fast the body may move on.
         limbs_m_s: (J,) how much faster than the body each joint was.
-        track: which a body that appears may take over; ``None`` after a restart.
+        track: a body that appears may take it over; ``None`` after a restart.
         whereabouts: where the person may be; ``None``: the source does not see free space.
     """
 
@@ -61,7 +61,7 @@ class Lost:
 
 
 class LostPeople:
-    """People who vanished and are not accounted for.
+    """People who vanished, and whose whereabouts are unknown.
 
     Args:
         settings: see ``PeopleSettings``.
@@ -69,8 +69,8 @@ class LostPeople:
 
     Attributes:
         people: the lost people.
-        forgotten: more people were lost than are kept, or nobody knows who was: somebody may be
-            anywhere, until an acknowledgement.
+        forgotten: more people were lost than are kept, or it is unknown who was lost: somebody may
+            be anywhere, until an acknowledgement.
     """
 
     def __init__(self, settings: PeopleSettings, space: FreeSpace | None) -> None:
@@ -101,10 +101,10 @@ class LostPeople:
         )
 
     def speed_of(self, track: Track) -> float:
-        """How fast a body may go on that is no longer seen, m/s.
+        """How fast a body that is no longer seen may move, m/s.
 
-        The speed last measured and a margin, the standard's at least; the fastest that a body can
-        be, if none was measured.
+        It is the last measured speed plus a margin, and at least the standard's. If none was
+        measured, it is the fastest that a body can be.
         """
         measured, _ = track.speeds(SPEED_SPAN_S)
         if measured is None:
@@ -112,10 +112,10 @@ class LostPeople:
         return max(self._settings.lost_speed_m_s, GAIN * measured + GAIN_M_S)
 
     def found_speed_of(self, track: Track) -> float:
-        """How fast the body may have been that is found elsewhere, m/s.
+        """How fast a body that is found elsewhere may have been, m/s.
 
-        As ``speed_of``, but if none was measured the standard's: whoever was seen for a moment is
-        not found at the other end of the room.
+        As ``speed_of``, but the standard's if none was measured: a person who was seen for a moment
+        is not found at the other end of the room.
         """
         measured, _ = track.speeds(SPEED_SPAN_S)
         return self._settings.lost_speed_m_s if measured is None else self.speed_of(track)
@@ -133,7 +133,7 @@ class LostPeople:
             is_whole: whether the source saw the room and every body was located.
 
         Returns:
-            how many lost people have been proven to be gone.
+            the number of lost people who are now proven to be gone.
         """
         if self._space is None or not self.people:
             return 0
@@ -168,7 +168,7 @@ class LostPeople:
     def acknowledge(self, now_ns: int) -> int:
         """Forget people on an operator's word that they are gone; return how many.
 
-        Whoever was seen too shortly before stays lost: the operator may not have meant them.
+        People who were seen too recently stay lost: the operator may not have meant them.
         """
         before = len(self.people)
         self.people = [p for p in self.people if now_ns - p.capture_ns <= self._settled_ns]
@@ -194,7 +194,7 @@ def match_places(starts: list[Floats], places: list[Floats], radii: Floats) -> d
     Args:
         starts: S points (3,) where bodies appear.
         places: V points (3,) where bodies vanished.
-        radii: (S, V) metres; negative where the pair is out of the question.
+        radii: (S, V) metres; negative where the pair is impossible.
 
     Returns:
         index of start -> index of place.

@@ -34,14 +34,14 @@ class RemembersLost:
             KeyError, TypeError, ValueError: not as ``remember`` gives them.
         """
         recalled = list(data["lost"])
-        lost_from_data(recalled, 0)  # refuses what is wrong
+        lost_from_data(recalled, 0)  # refuses wrong data
         with self._lock:
             self._recalled = recalled
             self._lost.forgotten |= bool(data["forgotten"])
             self._has_recalled = True
 
     def distrust(self, why: str) -> None:
-        """Nobody knows who was lost: somebody may be anywhere, until an acknowledgement."""
+        """It is unknown who was lost: somebody may be anywhere, until an acknowledgement."""
         with self._lock:
             self._lost.forgotten |= not self._has_recalled
 
@@ -68,8 +68,8 @@ def lost_as_data(people: Sequence[Lost], now_ns: int) -> list[dict[str, Any]]:
 
 
 def lost_from_data(people: Sequence[Mapping[str, Any]], now_ns: int) -> list[Lost]:
-    """Return what ``lost_as_data`` gave. The ids are negative: a source that was restarted may give
-    the old numbers to others.
+    """Return lost people from the data of ``lost_as_data``. Their ids are negative, because a
+    restarted source may give the old numbers to others.
 
     Raises:
         KeyError, TypeError, ValueError: not as ``lost_as_data`` gives them.

@@ -1,12 +1,12 @@
 """Forces at the joints by a reduced-order model of the body: KD-Former, Eqs. 1 to 5.
 
-Every joint is a mass point; its mass is its bone's share of all bones (Eq. 1). The body is cut into
-parts, each a separate chain: forces add up from a part's ends to its beginning and no further
-(therefore the number of parts, Table 4, matters). Ground reaction is left out, as
-in the paper. All of it is linear in the positions, given the masses, so it is done as two matrix
-products: over time (differences and low-pass) and over joints (the recursion from the ends).
+Every joint is a point mass; its mass is its bone's share of the length of all bones (Eq. 1). The
+body is split into parts, and each part is a separate chain: forces add up from the ends of a part
+to its beginning and no further, so the number of parts (Table 4) matters. As in the paper, ground
+reaction is left out. For given masses everything is linear in the positions, so it is computed as
+two matrix products: over time (differences and low-pass) and over joints (the recursion).
 
-Forces are in units of an average joint's weight, M g / J: of order one for any skeleton.
+Forces are in units of an average joint's weight, M g / J, and so of order one for any skeleton.
 """
 
 import math
@@ -23,16 +23,17 @@ PartCount = Literal[3, 5, 7]
 
 
 class Dynamics(nn.Module):
-    """Joint forces of windows of positions. It has no learnt parameters.
+    """Computes joint forces from windows of positions. It has no learnt parameters.
 
     Args:
-        skeleton: its tree, and its parts.
-        steps: T of the windows.
-        rate_hz: steps per second, true ones: gravity is measured against them.
+        skeleton: gives the tree and the parts.
+        steps: T, the length of the windows.
+        rate_hz: true steps per second; they set the scale of gravity.
         parts: 3 (trunk with arms, two legs), 5 (the skeleton's own: torso, arms, legs) or 7 (also
             each hand, from where the arm branches).
         up: the axis that points up.
-        cutoff_hz: of the low-pass (6 Hz in the paper, section 4.1); none at or above half the rate.
+        cutoff_hz: cutoff of the low-pass (6 Hz in the paper, section 4.1); there is no low-pass if
+            it is at or above half the rate.
     """
 
     time: Tensor
@@ -67,8 +68,8 @@ class Dynamics(nn.Module):
         """
         masses = lengths / lengths.sum(1, keepdim=True).clamp(min=1e-6)  # Eq. 1, their sum is 1
         moved = torch.einsum("st,btjc->bsjc", self.time, positions)  # Eq. 2, filtered
-        # Eqs. 3 to 5: f_j = m_j (a_j - g) + the forces of its children. Gravity is constant, which
-        # the low-pass leaves as it is.
+        # Eqs. 3 to 5: f_j = m_j (a_j - g) + the forces of its children. Gravity is constant, so
+        # the low-pass does not change it.
         needed = masses[:, None, :, None] * (moved / GRAVITY + self.up)
         joints = positions.shape[2]
         return torch.einsum("ij,btjc->btic", self.carried, needed) * joints
@@ -76,8 +77,8 @@ class Dynamics(nn.Module):
     def of_root(self, root: Tensor) -> Tensor:
         """The force (B, T, 3) that moves the whole body with its root, in units of M g.
 
-        It goes with travel as a joint's force goes with its rotation: the parts' chains end below
-        the root, so none of them shows it.
+        This force belongs to the root's travel as a joint's force belongs to its rotation. The
+        chains of the parts end below the root, so none of them contains it.
 
         Args:
             root: (B, T, 3) metres.
@@ -88,8 +89,8 @@ class Dynamics(nn.Module):
 def acceleration(steps: int) -> Tensor:
     """(T, T) second difference, Eq. 2: central inside, backward at the window's end.
 
-    Eq. 2 reads one step ahead; at the newest step that would be the future. At the oldest it is the
-    forward difference. A single step, or two, have none.
+    Eq. 2 reads one step ahead; at the newest step that would be the future. The oldest step uses
+    the forward difference. Windows of one or two steps have no second difference.
     """
     table = torch.zeros(steps, steps, dtype=torch.float64)
     if steps < 3:
@@ -103,8 +104,9 @@ def acceleration(steps: int) -> Tensor:
 def low_pass(steps: int, rate_hz: float, cutoff_hz: float) -> Tensor:
     """(T, T) Butterworth low-pass of second order, forward and backward over the window alone.
 
-    Forward and backward cancel each other's delay (as usual in gait analysis); both start from rest
-    at their first value, so a constant passes as it is. Nothing past the window's end is used.
+    The forward and the backward pass cancel each other's delay (as usual in gait analysis). Both
+    start from rest at their first value, so a constant passes unchanged. Nothing past the window's
+    end is used.
     """
     if cutoff_hz >= rate_hz / 2:
         return torch.eye(steps, dtype=torch.float64)
@@ -113,7 +115,7 @@ def low_pass(steps: int, rate_hz: float, cutoff_hz: float) -> Tensor:
     a0 = 1 + math.sqrt(2) * k + k * k
     b = [k * k / a0, 2 * k * k / a0, k * k / a0]
     a1, a2 = 2 * (k * k - 1) / a0, (1 - math.sqrt(2) * k + k * k) / a0
-    impulse = [0.0, 0.0]  # response, after two steps of nothing
+    impulse = [0.0, 0.0]  # the impulse response, after two zero steps
     for t in range(steps):
         push = b[t] if t < 3 else 0.0
         impulse.append(push - a1 * impulse[-1] - a2 * impulse[-2])
@@ -159,7 +161,7 @@ def _below_branch(skeleton: Skeleton, part: list[int], arm: int) -> list[int]:
 
 
 def carried_by(skeleton: Skeleton, part: list[int]) -> Tensor:
-    """(J, J) one where the row's joint carries the column's: itself or above it in the same part.
+    """(J, J) 1 where the row's joint is the column's, or lies above it in the same part.
 
     Unrolls the recursion of Eqs. 3 to 5 from the ends of a part to where it begins.
     """

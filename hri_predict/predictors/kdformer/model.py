@@ -3,22 +3,22 @@
 Dai, Li, Zeng, Bai, Zhou, Pan, "KD-Former: Kinematic and dynamic coupled transformer network for 3D
 human motion prediction", Pattern Recognition 143, 2023; equation numbers are the paper's.
 
-What differs from it, and why:
+Where this differs from the paper, and why:
 
 - The newest force uses a backward difference: Eq. 2 would read a future step there. The query and
   the residual's base are the last *observed* pose; the published code gives the decoder the first
   future one.
-- ``space: positions`` (a node's sensors give no twist): rotations are found from positions by the
-  rest pose (``rotations``) and converted back by forward kinematics with the person's own bone
-  lengths; one more token is the root's travel, in metres. The loss adds the position error, which
-  is what evaluations measure: a rotation error near the root moves a whole limb, and Eq. 28 does
-  not account for that.
+- ``space: positions`` (a node's sensors give no twist): rotations are computed from positions and
+  the rest pose (``rotations``). Forward kinematics with the person's own bone lengths converts
+  them back. An extra token holds the root's travel, in metres. The loss adds the position error,
+  which evaluations measure: a rotation error near the root moves a whole limb, and Eq. 28 does not
+  account for that.
 - ``space: rotations`` (the benchmark): the window holds exponential maps of the 38 joints of CMU;
-  the forces come from its one skeleton for everybody.
-- Quaternions q and -q are one rotation: Eq. 28 compares with the nearer of the two.
+  the forces come from its skeleton, which is the same for everybody.
+- Quaternions q and -q are the same rotation: Eq. 28 compares with the nearer of the two.
 - Each step's residual has a learnt gain, which starts in proportion to the step's horizon: the
   next steps are near the last pose from the start.
-- Layers that normalise their input, as these do, leave their sum unbounded: it is normalised
+- These layers normalise their input only, so their residual sum is unbounded. It is normalised
   again before the last layer, as is usual today.
 - A joint that was not observed is filled in and marked by a learnt token; a step with no observed
   joint is never attended to.
@@ -49,19 +49,19 @@ METRES_PER_UNIT = 0.0254 / 0.45  # true length of the unit of CMU's skeleton fil
 
 
 class KDFormerOptions(NetworkOptions):
-    """Sizes and switches; the defaults are the paper's but for what the node needs.
+    """Sizes and switches; the defaults are the paper's, except for what the node needs.
 
     Attributes:
         space: what windows hold: positions, or exponential maps (CMU's sign, y up).
-        width: d, of a joint's embedding; a step's is tokens times d.
-        layers: L, of each of the transformers.
-        feed_forward: width of the feed-forward layers over the embedding's; 2 gives the 8.5 million
-            parameters of the paper's Table 6.
-        quaternion_weight: of the quaternion loss beside the position error, metres (positions
-            only).
+        width: d, the width of a joint's embedding; a step's embedding has tokens times d.
+        layers: L, the number of layers of each transformer.
+        feed_forward: width of the feed-forward layers divided by the embedding's; 2 gives the 8.5
+            million parameters of the paper's Table 6.
+        quaternion_weight: weight of the quaternion loss beside the position error, metres
+            (positions only).
         inputs, decoding, position_embedding, quaternion_loss: Table 3.
         body_parts: Table 4.
-        fusion: Table 5; the paper's serial one attends to forces, then to rotations.
+        fusion: Table 5; the paper's serial fusion attends to forces, then to rotations.
         true_rate_hz: steps per second for the forces, where the data's rate is nominal.
     """
 
@@ -105,7 +105,7 @@ class Spatial(nn.Module):
         )
 
     def forward(self, x: Tensor, missing: Tensor | None) -> Tensor:
-        """(B, T, J', 3), and (B, T, J') what was not observed, to (B, T, J' d)."""
+        """Embed (B, T, J', 3) as (B, T, J' d); (B, T, J') marks what was not observed."""
         batch, steps = x.shape[:2]
         y = self.place(self.embed(x))
         if missing is not None:
@@ -169,8 +169,8 @@ class Decoder(nn.Module):
         """Residuals (B, Q, J', 3), before ``gain``, of placed queries (B, Q, J' d).
 
         Args:
-            y: the queries, which carry their places already.
-            memories: (B, T, J' d) each; of forces first.
+            y: the queries, with their places already added.
+            memories: (B, T, J' d) each; the one of forces comes first.
             mask: (B, T) which of their steps count.
         """
         if self.fusion == "serial":
@@ -189,7 +189,7 @@ class Decoder(nn.Module):
 
 
 class KDFormer(Network):
-    """The network. A window's rotations and forces in, the future in the window's own terms out."""
+    """The network: reads rotations and forces of a window, predicts in the window's own space."""
 
     options_model = KDFormerOptions
     options: KDFormerOptions
@@ -207,7 +207,7 @@ class KDFormer(Network):
             )
         offsets = torch.from_numpy(OFFSETS * METRES_PER_UNIT).float()
         self.register_buffer("offsets", offsets, persistent=False)
-        tokens = shape.joints + positions  # travel is one more
+        tokens = shape.joints + positions  # one more for travel
         width = tokens * o.width
         self.dynamics = Dynamics(
             skeleton=shape.skeleton,
@@ -247,14 +247,14 @@ class KDFormer(Network):
         Args:
             rotations: (B, T, J', 3) exponential maps (and travel, metres), continuous in time.
             forces: (B, T, J', 3).
-            observed: (B, T, J') what of them was.
+            observed: (B, T, J') which of them were observed.
         """
         missing: Tensor | None = None
         mask: Tensor | None = None
         if not bool(observed.all()):
             missing = ~observed
             mask = observed.any(2)
-            mask[:, -1] = True  # the query's own step; attention to nothing has no value
+            mask[:, -1] = True  # the query's own step; attention to nothing is undefined
         memories = []
         if self.options.inputs != "kinematic":
             memories.append(self.dynamic_temporal(self.dynamic_spatial(forces, missing), mask))

@@ -2,8 +2,8 @@
 
 A quaternion is (w, x, y, z). An exponential map is axis times angle, radians. Positions carry no
 twist: the rotation of a joint found from positions is the *swing*, the shortest turn that takes
-its bone from the direction it has in the rest pose (seen from its parent) to where it is. Only the
-root is fully known, where the body has hips and a spine.
+its bone from its direction in the rest pose (seen from its parent) to its present direction. Only
+the root's rotation is fully known, if the body has hips and a spine.
 """
 
 import math
@@ -34,16 +34,16 @@ def expmap(q: Tensor) -> Tensor:
     w, v = q[..., :1], q[..., 1:]
     sine = v.norm(dim=-1, keepdim=True)
     angle = 2 * torch.atan2(sine, w)
-    # sine -> 0 at w = 1 is the limit 2; at w = -1 (a whole turn) there is no axis: none is given.
+    # As sine -> 0 at w = 1, the limit is 2. At w = -1 (a whole turn) there is no axis: give none.
     return v * torch.where(sine > 1e-6, angle / sine.clamp(min=1e-6), 2.0)
 
 
 def continuous(q: Tensor, dim: int = 1) -> Tensor:
-    """Choose of q and -q, the same rotation, so that the last has w >= 0 and none jumps.
+    """Choose between q and -q (the same rotation) so that the last has w >= 0 and none jumps.
 
-    Exponential maps wrap by 2 pi: taken from the result, the last one is the shortest and the
-    earlier ones follow it without a jump, as far as three quarters of a turn. Beyond that the
-    shortest is taken: a map near a whole turn has no axis to speak of.
+    Exponential maps wrap by 2 pi. Among the maps of the result, the last one is the shortest and
+    the earlier ones follow it without a jump, up to three quarters of a turn. Beyond that the
+    shortest is taken, because a map near a whole turn has no well-defined axis.
 
     Args:
         q: unit quaternions (..., 4) with time along ``dim``.
@@ -91,8 +91,8 @@ def between(a: Tensor, b: Tensor, axis: Tensor | None = None) -> Tensor:
     """Shortest rotation (..., 4) taking unit vectors ``a`` (..., 3) to ``b``.
 
     Args:
-        axis: (..., 3) what to turn half a turn about where they are opposite; any axis square to
-            ``a`` without it.
+        axis: (..., 3) axis of the half turn where the two are opposite; without it, any axis
+            perpendicular to ``a``.
     """
     cosine = (a * b).sum(-1, keepdim=True)
     q = torch.cat([1 + cosine, _cross(a, b)], -1)
@@ -111,7 +111,7 @@ def _cross(a: Tensor, b: Tensor) -> Tensor:
 
 
 def _least(a: Tensor) -> Tensor:
-    """The axis (..., 3) that each vector has least of."""
+    """The coordinate axis (..., 3) along which each vector has its smallest component."""
     return torch.nn.functional.one_hot(a.abs().argmin(-1), 3).to(a.dtype)
 
 
@@ -127,7 +127,7 @@ class KinematicTree:
 
     The rotation of joint j turns the bone from its parent to it, seen from its parent:
     ``G_j = G_parent R_j``, ``p_j = p_parent + length_j G_j u_j`` with u_j the bone's direction in
-    the rest pose. The root's is the body's orientation.
+    the rest pose. The root's rotation is the body's orientation.
 
     Raises:
         PredictorError: the skeleton is not one tree.
@@ -156,13 +156,13 @@ class KinematicTree:
         self._axes = _root_axes(skeleton)
 
     def bones(self, positions: Tensor) -> Tensor:
-        """(..., J, 3) from each joint's parent to it; zero at the root."""
+        """(..., J, 3) vectors from each joint's parent to the joint; zero at the root."""
         return positions - _taken(positions, self._parents)
 
     def lengths(self, positions: Tensor, observed: Tensor) -> Tensor:
         """(B, J) metres: the median of each bone over the steps where both its ends were observed.
 
-        A bone never observed has the length it was filled in with at the last step.
+        A bone that was never observed has its filled-in length at the last step.
         """
         length = self.bones(positions).norm(dim=-1)
         both = observed & observed.index_select(-1, self._parents.to(observed.device))
@@ -171,7 +171,7 @@ class KinematicTree:
         return torch.where(median.isnan(), length[:, -1], median)
 
     def known(self, observed: Tensor) -> Tensor:
-        """(B, T, J) whether rotations are known: all joints from the root on and its axes are."""
+        """(B, T, J) true where all joints from the root on, and the root's axes, are known."""
         lost = (~observed).float() @ self.ancestors.to(observed.device)
         axes = observed[..., list(self._axes or ())].all(-1, keepdim=True)
         return (lost < 0.5) & axes
@@ -180,10 +180,10 @@ class KinematicTree:
     def rotations(self, positions: Tensor, rest: Tensor) -> Tensor:
         """Joint rotations (B, T, J, 3) of positions (B, T, J, 3), continuous in time.
 
-        The last step's are the shortest.
+        Those of the last step are the shortest.
 
         Args:
-            rest: (J, 3) the rest pose, any place, same axes.
+            rest: (J, 3) the rest pose, at any place, in the same axes.
         """
         toward = _taken(_unit(self.bones(positions)), self._order).split(self._sizes, -2)
         before = _taken(_unit(self.bones(rest)), self._order).split(self._sizes, -2)
@@ -225,8 +225,8 @@ class KinematicTree:
     def _world(self, local: Tensor) -> Tensor:
         """Orientations (B, T, J, 4) of joints turned against their parents by ``local``.
 
-        Each round joins to every joint's chain of turns the chain of equal length above it, so
-        that a few products of all joints at once do for the whole depth of the tree.
+        Each round extends every joint's chain of turns by the equally long chain above it. So a
+        few products over all joints at once cover the whole depth of the tree.
         """
         identity = local.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(*local.shape[:2], 1, 4)
         turned = local
@@ -257,12 +257,12 @@ class KinematicTree:
 
 
 def _taken(x: Tensor, joints: Tensor) -> Tensor:
-    """Joints of (..., J, C) by their numbers; cheaper than by a list, which is read each time."""
+    """Select joints of (..., J, C) by their numbers; cheaper than indexing with a list."""
     return x.index_select(-2, joints.to(x.device))
 
 
 def _square(x: Tensor, axis: Tensor) -> Tensor:
-    """Unit vectors along what of ``x`` is square to the unit vectors ``axis``."""
+    """Unit vectors along the part of ``x`` that is perpendicular to the unit vectors ``axis``."""
     return _unit(x - (x * axis).sum(-1, keepdim=True) * axis)
 
 
@@ -278,7 +278,7 @@ def _jumps(parents: Sequence[int]) -> list[Tensor]:
 
 
 def ancestor_matrix(parents: Sequence[int]) -> Tensor:
-    """(J, J) one where the row's joint is the column's, or lies between the root and it."""
+    """(J, J) 1 where the row's joint is the column's, or lies between it and the root."""
     table = torch.zeros(len(parents), len(parents))
     for j in range(len(parents)):
         i = j
@@ -289,7 +289,7 @@ def ancestor_matrix(parents: Sequence[int]) -> Tensor:
 
 
 def _root_axes(skeleton: Skeleton) -> tuple[int, int, int] | None:
-    """Left, right and upper joint that tell the root's orientation; None without them."""
+    """Left, right and upper joint that define the root's orientation; None without them."""
     for pair in ("hip", "shoulder"):
         for top in ("torso", "neck", "chest", "head"):
             names = (f"l_{pair}", f"r_{pair}", top)

@@ -1,7 +1,7 @@
 """The transformer blocks of KD-Former (section 3.3, Eqs. 6 to 11, and how Eqs. 15 to 25 use them).
 
-As usual since Vaswani et al. each head scales by the root of its own width; Eq. 6 prints the
-embedding's.
+As usual since Vaswani et al., each head scales by the square root of its own width; Eq. 6 prints
+the embedding's width.
 """
 
 import math
@@ -21,7 +21,7 @@ class Attention(nn.Module):
         self.out = nn.Linear(width, width)
 
     def forward(self, x: Tensor, memory: Tensor, mask: Tensor | None) -> Tensor:
-        """From ``x`` (B, Q, W) to ``memory`` (B, K, W); ``mask`` (B, K) is true where it counts."""
+        """Attend from ``x`` (B, Q, W) to ``memory`` (B, K, W) where ``mask`` (B, K) is true."""
         batch, queries, width = x.shape
         q, kv = self.query(x), self.key_value(memory)
         if width == self.heads and mask is None and not torch.is_grad_enabled():
@@ -30,7 +30,7 @@ class Attention(nn.Module):
         q = q.view(batch, queries, self.heads, -1).transpose(1, 2)
         kv = kv.view(batch, memory.shape[1], 2, self.heads, -1)
         k, v = kv.permute(2, 0, 3, 1, 4).unbind(0)
-        # Eq. 6 spelt out: on a CPU torch's fused function takes longer with heads this narrow.
+        # Eq. 6 written out: on a CPU, torch's fused function is slower with heads this narrow.
         score = (q * q.shape[-1] ** -0.5) @ k.mT
         if mask is not None:
             score = score.masked_fill(~mask[:, None, None, :], -math.inf)
@@ -40,11 +40,11 @@ class Attention(nn.Module):
 
 
 def scalar_attention(q: Tensor, k: Tensor, v: Tensor) -> Tensor:
-    """Attention with one number per head, as among the joints: d = 8 with 8 heads.
+    """Attention with one number per head, as between the joints: d = 8 with 8 heads.
 
-    The softmax over so few keys costs most of a forecast, and the search for its largest score half
-    of that. Here the largest is known: that of the largest or of the smallest key. So one product
-    gives the scores less their largest, and one the weighted sum and what it is divided by.
+    The softmax over these few keys takes most of a forecast's time, and half of that is the search
+    for the largest score. Here it is known: the largest or the smallest key has it. So one product
+    gives the scores minus the largest, and another gives the weighted sum and its divisor.
 
     Args:
         q: (B, Q, h) queries.
@@ -77,7 +77,7 @@ class FeedForward(nn.Module):
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        """``x`` (..., W) plus what the layers make of it."""
+        """``x`` (..., W) plus the layers' output for it."""
         y: Tensor = x + self.layers(self.norm(x))
         return y
 
@@ -92,7 +92,7 @@ class SelfLayer(nn.Module):
         self.feed_forward = FeedForward(width, ratio, dropout)
 
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
-        """(B, N, W) to the same; ``mask`` (B, N) is true for what may be attended to."""
+        """Map (B, N, W) to the same shape; ``mask`` (B, N) is true where attention is allowed."""
         z = self.norm(x)
         y: Tensor = self.feed_forward(x + self.attention(z, z, mask))
         return y
@@ -111,7 +111,7 @@ class CrossLayer(nn.Module):
         self.feed_forward = FeedForward(width, ratio, dropout)
 
     def forward(self, x: Tensor, memories: list[Tensor], mask: Tensor | None) -> Tensor:
-        """(B, Q, W) to the same; each memory is (B, K, W) and ``mask`` (B, K) holds for all."""
+        """Map (B, Q, W) to the same shape; each memory is (B, K, W), ``mask`` (B, K) is shared."""
         z = self.norm(x)
         for norm, attention, memory in zip(
             self.memory_norms, self.attentions, memories, strict=True

@@ -2,8 +2,8 @@
 
 Training data marks more of the body than most sensors: the balls of the feet, the upper spine, the
 knuckles and thumbs. The trained predictors work on all 28 joints that move (the pelvis, the hips
-and the 25 of the CMU benchmark) and take what a source lacks as unobserved. Joints carry the
-canonical name where they are the same point.
+and the 25 of the CMU benchmark) and treat joints that a source lacks as unobserved. A joint has the
+canonical name if it is the same point.
 """
 
 import numpy as np

@@ -1,10 +1,10 @@
 """A person's own frame, and filling of unobserved joints: the input of every trained predictor.
 
-The frame's origin is the middle of the hips where both were last observed together; without such a
-step the pelvis joint's last observed place, or else the centroid of each joint's last observed
-place. Its x axis points where the person faces (square to the line through the hips, or else the
-shoulders, level with the floor), z up, as REP-103 has it; without either pair it is not turned.
-Nothing later than the window's end is looked at.
+The frame's origin is the middle of the hips at the last step that observed both. Without such a
+step it is the last observed place of the pelvis joint, or else the centroid of the joints' last
+observed places. As in REP-103, the z axis points up and the x axis points where the person faces:
+level with the floor, perpendicular to the line through the hips, or else the shoulders. Without
+either pair the frame is not turned. Nothing later than the window's end is used.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ def body_frame(positions: Tensor, observed: Tensor, skeleton: Skeleton) -> BodyF
     """The frame of each person at the end of its window.
 
     Args:
-        positions: (B, T, J, 3) metres, room frame, finite; anything where not observed.
+        positions: (B, T, J, 3) metres, room frame, finite; any value where not observed.
         observed: (B, T, J) bool.
         skeleton: names the joints; those it lacks are never observed.
     """
@@ -55,7 +55,7 @@ def body_frame(positions: Tensor, observed: Tensor, skeleton: Skeleton) -> BodyF
     turned = hips.seen | shoulders.seen
     level = across[:, :2]
     length = level.norm(dim=1)
-    turned &= length > 1e-3  # a person lying on the side: the line gives no heading
+    turned &= length > 1e-3  # the line gives no heading if the person lies on one side
     y = torch.where(
         turned[:, None], level / length.clamp(min=1e-6)[:, None], level.new_tensor([0, 1])
     )
@@ -122,13 +122,13 @@ def _last(positions: Tensor, observed: Tensor) -> tuple[Tensor, Tensor]:
 def fill(positions: Tensor, observed: Tensor, rest: Tensor, nearest: Tensor) -> Tensor:
     """Fill unobserved positions with plausible ones; observed values stay unchanged.
 
-    Between two observations a joint moves along a line; before the first it stays there; after the
-    last it goes on at its last velocity for 3 steps at most and then stays. A joint never observed
-    keeps the rest pose's offset from the nearest joint in the tree that was; a person without any
-    stands in the rest pose.
+    Between two observations a joint moves along a line. Before its first observation it stays at
+    that place. After its last observation it keeps its last velocity for at most 3 steps and then
+    stays. A joint that was never observed keeps the rest pose's offset from the nearest observed
+    joint in the tree. A person without observed joints stands in the rest pose.
 
     Args:
-        positions: (B, T, J, 3) body frame, finite; anything where not observed.
+        positions: (B, T, J, 3) body frame, finite; any value where not observed.
         observed: (B, T, J).
         rest: (J, 3) a mean pose in the body frame.
         nearest: (J, J) as ``neighbour_table`` gives it.
@@ -171,5 +171,5 @@ def _at(positions: Tensor, step: Tensor) -> Tensor:
 
 
 def neighbour_table(skeleton: Skeleton) -> Tensor:
-    """(J, J) per joint all joints by rising distance in the tree, itself first."""
+    """(J, J) for each joint, all joints by increasing distance in the tree, itself first."""
     return torch.from_numpy(np.ascontiguousarray(neighbours(skeleton.parents)))

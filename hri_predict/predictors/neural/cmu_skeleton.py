@@ -1,9 +1,9 @@
 """The skeleton of the CMU benchmark: 38 joints with one set of bones for everybody, 25 predicted.
 
-Of the 38 joints of the exponential maps six are constant in the benchmark's pose, in which the root
-neither turns nor moves, and seven lie where another joint is. The 25 that are left are predicted;
-the error is counted over all 38 (Mao et al., "Learning Trajectory Dependencies for Human Motion
-Prediction", ICCV 2019, and all that followed it).
+The exponential maps have 38 joints. Six are constant in the benchmark's pose, in which the root
+neither turns nor moves, and seven coincide with another joint. The other 25 are predicted; the
+error is taken over all 38 (Mao et al., "Learning Trajectory Dependencies for Human Motion
+Prediction", ICCV 2019, and later work).
 """
 
 import numpy as np
@@ -60,7 +60,7 @@ MM_PER_UNIT = 70.0
 
 CONSTANT = (0, 1, 2, 7, 8, 13)
 DUPLICATES = {16: 15, 20: 15, 29: 15, 24: 23, 27: 23, 33: 32, 36: 32}
-"""Among the 38: joints that never move in the benchmark's pose; joints that lie on another."""
+"""Among the 38: joints that never move in the benchmark's pose; joints that coincide."""
 
 MOVING = tuple(j for j in range(len(_TABLE)) if j not in CONSTANT and j not in DUPLICATES)
 """Index of each of the 25 predicted joints among the 38."""

@@ -29,8 +29,8 @@ class Shape:
     """Size of a network's task: joints, T history steps, H horizon steps, steps per second.
 
     Attributes:
-        framed: positions come in a frame of the body already, as the benchmark's do; they are
-            neither moved nor turned then.
+        framed: positions are already in a frame of the body, as in the benchmark; they are then
+            neither moved nor turned.
     """
 
     skeleton: Skeleton
@@ -77,7 +77,7 @@ class Network(nn.Module):
         shape: size of its task.
         options: options it was built with; every network sets them, and weights files store them.
         rest: (J, 3) mean pose of its training data in the body frame; part of the weights.
-        any_horizon: its parameters do not depend on H; it can predict further than it was trained.
+        any_horizon: its parameters do not depend on H, so it can predict beyond its trained H.
     """
 
     options_model: ClassVar[type[NetworkOptions]] = NetworkOptions
@@ -102,7 +102,7 @@ class Network(nn.Module):
         Args:
             window: the histories.
             target: the true future.
-            progress: share of the training that is done, 0 to 1; for losses with stages.
+            progress: completed share of the training, 0 to 1; for losses with stages.
         """
         return mpjpe(self(window), target)
 
@@ -111,11 +111,11 @@ class Network(nn.Module):
         return None
 
     def critic_parameters(self) -> Iterator[nn.Parameter]:
-        """The adversary's parameters: optimised by ``critic_loss``, not shipped."""
+        """The adversary's parameters; ``critic_loss`` optimises them. They are not shipped."""
         return iter(())
 
     def model_parameters(self) -> Iterator[nn.Parameter]:
-        """All other parameters, optimised by ``loss``."""
+        """All other parameters; ``loss`` optimises them."""
         critic = {id(p) for p in self.critic_parameters()}
         return (p for p in self.parameters() if id(p) not in critic)
 
@@ -134,7 +134,7 @@ class Network(nn.Module):
 
 
 class NetworkClass(Protocol):
-    """A kind of network: a class whose objects are ``Network``, made of a shape and options."""
+    """A kind of network: a class of ``Network`` objects, built from a shape and options."""
 
     @property
     def options_model(self) -> type[NetworkOptions]:

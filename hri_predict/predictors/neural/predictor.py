@@ -1,8 +1,8 @@
 """The node's side of every trained predictor: from the room to the network and back.
 
-Each method's module derives its predictor from ``NeuralPredictor``, names its network, and that is
-all. Networks compute in single precision about the person's own origin, which is subtracted in
-double precision; a forecast is as good anywhere in the room.
+Each method's module derives its predictor from ``NeuralPredictor`` and names its network; nothing
+else is needed. Networks compute in single precision about the person's own origin, which is
+subtracted in double precision, so a forecast is equally precise anywhere in the room.
 """
 
 import logging
@@ -49,7 +49,7 @@ class NeuralSettings(PredictorSettings):
     threads: int = Field(1, ge=1, le=64, description="CPU threads that torch may use")
 
     def resolved(self, base_dir: Path) -> Self:
-        """The same with ``weights`` taken from ``base_dir``, the configuration's folder."""
+        """Copy with the path ``weights`` resolved against the configuration's folder."""
         if self.weights is None:
             return self
         return self.model_copy(update={"weights": str(base_dir / self.weights)})
@@ -63,11 +63,12 @@ def shipped_weights(method: str) -> Path:
 class NeuralPredictor:
     """Base of the trained predictors; see ``base.Predictor`` for the attributes.
 
-    Works on ``CANONICAL``, as the node does, or on ``BODY``. Of the canonical joints, waist, neck
-    and head_top are not the network's: each goes along with the mean displacement of the joints it
-    lies between (hips, shoulders) or upon (head) from where it was last observed, so their turning
-    about those is left out; never observed, each is put where those are. All other joints never
-    observed are the network's to guess from their neighbours. It gives no standard deviation.
+    Works on ``CANONICAL``, as the node does, or on ``BODY``. The network does not predict three
+    canonical joints: waist, neck and head_top. Each of them starts where it was last observed and
+    moves by the mean displacement of the joints that it lies between (hips, shoulders) or on
+    (head); its rotation about those is left out. If it was never observed, it is placed where
+    those joints are. The network guesses all other joints that were never observed from their
+    neighbours. The predictor gives no standard deviation.
 
     Attributes:
         network: the network, in inference mode.
@@ -79,12 +80,12 @@ class NeuralPredictor:
     settings_model: ClassVar[type[NeuralSettings]] = NeuralSettings
 
     def __init__(self, settings: NeuralSettings, skeleton: Skeleton = CANONICAL) -> None:
-        """Load the weights and warm the network up.
+        """Load the weights and warm up the network.
 
         Sets the number of threads of torch, for the whole process.
 
         Raises:
-            ConfigError: no such weights, or they are of another method, rate or skeleton.
+            ConfigError: there are no such weights, or their method, rate or skeleton differs.
             PredictorError: the weights are broken, or give no finite forecast.
         """
         path = self._path(settings)
@@ -150,7 +151,7 @@ class NeuralPredictor:
         return load_weights(path, horizon_steps=horizon_steps if any_horizon else None)
 
     def _run(self, history: Floats, observed: Bools) -> tuple[Floats, Floats]:
-        """Of histories (P, T, 28, 3): those with the gaps filled, and what follows (P, H, 28, 3).
+        """Return histories (P, T, 28, 3) with the gaps filled, and their future (P, H, 28, 3).
 
         Both in the room.
         """

@@ -1,8 +1,8 @@
 """Files of trained weights: safetensors, described by their own header.
 
 A file holds a network's parameters in half precision and its buffers (the rest pose, running
-means) as they are, without the adversary's. The header tells all that is needed to build the
-network again: method, skeleton, steps, rate, options; and a card, what a person should know of it.
+means) unchanged, without the adversary's. The header has all that is needed to rebuild the
+network (method, skeleton, steps, rate, options) and a card with information for the user.
 Nothing in a file is ever executed, and no tensor is read before its size is known to be right.
 """
 
@@ -25,8 +25,8 @@ from hri_predict.predictors.neural.network import Network, NetworkClass, Shape, 
 from hri_predict.settings import Settings, validated
 from hri_predict.skeleton import CANONICAL, Skeleton, make_skeleton
 
-MAX_BYTES = 512 * 2**20  # the largest network of the papers, in single precision, has a tenth
-_KEY = "hri_predict"  # of the header's metadata
+MAX_BYTES = 512 * 2**20  # ten times the largest network of the papers in single precision
+_KEY = "hri_predict"  # key of the header's metadata
 _KNOWN = {skeleton.name: skeleton for skeleton in (BODY, CANONICAL)}
 _FLOATS, _INTEGERS = ("F16", "BF16", "F32"), ("I64",)  # a batch norm counts in the latter
 _REMEDY = "train it again, or give another file"
@@ -72,7 +72,7 @@ def save_weights(path: Path, method: str, network: Network, card: dict[str, Any]
         path: the file, usually ``*.safetensors``.
         method: name of the network's predictor.
         network: has ``options`` set.
-        card: what a reader should know: data, configuration, commit, errors. JSON; NaN becomes
+        card: information for the user: data, configuration, commit, errors. JSON; NaN becomes
             null.
 
     Raises:
@@ -113,7 +113,7 @@ def save_weights(path: Path, method: str, network: Network, card: dict[str, Any]
 
 
 def read_header(path: Path) -> Header:
-    """Read what a file of weights says of itself, without its tensors.
+    """Read the header of a file of weights, without its tensors.
 
     Raises:
         ConfigError: there is no such file, or its header has wrong keys.
@@ -135,11 +135,11 @@ def read_header(path: Path) -> Header:
 
 
 def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
-    """Build the network of a file and load its weights: single precision, for inference alone.
+    """Build the network of a file and load its weights: single precision, for inference only.
 
     Args:
         path: the file.
-        horizon_steps: how far to predict, where that is not what the file says; only for networks
+        horizon_steps: how far to predict, if different from the file's horizon; only for networks
             whose parameters do not depend on it.
 
     Raises:
@@ -158,7 +158,7 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
     except (ValueError, TypeError, RuntimeError, ArithmeticError, LookupError) as error:
         why = f"no {header.method} can be built as it says ({_line(error)})"
         raise _broken(path, why) from error
-    network.load_state_dict(tensors, strict=False)  # the adversary alone is missing
+    network.load_state_dict(tensors, strict=False)  # only the adversary is missing
     return LoadedWeights(network.eval().requires_grad_(False), header.method, header.card)
 
 
@@ -215,7 +215,7 @@ def _shape(stored: StoredShape, horizon_steps: int | None, path: Path) -> Shape:
 
 
 def _rebuilt(stored: StoredShape, path: Path) -> Skeleton:
-    """A skeleton that the project does not know by name, the benchmark's for one."""
+    """A skeleton without a name in the project, such as the benchmark's."""
     count = len(stored.joints)
     linked = [*stored.left_right_pairs, *stored.parts.values()]
     if (
@@ -234,7 +234,7 @@ def _rebuilt(stored: StoredShape, path: Path) -> Skeleton:
 
 
 def _tensors(path: Path, planned: Network) -> dict[str, Tensor]:
-    """Read the tensors that ``planned``, on no device, asks for; all are looked at before."""
+    """Read the tensors of ``planned``, which is on no device; check all of them first."""
     critic = {id(parameter) for parameter in planned.critic_parameters()}
     optional = {name for name, p in planned.named_parameters() if id(p) in critic}
     wanted = {n: tuple(t.shape) for n, t in planned.state_dict().items() if n not in optional}

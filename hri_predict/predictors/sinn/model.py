@@ -6,22 +6,23 @@ Integral", CVPR 2024.
 Where this differs from the paper, or the paper leaves it open:
 
 - Angles at rest. The angles of a displacement of zero length are undefined, and those of a tiny one
-  are noise. Here the magnitude is sqrt(|v|^2 + e^2), as if a displacement e were always there
-  across all three directions: angles fade to 0 towards rest, everything is smooth, and magnitude
-  times sine of an angle is still exactly that coordinate of v.
-- Splitting (Eq. 3) is by direction, all joints of one direction together; a GRU per joint would
-  read J times as many sequences (``splitting: joint``). The paper has "multiple GRUs"; here one
-  reads the three directions as a batch with a label for each. ``shared: false`` gives each its own
-  GRU: three times the weights, and a forecast for one person is several times slower.
+  are noise. Here the magnitude is sqrt(|v|^2 + e^2), as if there were always a displacement e
+  perpendicular to all three directions. Angles fade to 0 towards rest, everything is smooth, and
+  magnitude times sine of an angle is still exactly that coordinate of v.
+- Splitting (Eq. 3) is by direction, with all joints of one direction together; a GRU per joint
+  would read J times as many sequences (``splitting: joint``). The paper has "multiple GRUs"; here
+  one GRU reads the three directions as a batch with a label for each. ``shared: false`` gives each
+  direction its own GRU: three times the weights, and a forecast for one person takes several times
+  as long.
 - Besides momentum the operator reads, per joint, whether it was observed and where it is relative
   to the pelvis: momentum alone does not determine the pose.
 - The output is a change to the last momentum, which fades by a learnt factor per step.
-- Errors in momentum (Eqs. 10-11) are means over joints and channels, magnitudes in m/s; MPJPE is
-  added, because it is what evaluations measure and weighs angles by how far they move a joint. A
-  weight of zero leaves either out.
+- Errors in momentum (Eqs. 10-11) are means over joints and channels, magnitudes in m/s. MPJPE is
+  added, because evaluations measure it and it weighs angles by how far they move a joint. A weight
+  of zero leaves either out.
 - The critic is kept Lipschitz by a gradient penalty (Gulrajani et al., NeurIPS 2017). By Eq. 12 its
   score is low for real motion, so the operator learns to lower the score of its forecasts.
-- Training is on all actions together, pre-training on windows that start anywhere.
+- The network is trained on all actions together and pre-trained on windows that start anywhere.
 
 Unobserved joints are filled in; their momentum is that of the filled track: zero before the first
 observation. A mask channel marks each momentum with an unobserved end.
@@ -61,19 +62,19 @@ class SINNOptions(NetworkOptions):
     """Sizes and switches of SINN.
 
     Attributes:
-        hidden: GRU units; the paper's 256.
-        operator_steps: t, steps that the operator predicts at a time; the paper's 5.
+        hidden: GRU units; 256 as in the paper.
+        operator_steps: t, steps that the operator predicts at a time; 5 as in the paper.
         aggregation: Table 4, without STA: one GRU predicts the whole horizon directly.
         representation: Table 4, without SRE: ``displacement`` or ``position`` instead.
         splitting: Eq. 3 by ``direction``; by ``joint`` as well; or ``none``, one GRU for all.
-        shared: one GRU for all three directions, instead of one for each.
+        shared: use one GRU for all three directions, not one for each.
         pose: feed joints relative to the pelvis, in that ``direction``, in ``all``, or not.
         pretraining: share of the training in which the operator alone learns (L_so).
-        momentum_weight: of L_so and L_g.
-        position_weight: of the MPJPE, per metre, in both stages.
-        adversarial_weight: of the critic's score in the second stage; 0 for no adversary.
+        momentum_weight: weight of L_so and L_g.
+        position_weight: weight of the MPJPE, per metre, in both stages.
+        adversarial_weight: weight of the critic's score in the second stage; 0 for no adversary.
         critic_steps: horizon steps that the critic reads; it does not depend on the horizon.
-        gradient_penalty: weight of the critic's.
+        gradient_penalty: weight of the critic's gradient penalty.
     """
 
     hidden: int = Field(256, ge=1, le=4096)
@@ -171,7 +172,7 @@ class SINN(Network):
         return self.critic.parameters()
 
     def _rolled_out(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor]:
-        """``_roll``, or what ``critic_loss`` has rolled out already for the same window."""
+        """``_roll``, or the rollout that ``critic_loss`` has already made for this window."""
         rolled, self._rolled = self._rolled, None
         if rolled is not None and rolled[0] is window:
             return rolled[1], rolled[2]
@@ -197,20 +198,20 @@ class SINN(Network):
         )
 
     def _truth(self, window: Window, target: Target) -> tuple[Tensor, Tensor]:
-        """What the prediction should be integrated from, and (B, H, J) where that is known."""
+        """The true values to integrate the prediction from, and (B, H, J) where they are known."""
         truth = self.representation.truth(last_pose(window), target.positions)
         before = torch.cat([window.observed[:, -1:], target.observed[:, :-1]], 1)
         return truth, target.observed & before
 
     def _motion(self, zeta: Tensor, known: Tensor) -> Tensor:
-        """What the critic reads: (B, inputs), zero where unknown or beyond the horizon."""
+        """The critic's input: (B, inputs), zero where unknown or beyond the horizon."""
         flat = (self.representation.tuples(zeta) * known[..., None]).flatten(1)
         missing = self.critic.inputs - flat.shape[1]
         return F.pad(flat, (0, missing))  # cuts where negative
 
 
 def _generator(progress: float) -> torch.Generator:
-    """Chance that is the same in all processes of a run, and in a resumed one."""
+    """Random numbers that are the same in all processes of a run, and in a resumed run."""
     return torch.Generator().manual_seed(int(progress * 2**40))
 
 

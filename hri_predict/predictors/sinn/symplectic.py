@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from hri_predict.predictors.neural.network import Window
 
-_REST_SPEED = 0.05  # m/s; the momentum of a joint at rest, sensors' noise makes as much
+_REST_SPEED = 0.05  # m/s; the momentum of a joint at rest; about the size of sensor noise
 Kind = Literal["symplectic", "displacement", "position"]
 Splitting = Literal["direction", "joint", "none"]
 Pose = Literal["none", "direction", "all"]
@@ -21,9 +21,9 @@ Pose = Literal["none", "direction", "all"]
 def momentum(velocity: Tensor) -> Tensor:
     """Momentum of velocities (..., 3) m/s by direction (Eqs. 2-4): (..., 3, 2).
 
-    The first channel is the magnitude M, m/s, the same in all directions; the second the angle D_i
-    of the velocity to the hyperplane across direction i, rad, so that M sin(D_i) is the velocity's
-    coordinate i. M is sqrt(|v|^2 + e^2): angles fade to 0 at rest, and all is smooth.
+    The first channel is the magnitude M, m/s, the same in all directions. The second is the angle
+    D_i between the velocity and the hyperplane perpendicular to direction i, rad, so M sin(D_i) is
+    the velocity's coordinate i. M is sqrt(|v|^2 + e^2): angles fade to 0 at rest, all is smooth.
     """
     square = velocity.square()
     whole = square.sum(-1, keepdim=True) + _REST_SPEED**2
@@ -37,12 +37,12 @@ def velocity(zeta: Tensor) -> Tensor:
 
 
 def differences(positions: Tensor) -> Tensor:
-    """Backward differences (B, T, J, 3) of positions; nothing is known before the first: zero."""
+    """Backward differences (B, T, J, 3) of positions; zero at the first step."""
     return F.pad(positions.diff(dim=1), (0, 0, 0, 0, 1, 0))
 
 
 class Representation(nn.Module):
-    """What the operator reads and predicts of each joint and direction: C channels.
+    """The C channels that the operator reads and predicts for each joint and direction.
 
     ``symplectic``: momentum; C = 2. Without it (Table 4): ``displacement``, velocities in m/s, or
     ``position``, relative to the window's last, dm; C = 1.
@@ -61,7 +61,7 @@ class Representation(nn.Module):
         return self._of(differences(window.positions) * self.rate_hz)
 
     def truth(self, last: Tensor, positions: Tensor) -> Tensor:
-        """(B, H, J, 3, C) of what follows ``last`` (B, 1, J, 3)."""
+        """(B, H, J, 3, C) of the steps that follow ``last`` (B, 1, J, 3)."""
         if self.kind == "position":
             return (positions - last)[..., None] * 10.0
         return self._of(torch.cat([last, positions], 1).diff(dim=1) * self.rate_hz)
@@ -89,12 +89,12 @@ class Operator(nn.Module):
     Args:
         joints: J.
         steps: t.
-        channels: C, of each joint and direction.
+        channels: C, the channels of each joint and direction.
         hidden: units of each GRU.
-        splitting: a GRU per ``direction`` that reads all joints' channels of it (Eq. 3), the same
-            for one ``joint`` at a time, or ``none``: one GRU reads everything.
-        shared: one GRU for all directions.
-        pose: of where joints are relative to the root, feed that ``direction``, ``all`` or none.
+        splitting: ``direction``: a GRU per direction reads its channels of all joints (Eq. 3);
+            ``joint``: the same for one joint at a time; ``none``: one GRU reads everything.
+        shared: use one GRU for all directions.
+        pose: feed the coordinates relative to the root: of that ``direction``, ``all``, or none.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class Operator(nn.Module):
         self.steps, self.joints, self.channels = steps, joints, channels
         self.splitting, self.pose = splitting, pose
         self.directions = 3 if splitting != "none" else 1
-        per_joint = 1 + (3 // self.directions) * channels  # the mask, and what is predicted
+        per_joint = 1 + (3 // self.directions) * channels  # the mask, and the predicted channels
         if pose == "all" or (pose == "direction" and splitting == "none"):
             per_joint += 3
         elif pose == "direction":
@@ -124,7 +124,7 @@ class Operator(nn.Module):
         self.grus = nn.ModuleList(nn.GRU(inputs, hidden) for _ in range(models))
         self.heads = nn.ModuleList(nn.Linear(hidden, outputs) for _ in range(models))
         for parameter in self.heads.parameters():
-            nn.init.zeros_(parameter)  # at first the last momentum goes on
+            nn.init.zeros_(parameter)  # an untrained operator continues the last momentum
         self.carry = nn.Parameter(torch.ones(steps, 1, 1, channels))
 
     def forward(self, zeta: Tensor, observed: Tensor, pose: Tensor) -> Tensor:
@@ -152,14 +152,14 @@ class Operator(nn.Module):
         return zeta[:, -1:] * self.carry + change
 
     def _sequence(self, zeta: Tensor, mask: Tensor, pose: Tensor, direction: int) -> Tensor:
-        """What the GRU of a direction reads: (T, B or B*J, features)."""
+        """The input of a direction's GRU: (T, B or B*J, features)."""
         own = slice(None) if self.directions == 1 else slice(direction, direction + 1)
         parts = [zeta[:, :, :, own].flatten(3), mask]
         if self.pose != "none":
             parts.append(pose if self.pose == "all" else pose[..., own])
         features = torch.cat(parts, -1).transpose(0, 1)  # (T, B, J, per joint)
         sequence = features.flatten(1, 2) if self.splitting == "joint" else features.flatten(2)
-        if len(self.grus) < self.directions:  # tell which direction: up is not like ahead
+        if len(self.grus) < self.directions:  # label the direction: up differs from ahead
             which = F.one_hot(torch.tensor(direction), self.directions).to(sequence)
             sequence = torch.cat([sequence, which.expand(*sequence.shape[:2], -1)], -1)
         return sequence
@@ -192,10 +192,10 @@ class Critic(nn.Module):
         """L_c (Eq. 12), and how far the critic's slope is from 1 between the two kinds of motion.
 
         Args:
-            real: (B, inputs) of recordings.
-            generated: (B, inputs) of the operator.
-            penalty: weight of the slope's.
-            mix: where in between, 0 to 1.
+            real: (B, inputs) from recordings.
+            generated: (B, inputs) from the operator.
+            penalty: weight of the slope's penalty.
+            mix: position between the two, 0 to 1.
         """
         between = (mix * real + (1 - mix) * generated).detach().requires_grad_()
         slope = torch.autograd.grad(self(between).sum(), between, create_graph=True)[0]
@@ -211,7 +211,7 @@ def momentum_error(predicted: Tensor, truth: Tensor, known: Tensor, squared: boo
         predicted: (B, H, J, 3, C).
         truth: the same.
         known: (B, H, J) bool.
-        squared: as in Eq. 11, not Eq. 10.
+        squared: square the length as in Eq. 11, not as in Eq. 10.
     """
     error = (predicted - truth).square().flatten(3).mean(-1)
     if not squared:

@@ -1,8 +1,8 @@
 """NumPy archives in the style of AMASS: joints of one person, and the capture rate.
 
 AMASS (https://amass.is.tue.mpg.de; Mahmood et al., ICCV 2019) keeps parameters of the SMPL body
-model, from which joints follow by that model alone, which is licensed and not ours to ship. What
-can be read are joints that somebody computed and saved beside them or instead.
+model. Only that model turns them into joints; it is licensed, and we may not ship it. This module
+reads joints that somebody computed and saved beside the parameters or instead of them.
 
 | key | shape | what |
 |---|---|---|
@@ -37,8 +37,9 @@ SMPL = (
 )  # fmt: skip
 """smplx, joint_names.py; SMPL-H and SMPL-X have the first 22, then fingers."""
 BODIES = {22: 22, 24: 24, 45: 24, 52: 22, 55: 22, 73: 22, 127: 22, 144: 22}
-"""Joints in a file: how many of them, from the first, are SMPL's. Models of other numbers (25 of
-OpenPose or Kinect, 44 of SPIN) have other joints in other orders; the file must name them."""
+"""Number of joints in a file -> how many of them, from the first, are SMPL's. Models with other
+numbers (25 of OpenPose or Kinect, 44 of SPIN) have other joints or orders; the file must name
+them."""
 
 
 def is_amass(path: Path) -> bool:
@@ -58,12 +59,12 @@ def read_amass(
 
     Args:
         path: the file.
-        person: the id to give to the body.
+        person: the id for the body.
         unit_m: metres per unit; default 1.
         axes: the file's axes that are forward, left and up; default [x, y, z].
 
     Raises:
-        RecordingError: damaged, of other shapes, or with parameters of the body model alone.
+        RecordingError: it is damaged, has other shapes, or has only the body model's parameters.
         ConfigError: impossible units or axes.
     """
     arrays = read_arrays(path, {*JOINTS, *RATES, "joint_names"})

@@ -1,4 +1,4 @@
-"""BVH files, read with ``bvhio``; the forward kinematics of all frames at once is ours.
+"""Reads BVH files with ``bvhio``; the forward kinematics of all frames at once is our own.
 
 ``bvh_writer`` writes them.
 
@@ -27,11 +27,11 @@ MAX_FRAMES = 10_000_000
 def read_bvh(
     path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
 ) -> Recording:
-    """Read a BVH file; its joints' names are known if they are usual ones, see ``check_known``.
+    """Read a BVH file; common joint names are known, see ``check_known``.
 
     Args:
         path: the file.
-        person: the id to give to the body.
+        person: the id for the body.
         unit_m: metres per unit of the file; default 0.01, centimetres (BVH does not say).
         axes: the file's axes that are forward, left and up; default y up (BVH does not say).
 
@@ -75,9 +75,9 @@ def _map(names: Sequence[str]) -> JointMap:
 
 
 def _check_complete(path: Path) -> bool:
-    """Check that nothing is missing: the reader would wait for it for ever.
+    """Check that nothing is missing; otherwise the reader would wait forever.
 
-    Returns whether every chain ends in an "End Site" (else a leaf's end is not known).
+    Returns whether every chain ends in an "End Site" (otherwise a leaf's end is unknown).
     """
     try:
         text = read_bounded(path)
@@ -122,7 +122,7 @@ def _check_complete(path: Path) -> bool:
 
 
 def _channels(line: str) -> int:
-    """Number of values in a frame by this line; the reader itself refuses text."""
+    """Number of values that this line gives a frame; the reader itself refuses text."""
     words = line.split()
     if words[0] != "CHANNELS" or len(words) < 2:
         return 0

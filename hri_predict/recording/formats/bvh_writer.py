@@ -1,7 +1,7 @@
 """Writes BVH: the canonical skeleton under the names that rigs use, with rigid bones.
 
-A BVH holds rotations of one hierarchy for one person. So the joints become the canonical ones, bone
-lengths become constant, and a joint that was not observed stays where it was seen last.
+A BVH file holds rotations of one hierarchy for one person. So the joints become the canonical
+ones, bone lengths become constant, and an unobserved joint stays where it was last seen.
 """
 
 from pathlib import Path
@@ -30,7 +30,7 @@ HELPERS = {
     "torso": "LowerBack", "head": "Neck1", "l_shoulder": "LeftShoulder",
     "r_shoulder": "RightShoulder", "l_hip": "LHipJoint", "r_hip": "RHipJoint",
 }  # fmt: skip
-"""Where a joint has several bones, each has its own helper there, which turns only that bone."""
+"""A joint with several bones has a helper for each bone; the helper turns only that bone."""
 _REST = {"knee": (0, -1, 0), "ankle": (0, -1, 0), "foot": (0, 0, 1)}  # y up, left is +x
 _SIDE = {"l_": (1, 0, 0), "r_": (-1, 0, 0)}
 
@@ -39,7 +39,7 @@ def write_bvh(path: Path, recording: Recording) -> Written:
     """Write one person, centimetres with y up.
 
     Raises:
-        ConfigError: the names of the joints are not known, so nothing says what hangs on what; or
+        ConfigError: the names of the joints are unknown, so the hierarchy is unknown, too; or
             fewer than two canonical joints are ever observed.
     """
     check_known(recording.joint_map)
@@ -76,7 +76,7 @@ def _measure(written: Written, ours: Floats, true: Floats, seen: Bools) -> None:
 
 
 def _held(mapped: Floats, seen: Bools) -> Floats:
-    """(F, J, 3) with every joint where it was last seen, or before that where it is first seen."""
+    """(F, J, 3) each joint where it was last seen; before that, where it is first seen."""
     index = np.where(seen, np.arange(len(seen))[:, None], -1)
     index = np.maximum.accumulate(index, axis=0)
     index = np.where(index < 0, np.argmax(seen, axis=0), index)
@@ -118,7 +118,7 @@ def _hierarchy(ever: Bools) -> tuple[list[str], list[int], list[int]]:
 
 
 def _rest(names: list[str], joints: list[int]) -> Floats:
-    """(J, 3) directions of the bones of a person who stands with arms out to the sides."""
+    """(J, 3) bone directions of a person who stands with the arms stretched out sideways."""
     rest = []
     for j in joints:
         side, part = JOINTS[j][:2], JOINTS[j][2:]

@@ -1,12 +1,12 @@
-"""C3D files of optical motion capture: their 3D points; the residual marks those not seen.
+"""C3D files of optical motion capture: their 3D points; the residual marks unseen points.
 
 After the C3D User Guide (Motion Lab Systems, c3d.org): blocks of 512 bytes; a header; parameters
 in groups; then for each frame the points (x, y, z and a word of cameras and residual, below 0 where
-the point was not reconstructed) and the analog samples, which are passed over. Integers or floats,
-of Intel, DEC (VAX F_floating) or MIPS machines.
+the point was not reconstructed) and the analog samples, which are skipped. Numbers are integers or
+floats of Intel, DEC (VAX F_floating) or MIPS machines.
 
-Our own reader: the C++ library for these files crashes, or never returns, on damaged ones, which a
-process that watches a robot cannot have. The tests hold it against that library.
+We use our own reader: the C++ library for these files crashes or hangs on damaged files, which is
+not acceptable in a process that watches a robot. The tests compare the reader with that library.
 """
 
 import struct
@@ -36,10 +36,10 @@ from hri_predict.recording.recording import Recording, check_rate, noted, record
 
 MM_PER_M = 1000.0
 MAX_POINTS, MAX_LABEL = 65535, 127
-MAX_BLOCK = 65536  # at which the points may start
-MAX_COUNT = 65535  # frames that the header can count
+MAX_BLOCK = 65536  # the last block at which the points may start
+MAX_COUNT = 65535  # the most frames that the header can count
 MAX_FRAMES = 2**31  # more than any file has
-PER_PARAMETER = 255  # labels: a dimension is one byte
+PER_PARAMETER = 255  # labels per parameter: a dimension is one byte
 NO_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")  # labels of model outputs
 # Axes that are forward, left and up, where POINT:Y_SCREEN (the screen's vertical) is ...
 _AXES = {"Z": ("x", "y", "z"), "Y": ("z", "x", "y"), "X": ("y", "z", "x")}
@@ -48,7 +48,7 @@ _AXES |= {"-Z": ("x", "-y", "-z"), "-Y": ("z", "-x", "-y"), "-X": ("y", "-z", "-
 
 @dataclass(frozen=True, kw_only=True)
 class _Layout:
-    """Where the frames are: bytes, and numbers of each frame."""
+    """Where the frames are, and how many numbers each has."""
 
     start: int
     frames: int
@@ -73,12 +73,12 @@ def read_c3d(
     Args:
         path: the file.
         person: id of the first person whose labels give no number.
-        unit_m: metres per unit; default: as POINT:UNITS says.
-        axes: the file's axes that are forward, left and up; default: up is POINT:Y_SCREEN, z where
-            that is not said.
+        unit_m: metres per unit; the default comes from POINT:UNITS.
+        axes: the file's axes that are forward, left and up; by default, up is POINT:Y_SCREEN, or z
+            if the file does not state it.
 
     Raises:
-        RecordingError: not C3D, truncated, damaged, or without points.
+        RecordingError: the file is not C3D, is truncated or damaged, or has no points.
         ConfigError: impossible units or axes; labels that name nobody, or too many people.
     """
     data = read_bounded(path)
@@ -112,7 +112,7 @@ def read_c3d(
 
 
 def _layout(path: Path, data: bytes, parameters: Parameters) -> _Layout:
-    """The layout; where header and parameters differ, the parameters count."""
+    """The layout; where header and parameters differ, the parameters are used."""
     word = parameters.header_word
     frames = word(data, 8) - word(data, 6) + 1
     start = parameters.words("TRIAL", "ACTUAL_START_FIELD")
@@ -120,7 +120,7 @@ def _layout(path: Path, data: bytes, parameters: Parameters) -> _Layout:
     if len(start) == len(end) == 2:  # as two words, for more than 65535 frames
         frames = (end[0] + (end[1] << 16)) - (start[0] + (start[1] << 16)) + 1
     else:
-        for name in ("FRAMES", "LONG_FRAMES"):  # or as a float; the latter counts
+        for name in ("FRAMES", "LONG_FRAMES"):  # or as a float; the latter has priority
             said = parameters.number("POINT", name, 0.0)
             frames = int(said) if MAX_COUNT < said < MAX_FRAMES else frames
     block = parameters.number("POINT", "DATA_START", word(data, 16))
@@ -179,7 +179,7 @@ def write_c3d(path: Path, recording: Recording) -> Written:
     """Write all people as points: 32-bit floats, millimetres, z up, residual -1 where not seen.
 
     Raises:
-        ConfigError: too many points for the format, or a joint's name that it cannot hold.
+        ConfigError: there are too many points for the format, or it cannot hold a joint's name.
     """
     frames = frames_of(recording)
     labels = joined_labels(frames.ids, frames.joints)

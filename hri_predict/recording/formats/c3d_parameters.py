@@ -1,5 +1,5 @@
-"""The parameters of a C3D file: groups of named arrays. See ``c3d``; the C3D User Guide, chapter
-"The C3D Parameter Section", has the layout.
+"""The parameters of a C3D file: groups of named arrays. See ``c3d``. The layout is in the C3D User
+Guide, chapter "The C3D Parameter Section".
 
 A record is: length of the name (below 0 if locked), number of the group (below 0 for the group
 itself), the name, an offset from there to the next record; then for a parameter: type (-1 text,
@@ -47,7 +47,7 @@ class Parameters:
         while record := self.records.get((group, name if part == 1 else f"{name}{part}")):
             part += 1
             if record.kind == -1 and record.data:
-                width, *counts = record.dimensions or (1,)  # without any, a single character
+                width, *counts = record.dimensions or (1,)  # no dimensions: a single character
                 count = math.prod(counts)
                 cut = [record.data[k * width : (k + 1) * width] for k in range(count)]
                 found += [text.split(b"\0")[0].decode("latin-1").strip() for text in cut]
@@ -81,7 +81,7 @@ class Parameters:
         """(count,) 16-bit integers or 32-bit floats, in the writing machine's order.
 
         Raises:
-            Damaged: they are not all there.
+            Damaged: some are missing.
         """
         size = 4 if floats else 2
         if start + count * size > len(data):
@@ -128,13 +128,13 @@ def read_parameters(data: bytes) -> Parameters:
             found.append((group, name, _record(data, here + 2, min(end, len(data)))))
         if offset == 0:
             break
-        at = here + offset  # forward, so that this ends
+        at = here + offset  # always forward, so the loop ends
     records = {(groups.get(group, ""), name): record for group, name, record in found}
     return Parameters(processor, records)
 
 
 def _record(data: bytes, at: int, end: int) -> _Record:
-    """A parameter whose values lie before ``end``; so all together are no larger than the file."""
+    """A parameter with its values before ``end``, so the total is no larger than the file."""
     if at + 2 > end:
         raise Damaged("a parameter goes past the end")
     kind, rank = struct.unpack_from("bB", data, at)

@@ -7,9 +7,10 @@
     0.033333333,1,,,,,,...             nobody is in the room
     0.066666667,0,,,,,,...             the source is blind
 
-Metres, z up. Read as well: commas, semicolons (then with decimal commas, too) or tabs; other names
-for the time (``time``, ``t``, ``timestamp``, in seconds) and ``sees_room`` or ``person`` left out;
-coordinates named ``Waist.X``, ``waist:x`` or ``waist x``. Empty or ``nan``: not observed.
+Metres, z up. The reader accepts commas, semicolons (then also decimal commas) or tabs; other names
+for the time (``time``, ``t``, ``timestamp``, in seconds); tables without ``sees_room`` or
+``person``; and coordinates named ``Waist.X``, ``waist:x`` or ``waist x``. An empty cell or ``nan``
+means not observed.
 """
 
 import csv
@@ -61,7 +62,7 @@ def read_csv(
         axes: the table's axes that are forward, left and up; default [x, y, z].
 
     Raises:
-        RecordingError: no such table; one line that names the row and column.
+        RecordingError: it is no such table; one line names the row and column.
         ConfigError: impossible units or axes.
     """
     text = read_text(path, "CSV")
@@ -123,8 +124,8 @@ class _Table:
         self._rows = 0
 
     def take(self, number: int, row: Sequence[str]) -> None:
-        """Read a row; ``number`` is its line in an editor if no quoted text has line breaks."""
-        self._rows += 1  # rows without people count, too: each time takes memory
+        """Read a row; ``number`` is its line number, if no quoted text has line breaks."""
+        self._rows += 1  # rows without people count, too: each time stamp takes memory
         if self._rows % 1000 == 0:
             check_joints(self._path, self._rows, 1, len(self._columns.joints))
         time_s = self._number(number, row, self._columns.time)
@@ -210,7 +211,7 @@ def _person(number: int, raw: Floats, joint_map: JointMap, limit: float) -> Pers
 
 
 def write_csv(path: Path, recording: Recording) -> Written:
-    """Write every scene, at its capture time since the first, to a micrometre."""
+    """Write every scene with its capture time since the first; positions to a micrometre."""
     written = Written(len(recording.scenes), people_of(recording))
     written.dropped["messages of controllers"] += len(recording.received)
     joints = recording.joint_map.source_joints
@@ -230,7 +231,7 @@ def write_csv(path: Path, recording: Recording) -> Written:
 def _since(recording: Recording) -> list[int]:
     """ns since the first scene; scenes received together are 1 ns apart.
 
-    Rows of one time are one scene.
+    Rows with the same time form one scene.
     """
     times_ns = true_times(recording)
     since = [0]

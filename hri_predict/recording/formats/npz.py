@@ -22,7 +22,7 @@ from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.recording import Recording, check_rate, recording_of_one
 
-# What a damaged archive or header can raise.
+# Exceptions that a damaged archive or header can raise.
 _BROKEN: tuple[type[Exception], ...] = (OSError, EOFError, ValueError, KeyError, SyntaxError)
 _BROKEN += (OverflowError, RuntimeError, MemoryError, tokenize.TokenError)
 _BROKEN += (zipfile.BadZipFile, zlib.error, lzma.LZMAError)
@@ -35,11 +35,11 @@ MAX_BYTES = 2**30  # unpacked; two hours of 38 joints at 120 frames per second
 def read_npz(path: Path, person: int) -> Recording:
     """Read a recording in one of the two layouts.
 
-    A frame whose ``world_ok`` is false (the root's rotation is an artefact there) becomes a scene
-    in which the person's joints are all unobserved: somebody is there, and where is not known.
+    A frame whose ``world_ok`` is false (its root rotation is an artefact) becomes a scene in which
+    all joints of the person are unobserved: somebody is there, but the place is unknown.
 
     Raises:
-        RecordingError: truncated, empty, or of another layout.
+        RecordingError: the file is truncated, is empty, or has another layout.
     """
     arrays = read_arrays(path, _KEYS)
     if "positions_world" in arrays:
@@ -53,10 +53,10 @@ def read_npz(path: Path, person: int) -> Recording:
 
 
 def read_arrays(path: Path, keys: Collection[str]) -> dict[str, Any]:
-    """The arrays of an archive with one of ``keys``; without any, its names without values.
+    """The arrays of an archive with one of ``keys``; without these keys, only the array names.
 
     Raises:
-        RecordingError: not an archive, damaged, or larger than ``MAX_BYTES`` when unpacked.
+        RecordingError: it is not an archive, is damaged, or unpacks to more than ``MAX_BYTES``.
     """
     try:
         with path.open("rb") as file:
@@ -82,7 +82,7 @@ def _unpacked(path: Path, archive: Any, keys: Collection[str]) -> dict[str, Any]
 
 
 def _check_size(path: Path, archive: zipfile.ZipFile | None, keys: Collection[str]) -> None:
-    """Refuse an archive that would fill the memory; what is not read does not count."""
+    """Refuse an archive that would fill the memory; arrays that are not read do not count."""
     entries = [] if archive is None else archive.infolist()
     size = sum(e.file_size for e in entries if e.filename.removesuffix(".npy") in keys)
     if size > MAX_BYTES:
@@ -188,7 +188,7 @@ def write_pack(path: Path, recording: Recording) -> Written:
     """Write one person in one of the two layouts, by the names of the joints, in any order.
 
     Raises:
-        ConfigError: the joints are those of neither layout.
+        ConfigError: the joints fit neither layout.
     """
     frames = frames_of_one(recording)
     names = [name for name in ("cmu38", "assembly_arms") if _same(name, frames.joints)]

@@ -1,8 +1,8 @@
-"""Rigid bones that follow joints: the rotations that a hierarchy needs to come near positions.
+"""Rigid bones that follow joints: rotations that bring a hierarchy close to given positions.
 
-Every bone has a rotation of its own, so that only its length can be wrong: it is turned from its
-parent's end, as it came out, towards where the joint truly is, the shortest way (twist about a bone
-cannot be seen in positions). A joint on which several bones hang is turned as their ends fit best
+Every bone has its own rotation, so only its length can be wrong. It starts at the computed end of
+its parent and is turned the shortest way towards the true place of its joint (positions do not show
+twist about a bone). A joint that carries several bones gets the rotation that fits their ends best
 (Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32, 1976).
 """
 
@@ -13,17 +13,17 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 
-_PRIOR = 1e-6  # square metres: what nothing fixes stays as it is turned in the parent
+_PRIOR = 1e-6  # square metres: a rotation that nothing determines stays as in the parent
 
 
 @dataclass(frozen=True, eq=False)
 class Bones:
-    """A hierarchy that follows.
+    """A hierarchy that follows joints.
 
     Attributes:
-        offsets: (J, 3) of each joint from its parent, in the rest pose.
-        rotations: (F, J, 3, 3) of each joint in its parent.
-        positions: (F, J, 3) where the joints come out.
+        offsets: (J, 3) offset of each joint from its parent, in the rest pose.
+        rotations: (F, J, 3, 3) rotation of each joint in its parent's frame.
+        positions: (F, J, 3) resulting positions of the joints.
     """
 
     offsets: Floats
@@ -36,9 +36,9 @@ def follow(targets: Floats, parents: Sequence[int], rest: Floats) -> Bones:
 
     Args:
         targets: (F, J, 3) finite.
-        parents: of each joint, before it in order; -1 of the first, the root.
-        rest: (J, 3) unit directions of the bones in the rest pose; of the root it is not used. A
-            joint that always is where its parent is turns what hangs on it alone.
+        parents: parent of each joint, which precedes it; -1 for the first joint, the root.
+        rest: (J, 3) unit directions of the bones in the rest pose; the root's is not used. A joint
+            that always coincides with its parent turns only the bones that it carries.
     """
     frames, joints = targets.shape[:2]
     offsets = np.zeros((joints, 3))
@@ -63,7 +63,7 @@ def follow(targets: Floats, parents: Sequence[int], rest: Floats) -> Bones:
 
 
 def _turned(before: Floats, offsets: Floats, ends: Floats) -> Floats:
-    """(F, 3, 3) of a joint whose bones' ends are to be at ``ends`` (F, C, 3) from it."""
+    """(F, 3, 3) rotation of a joint that brings its bones' ends to ``ends`` (F, C, 3) from it."""
     if len(offsets) == 0 or not offsets.any():
         return before
     if len(offsets) == 1:
@@ -79,10 +79,10 @@ def _shortest(a: Floats, b: Floats) -> Floats:
     """(F, 3, 3) the smallest rotations that turn ``a`` (F, 3) to the directions of ``b``."""
     a, b = _unit(a), _unit(b)
     cosine = np.einsum("fi,fi->f", a, b)
-    away = cosine < -1 + 1e-9  # any axis across will do
+    away = cosine < -1 + 1e-9  # any perpendicular axis is right
     across = np.cross(a, np.eye(3)[np.argmin(np.abs(a), axis=-1)])
     half = _unit(np.where(away[:, None], _unit(across), a + b))
-    # Two reflections, at a and then at the half-way direction, or a half turn about ``across``.
+    # Two reflections (at a, then at the half-way direction), or a half turn about ``across``.
     turn = 2 * np.einsum("fi,fj->fij", half, half) - np.eye(3)
     first = 2 * np.einsum("fi,fj->fij", a, a) - np.eye(3)
     return np.where(away[:, None, None], turn, turn @ first)

@@ -1,9 +1,9 @@
 """TRC files (Track Row Column), as OpenSim and Motion Analysis write and read them.
 
-Tab-separated text: five lines of header (rate, units and numbers; names of the markers), then a row
-for each frame with its number, its time and x, y, z of each marker, empty where a marker was not
-seen. OpenSim documents it as "Marker (.trc) Files". The format states units but no axes; OpenSim's
-are x forward, y up, z to the right.
+Tab-separated text: five header lines (rate, units and numbers; names of the markers), then a row
+for each frame. A row has the frame's number, its time, and x, y, z of each marker; cells are empty
+if a marker was not seen. OpenSim documents the format as "Marker (.trc) Files". The format states
+units but no axes; OpenSim's are x forward, y up, z to the right.
 """
 
 import math
@@ -29,16 +29,16 @@ MM_PER_M = 1000.0
 def read_trc(
     path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
 ) -> Recording:
-    """Read a TRC file; ``Anna:LWrist`` is a marker of a person of her own.
+    """Read a TRC file; ``Anna:LWrist`` is a marker of the person Anna.
 
     Args:
         path: the file.
-        person: the id of those whom the labels give no number.
-        unit_m: metres per unit; default: as the file says.
+        person: the id for people whose labels give no number.
+        unit_m: metres per unit; the default comes from the file.
         axes: the file's axes that are forward, left and up; default ``AXES``.
 
     Raises:
-        RecordingError: not TRC, truncated, empty, or a cell is no number.
+        RecordingError: the file is not TRC, is truncated or empty, or a cell is not a number.
         ConfigError: impossible units or axes; labels that name nobody, or too many people.
     """
     lines = read_text(path, "TRC").splitlines()
@@ -115,7 +115,7 @@ def write_trc(path: Path, recording: Recording) -> Written:
     """Write all people, millimetres with y up, to 0.1 micrometres.
 
     Raises:
-        ConfigError: a joint's name has a tab or a line break in it.
+        ConfigError: a joint's name contains a tab or a line break.
     """
     frames = frames_of(recording)
     labels = joined_labels(frames.ids, frames.joints)

@@ -1,4 +1,4 @@
-"""What stands in a recording: topics, their JSON, and the metadata a replay needs.
+"""The contents of a recording: topics, their JSON, and the metadata that a replay needs.
 
 A recording is an MCAP file (https://mcap.dev/spec) of JSON messages with JSON schemas, so that
 Foxglove and every MCAP library open it. Times are nanoseconds of the node's clock.
@@ -37,7 +37,7 @@ from hri_predict.skeleton import JOINTS
 FORMAT_VERSION = "1"
 LIBRARY = "hri-predict"
 METADATA = "hri_predict"
-MAX_COUNT = 2**64  # no clock's nanoseconds and no sequence go beyond
+MAX_COUNT = 2**64  # limit of every clock's nanoseconds and every sequence
 
 _NUMBER, _TEXT, _LIST = {"type": "number"}, {"type": "string"}, {"type": "array"}
 SCHEMAS: dict[str, dict[str, Any]] = {
@@ -59,14 +59,14 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingInfo:
-    """What a replay must know beside the messages; goes into the file's metadata.
+    """What a replay needs besides the messages; stored in the file's metadata.
 
     Attributes:
-        joint_map: of the source; whole, so that a replay needs no other file.
+        joint_map: the source's joint map; complete, so a replay needs no other file.
         rate_hz: nominal scenes per second.
         declares_noise: see ``source.Source``.
         config: the configuration's text.
-        predictor: name of the predictor, and ``forecast_rate_hz`` its steps per second.
+        predictor: name of the predictor; ``forecast_rate_hz`` has its steps per second.
     """
 
     joint_map: JointMap
@@ -141,7 +141,7 @@ def _joint_map(metadata: Mapping[str, str]) -> JointMap:
 
 
 def to_json(data: Any) -> bytes:
-    """Compact JSON; what is not a finite number becomes ``null``, as JSON has no word for it."""
+    """Compact JSON; a number that is not finite becomes ``null``: JSON cannot express it."""
     try:
         text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     except ValueError:
@@ -181,7 +181,7 @@ def scene_from_dict(data: dict[str, Any], joints: int) -> tuple[Scene, int]:
     """Back from ``scene_to_dict``: the scene and its receipt (ns, clock of the recording node).
 
     Raises:
-        ValueError, KeyError, TypeError, OverflowError: ``data`` is not such a scene.
+        ValueError, KeyError, TypeError, OverflowError: ``data`` is no such scene.
     """
     people = []
     for person in data["people"]:
@@ -202,7 +202,7 @@ def whole(value: Any, least: int = -MAX_COUNT, most: int = MAX_COUNT) -> int:
     """A whole number of nanoseconds, a sequence, or an id.
 
     Raises:
-        ValueError, TypeError, OverflowError: it is none, or beyond what there can be.
+        ValueError, TypeError, OverflowError: it is not one, or is out of range.
     """
     number = int(value)
     if not least <= number <= most:
@@ -211,7 +211,7 @@ def whole(value: Any, least: int = -MAX_COUNT, most: int = MAX_COUNT) -> int:
 
 
 def message_to_dict(message: Message) -> dict[str, Any]:
-    """A message's fields, its class under ``type``, enumerations by name."""
+    """A message's fields; ``type`` holds its class, and enumerations are given by name."""
     fields = dataclasses.asdict(message)
     named = {k: v.name if isinstance(v, IntEnum) else v for k, v in fields.items()}
     return {"type": type(message).__name__, **named}
@@ -241,7 +241,7 @@ def _floats(values: Any) -> tuple[float, ...]:
 
 
 def sent_to_dict(link: str, arbitration_id: int | None, data: bytes) -> dict[str, Any]:
-    """A unit that went out."""
+    """A unit that was sent."""
     return {"link": link, "id": arbitration_id, "data": base64.b64encode(data).decode("ascii")}
 
 

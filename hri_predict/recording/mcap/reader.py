@@ -1,4 +1,4 @@
-"""Reads the node's own recordings back, the cut ones up to the cut."""
+"""Reads the node's own recordings; a cut recording is read up to the cut."""
 
 import json
 import struct
@@ -24,21 +24,22 @@ from hri_predict.recording.mcap.format import (
 from hri_predict.recording.recording import Recording, check_gaps
 from hri_predict.scene import Scene
 
-_RECORD_LIMIT = 64 * 1024 * 1024  # ours are of 64 KiB; a damaged length must not fill the memory
-# What a cut or damaged file can raise.
+_RECORD_LIMIT = 64 * 1024 * 1024  # ours have 64 KiB; a damaged length must not fill the memory
+# Exceptions that a cut or damaged file can raise.
 _CUT: tuple[type[Exception], ...] = (EndOfFile, EOFError, McapError, CRCValidationError)
 _CUT += (struct.error, zlib.error, zstandard.ZstdError, ValueError, IndexError, KeyError)
 _CUT += (OverflowError, RuntimeError, MemoryError, TypeError)
 
 
 def read_mcap(path: Path) -> Recording:
-    """Read a recording of the node's own.
+    """Read one of the node's own recordings.
 
-    A file that was cut (the node was killed, the disk was full) gives what stands before the cut;
-    ``note`` says so.
+    From a file that was cut (the node was killed, the disk was full), everything before the cut is
+    read, and ``note`` says so.
 
     Raises:
-        RecordingError: not MCAP, not recorded by this node, no scene in it, or damaged messages.
+        RecordingError: the file is not MCAP, does not come from this node, has no scene, or has
+            damaged messages.
     """
     info: RecordingInfo | None = None
     scenes: list[Scene] = []
@@ -111,7 +112,7 @@ def _records(file: Any) -> Iterator[Any]:
 
 
 def _check_unpacked(chunk: Chunk) -> None:
-    """Refuse what would fill the memory: a few bytes may unpack to any number.
+    """Refuse data that would fill the memory: a few bytes may unpack to any number.
 
     Raises:
         ValueError, zstandard.ZstdError: too large when unpacked, or not packed as ours are.

@@ -1,1 +1,1 @@
-"""Levels: from what was found to what each robot is advised."""
+"""Levels: from the findings to each robot's advice."""

@@ -1,4 +1,4 @@
-"""The levels stage: from what was found to what each robot is advised, and why.
+"""The levels stage: from the findings to each robot's advice and its reason.
 
 The only memory is one ``LevelMachine`` per robot, and one ``SteadyReason``.
 """
@@ -32,9 +32,9 @@ class Levels:
 
     Args:
         settings: see ``RiskSettings``.
-        robots: R of them.
+        robots: the R robots.
         named: the user's zones.
-        horizon_s: a breach later than this after now is left out of the advice.
+        horizon_s: the advice leaves out a breach that is more than this time ahead.
         segment_index: index in the skeleton of each of the zones' segments.
     """
 
@@ -54,7 +54,7 @@ class Levels:
         self._settings = settings
         self._ids = LatchIds()
         self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, self._ids) for r in robots)
-        self._note = ""  # on what an earlier run left
+        self._note = ""  # about the data that an earlier run left
         for machine in self._machines:
             machine.latch("start")
         self._reasons = tuple(SteadyReason(settings.release_captures) for _ in robots)
@@ -69,11 +69,11 @@ class Levels:
         """Advise every robot.
 
         Args:
-            snapshot: of this tick; its time and its number of captures count.
-            bodies: what the findings rest on.
+            snapshot: this tick's snapshot; its time and its number of captures count.
+            bodies: the bodies behind the findings.
             findings: see ``Separation``.
-            remarks: of each robot, what it does other than advised. A robot that was too fast is
-                not slowed any more: it runs or it stands.
+            remarks: for each robot, where it departs from its advice. A robot that was too fast is
+                no longer slowed: it runs or it stands.
         """
         return tuple(
             self._advise(robot, snapshot, bodies, findings, remarks[robot] if remarks else ())
@@ -93,7 +93,7 @@ class Levels:
         recall(self._by_name(), self._ids, data)
 
     def distrust(self, why: str) -> None:
-        """What an earlier run left cannot be read or is too old: latch for every configured cause.
+        """Latch for every configured cause: an earlier run's data is unreadable or too old.
 
         ``why`` goes into the detail of the advice until the latch is acknowledged.
         """
@@ -159,7 +159,7 @@ class Levels:
     def _demand(
         self, robot: int, bodies: BodyZones, findings: Findings
     ) -> tuple[Demand, Finding | None]:
-        """What this tick asks of a robot, and the finding about people that it rests on."""
+        """What this tick demands of a robot, and the finding about people that is the basis."""
         constants, found = self._robots[robot], findings.robots[robot]
         demand, people = asked_of(constants, found, bodies)
         if found.unknown:
@@ -186,11 +186,11 @@ class Levels:
 def asked_of(
     robot: RobotConstants, found: RobotFindings, bodies: BodyZones
 ) -> tuple[Demand, Finding | None]:
-    """What people and unseen places ask of a robot, and the finding about people that decides.
+    """What people and unseen places demand of a robot, and the finding about people that decides.
 
-    Mode ``predictive`` asks for the milder of two: what the zones over time ask for, and what the
-    standard's separation does of people who move as it assumes. Either keeps the robot away from
-    these; from all others the zones alone do (``Separation``).
+    Mode ``predictive`` takes the milder of two demands: that of the zones over time, and that of
+    the standard's separation for people who move as it assumes. Either demand keeps the robot away
+    from these people. Only the zones keep it away from all others (``Separation``).
     """
     risk, max_speed_m_s = robot.risk, robot.max_speed_m_s
     if found.unknown:
@@ -242,7 +242,7 @@ def _detail(
     reason: Reason,
     who: Finding | None,
 ) -> str:
-    """What is wrong and what would clear it, in words."""
+    """The problem and its remedy, in words."""
     if reason is Reason.NONE:
         return ""
     ids, speeds = bodies.zones.ids, bodies.speeds
@@ -266,7 +266,7 @@ def _detail(
 
 
 def where(robot: RobotConstants, people: Finding) -> str:
-    """How far away the deciding person is, and from what, in words."""
+    """The deciding person's distance, and from what it is measured, in words."""
     if robot.risk.mode == "fixed":
         return f"{max(people.slack_m + robot.fixed_radius_m, 0.0):.2f} m from the base's axis"
     link = robot.model.capsule_names[people.link]

@@ -1,4 +1,4 @@
-"""Demands: what one tick asks of one robot, and how several demands combine."""
+"""Demands: what one tick demands of one robot, and how several demands combine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,21 +19,21 @@ _SEVERITY = {
 
 
 def severity(level: Level) -> int:
-    """How much a level asks; *unknown* and *fault* ask for a stop."""
+    """How much a level demands; *unknown* and *fault* demand a stop."""
     return _SEVERITY[level]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demand:
-    """What one tick asks of one robot.
+    """What one tick demands of one robot.
 
     Attributes:
-        level: what it asks now.
-        release: what it would ask if everything were nearer by the band. A release may go no
-            further; it is never milder than ``level``.
+        level: the level demanded now.
+        release: the level that it would demand if everything were nearer by the band. A release may
+            go no further; it is never milder than ``level``.
         limit_m_s: speed limit now.
-        release_limit_m_s: the speed limit may rise up to this.
-        reason: of ``level``.
+        release_limit_m_s: the speed limit may rise up to this value.
+        reason: reason of ``level``.
     """
 
     level: Level
@@ -65,7 +65,7 @@ class Demand:
         )
 
     def milder(self, other: "Demand") -> "Demand":
-        """What either demand permits, if one is enough: the lower levels, the higher limits."""
+        """One demand is enough: take the lower levels and the higher limits."""
         rank, other_rank = severity(self.level), severity(other.level)
         mild = other if (other_rank, self.limit_m_s) < (rank, other.limit_m_s) else self
         return Demand(
@@ -77,7 +77,7 @@ class Demand:
         )
 
     def full_or_stop(self, reason: Reason) -> "Demand":
-        """The same for a robot that keeps no speed limit: whatever would slow it stops it."""
+        """The same for a robot that keeps no speed limit: a demand to slow becomes a stop."""
         slows = self.level is Level.SLOW
         release_slows = severity(self.release) >= severity(Level.SLOW)
         return Demand(
@@ -89,7 +89,7 @@ class Demand:
         )
 
     def __or__(self, other: "Demand") -> "Demand":
-        """Both demands: the severer level with its reason, the lower limits."""
+        """Both demands hold: take the severer level with its reason and the lower limits."""
         rank, other_rank = severity(self.level), severity(other.level)
         worse = other if (other_rank, self.limit_m_s) > (rank, other.limit_m_s) else self
         release = max(self.release, other.release, key=severity)
@@ -105,7 +105,7 @@ class Demand:
 def demand_of(
     finding: Finding, settings: RiskSettings, max_speed_m_s: float, reason: Reason
 ) -> Demand:
-    """Level and limits of one finding, whose ``limits`` are for ``settings.margins_m``.
+    """Level and limits of one finding; its ``limits`` belong to ``settings.margins_m``.
 
     stop: the separation is violated at the present speed, or the limit is below ``min_speed_m_s``.
     slow: the limit is below the robot's highest speed. warn: the limit would be below it if the

@@ -1,10 +1,10 @@
 """First sight: a person whose speed cannot be measured yet slows the robot only until it is.
 
-Whoever appears is of unknown speed for the first captures, and unknown is not slow: the level rises
-at once. When the speed has been measured, what was advised before holds again, as far as the demand
-of this tick permits it with its band. No captures are counted: that guards against noise at a
-threshold, and here nothing crossed one. It happens at most once within ``captures`` captures, so a
-speed that comes and goes is released like everything else.
+The speed of a person who appears is unknown for the first captures, and unknown does not mean slow:
+the level rises at once. When the speed has been measured, the earlier advice holds again, as far as
+the demand of this tick permits it with its band. No captures are counted: counting protects against
+noise at a threshold, and here nothing crossed a threshold. This happens at most once within
+``captures`` captures, so a speed that comes and goes is released like everything else.
 """
 
 from hri_predict.protocol.messages import Level
@@ -13,7 +13,7 @@ from hri_predict.risk.levels.demand import Demand, severity
 
 
 class FirstSight:
-    """What was advised before somebody of unknown speed appeared.
+    """The advice from before a person of unknown speed appeared.
 
     Args:
         captures: a speed that is unknown for longer is no first sight.
@@ -25,7 +25,7 @@ class FirstSight:
         self._last: int | None = None
 
     def reset(self) -> None:
-        """Forget what was advised before."""
+        """Forget the earlier advice."""
         self._before = None
 
     def update(
@@ -34,12 +34,12 @@ class FirstSight:
         """Advance by one tick.
 
         Args:
-            demand: of this tick.
-            level, limit_m_s: advised until now.
+            demand: this tick's demand.
+            level, limit_m_s: the level and limit advised until now.
             captures: number of distinct captures so far.
 
         Returns:
-            level and limit that hold again; ``None``: none do.
+            the level and limit that hold again; ``None``: none.
         """
         if demand.reason is Reason.SPEED_UNKNOWN:
             if self._before is None:

@@ -1,4 +1,4 @@
-"""What latches besides a stop, and what must be known of latches after a restart of the node."""
+"""Causes of a latch besides a stop, and what a restarted node must know of latches."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ _BLIND = frozenset((Reason.SOURCE_BLIND, Reason.INPUT_STALE, Reason.INPUT_FROZEN
 
 
 class LatchIds:
-    """Gives each latch an id of its own, over all robots and restarts."""
+    """Gives each latch its own id, over all robots and restarts."""
 
     def __init__(self) -> None:
         self.last = 0
@@ -25,9 +25,10 @@ class LatchIds:
 
 
 def causes_now(snapshot: PeopleSnapshot, untrusted: Sequence[Reason]) -> list[str]:
-    """What holds now and may latch.
+    """The present causes that may latch.
 
-    Before the first capture, nothing was seen that could be lost from view: that is ``start``.
+    Before the first capture, nothing was seen, so nothing can be lost from view: the cause is
+    ``start``.
     """
     causes = []
     if snapshot.captures and not _BLIND.isdisjoint(untrusted):
@@ -51,7 +52,7 @@ def recall(machines: Mapping[str, LevelMachine], ids: LatchIds, data: Mapping[st
     A robot that this configuration does not have is left out.
 
     Raises:
-        KeyError, TypeError, ValueError: ``data`` is not as from ``remembered``.
+        KeyError, TypeError, ValueError: ``data`` does not come from ``remembered``.
     """
     last = int(data["last_id"])
     if not 0 <= last <= MAX_LATCH_ID:

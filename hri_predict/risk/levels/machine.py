@@ -3,12 +3,12 @@
 Levels become severer at once: one capture is enough, and the speed limit falls without delay. They
 become milder slowly: a milder level needs its condition, plus a band, for a number of *distinct*
 captures, and the speed limit rises at a limited rate. A latch also needs an acknowledgement; the
-acknowledgement alone starts nothing. What sets a latch is configured (``risk.latch``), and all that
-has set it since the last acknowledgement is known by name.
+acknowledgement alone starts nothing. The causes of a latch are configured (``risk.latch``), and
+every cause that has set it since the last acknowledgement is named.
 
 A stop also removes its own cause: a person who is too near for a moving robot is not too near for a
 standing one. So a stop is released only if the new speed can last: if the permitted speed falls
-while captures are counted, it must suffice for as many captures more.
+while captures are counted, it must be enough for the same number of further captures.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -43,7 +43,7 @@ class LevelMachine:
 
     Args:
         settings: band, counts, rates.
-        max_speed_m_s: of the robot.
+        max_speed_m_s: the robot's highest speed.
         next_latch_id: gives a new id for a latched stop, never 0.
     """
 
@@ -78,7 +78,7 @@ class LevelMachine:
         self._first_sight.reset()
 
     def latch(self, cause: str) -> None:
-        """Latch for ``cause`` if that is configured; a latch that is set gains the cause."""
+        """Latch for ``cause`` if that is configured; an existing latch gains the cause."""
         if cause not in self._settings.latch or cause in self._causes:
             return
         self._causes += (cause,)
@@ -86,7 +86,7 @@ class LevelMachine:
             self._latch_id = self._next_latch_id()
 
     def remember(self) -> dict[str, Any]:
-        """What must survive the node: the latch."""
+        """The data that must survive the node: the latch."""
         return {"latch_id": self._latch_id, "causes": list(self._causes)}
 
     def recall(self, data: Mapping[str, Any]) -> None:
@@ -103,10 +103,10 @@ class LevelMachine:
         """Advance by one tick.
 
         Args:
-            demand: of this tick.
+            demand: this tick's demand.
             captures: number of distinct captures so far.
             now_ns: the tick's time.
-            causes: what holds now and may latch, besides a stop.
+            causes: present causes of a latch, besides a stop.
         """
         seconds = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
@@ -137,7 +137,7 @@ class LevelMachine:
         return True
 
     def _advance(self, demand: Demand, captures: int) -> Reason | None:
-        """Change the level. Return why it is severer than the demand, or ``None`` if it is not."""
+        """Change the level. Return why it is severer than the demand; ``None`` if it is not."""
         if demand.level is Level.STOP:
             self.latch("stop")
         if self._latch_id and severity(demand.level) < severity(Level.STOP):
@@ -155,7 +155,7 @@ class LevelMachine:
         if severity(release) >= severity(self._level):  # within the band, or still rising
             self._agreed = 0
             if severity(release) == severity(self._level):
-                self._level = release  # what was unknown is known now
+                self._level = release  # the unknown is now known
             within = severity(demand.release) >= severity(self._level)
             return demand.reason if within and demand.reason else Reason.RELEASE_PENDING
         if captures != self._last_capture:
@@ -171,7 +171,7 @@ class LevelMachine:
         return None if severity(release) == severity(demand.level) else Reason.RELEASE_PENDING
 
     def _lasts(self, demand: Demand) -> bool:
-        """Whether the speed would suffice for as many captures more if it keeps falling so."""
+        """Whether the speed, if it keeps falling, is enough for that many further captures."""
         then = 2 * demand.release_limit_m_s - self._counted_from
         return severity(self._level) < severity(Level.STOP) or then >= self._settings.min_speed_m_s
 

@@ -1,11 +1,11 @@
 """A steady reason: noise at a threshold must not make an advice's reason alternate.
 
-A person at the edge between "too close" and "may get too close" is on either side of it at every
-other capture. An operator cannot read a reason that changes thirty times a second, and a log of it
-is useless. So of the reasons that pass into each other without any step between them, the milder
-replaces the severer only after a number of captures, which doubles whenever the severer comes back
-at the same level. A severer reason, another level, and every reason that names a fault are given at
-once. The level and the speed limit do not depend on it.
+A person at the edge between "too close" and "may get too close" changes sides at every capture. An
+operator cannot read a reason that changes thirty times a second, and a log of it is useless. Some
+reasons pass into each other without a step in between. Among these, a milder reason replaces a
+severer one only after a number of captures, and this number doubles whenever the severer reason
+comes back at the same level. A severer reason, another level, and every reason that names a fault
+are given at once. The level and the speed limit do not depend on this.
 """
 
 from hri_predict.protocol.messages import Level
@@ -25,14 +25,15 @@ _RANK = {
         )
     )
 }
-"""Mildest first. Reasons that are not here are given, and replaced, at once."""
+"""Mildest first. Reasons that are not listed here are given, and replaced, at once."""
 
 
 class SteadyReason:
     """The reason's memory of one robot's advice.
 
     Args:
-        captures: how many distinct captures must agree before a milder reason is given, at first.
+        captures: initial number of distinct captures that must agree before a milder reason is
+            given.
     """
 
     def __init__(self, captures: int) -> None:
@@ -47,8 +48,8 @@ class SteadyReason:
         """The reason to give.
 
         Args:
-            level: advised at this tick.
-            reason: of this tick alone.
+            level: the level advised at this tick.
+            reason: the reason from this tick alone.
             captures: number of distinct captures so far.
         """
         is_new = captures != self._last_capture

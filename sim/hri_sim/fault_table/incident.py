@@ -1,4 +1,4 @@
-"""Incidents: a story of people and faults on the virtual clock, told in every risk mode.
+"""Incidents: stories of people and faults on the virtual clock, played in every risk mode.
 
 The whole node, the mock controllers and the referee take part, as in ``hri-predict run --speed
 max``. A row of the fault table shows one fault alone; an incident shows what a fault leads to.
@@ -25,16 +25,16 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Incident:
-    """One story, and what must hold in it. In every one, nobody is touched by a moving robot.
+    """One story, and its conditions. In every story, a moving robot must touch nobody.
 
     Attributes:
         name: name in the table.
         people: scripts of the people, as in ``source.people``.
-        duration_s: its length.
+        duration_s: length of the story.
         faults: as on the command line.
-        settings: what differs from the demo's configuration; mappings are merged, key by key.
-        lies: what every simulated controller does wrong, as in ``simulate.lies``.
-        modes: risk modes to tell it in.
+        settings: differences from the demo's configuration; mappings are merged, key by key.
+        lies: the wrong behaviour of every simulated controller, as in ``simulate.lies``.
+        modes: risk modes to play it in.
         not_clear: no robot may be advised *clear* in this time.
         not_moving: every robot must be told to stand in this time.
         moving: some advice must permit motion in this time: the cell stays usable.
@@ -59,7 +59,7 @@ class Incident:
 
 
 def run_incident(base: Config, incident: Incident) -> Iterator[FaultOutcome]:
-    """Tell an incident in each of its modes; yield a row of the fault table for each."""
+    """Play an incident in each of its modes; yield a row of the fault table for each."""
     for mode in incident.modes:
         yield _told(configured(base, incident, mode), incident, mode)
 
@@ -122,7 +122,7 @@ class _Watch(View):
         self._start_ns = 0
 
     def bind(self, assembly: Any) -> None:
-        """Note the start, and prepare the assembly as the incident asks."""
+        """Note the start, and prepare the assembly as the incident requires."""
         self._start_ns = assembly.clock.now_ns()
         if self._incident.prepare is not None:
             self._incident.prepare(assembly)
@@ -133,12 +133,12 @@ class _Watch(View):
         self._ticks.append(((tick.now_ns - self._start_ns) * 1e-9, advice.level, advice.reason))
 
     def count(self, span: Span | None, holds: Callable[[Level], bool]) -> int:
-        """Number of ticks in a span whose level is so."""
+        """Number of ticks in a span with such a level."""
         begin, end = span or (0.0, 0.0)
         return sum(begin <= t < end and holds(level) for t, level, _ in self._ticks)
 
     def wrong(self) -> list[str]:
-        """What does not hold, in words."""
+        """The violated conditions, in words."""
         incident, found = self._incident, []
         if clear := self.count(incident.not_clear, lambda level: level is Level.CLEAR):
             found.append(f"clear in {clear} ticks of {incident.not_clear}")

@@ -88,7 +88,7 @@ class Unplug(LinkFault):
 
 
 class SecondSender(LinkFault):
-    """A second node with the same ids says *clear*; ``direction``: who hears it.
+    """A second node with the same ids says *clear*; ``direction`` states who hears it.
 
     ``out``: the controllers; ``in``: the first node.
     """
@@ -185,7 +185,7 @@ class FaultyTransport(Generic[U]):
         return self._due(self._in) + self._from_others(arrived)
 
     def _from_others(self, arrived: Sequence[U]) -> list[U]:
-        """What second senders say to the node; to the controllers they say it as well."""
+        """Messages of second senders to the node; they send to the controllers as well."""
         heard: list[U] = []
         now_ns = self._clock.now_ns()
         for fault, other in self._others:

@@ -1,8 +1,8 @@
-"""What cameras do not see: people behind boxes and behind each other, as a tracker reports them.
+"""Occlusion: people behind boxes and behind each other, as a tracker reports them.
 
-A joint is seen if a straight line leads to it from one of the cameras, past every box and every
-other body. A tracker loses a person of whom too few joints are seen; when it finds that person
-again, it may give another id.
+A joint is seen if a straight line from one of the cameras to it misses every box and every other
+body. A tracker loses a person with too few visible joints; when it finds that person again, it may
+give another id.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from hri_predict.arrays import Bools, Floats
 from hri_predict.scene import Person
 
 SEEN_SHARE = 0.3
-"""A tracker follows a person of whom at least this share of the joints is seen."""
+"""A tracker follows a person with at least this share of the joints visible."""
 FORGETS_S = 0.2
 """After a longer absence a tracker takes a person for somebody new."""
 _HALF_BODY_M = 0.2
@@ -21,13 +21,13 @@ _FIRST_NEW_ID = 1000
 
 
 class Occlusion:
-    """Hides people from cameras; remembers which id the tracker gave to whom.
+    """Hides people from cameras; remembers the id that the tracker gave to each person.
 
     Args:
         cameras: (C, 3) their places, frame of the source.
         boxes: (B, 5) x and y of two opposite corners on the floor, and the height.
         rename: chance that a person who is found again gets another id.
-        rng: of the chances.
+        rng: generator of the random choices.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Occlusion:
 
 
 def _box_of(person: Person) -> tuple[Floats, Floats] | None:
-    """The upright box that a body hides others with; ``None`` if nothing of it is known."""
+    """The upright box by which a body hides others; ``None`` if nothing of it is known."""
     known = person.positions[person.observed]
     if not len(known):
         return None

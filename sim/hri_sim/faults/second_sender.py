@@ -23,10 +23,10 @@ STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, pred
 
 
 class EmptyRoom:
-    """Says *clear* to every robot whose RobotState it hears, and echoes it as a node does.
+    """Says *clear* to every robot whose RobotState it hears, and echoes the state like a node.
 
     Args:
-        base_id: of the CAN frames.
+        base_id: base id of the CAN frames.
     """
 
     def __init__(self, base_id: int) -> None:
@@ -38,7 +38,7 @@ class EmptyRoom:
         self._cycle = 0
 
     def hear(self, unit: Any) -> None:
-        """Take a unit of the wire: from it the sender learns of which kind the wire is."""
+        """Take a unit of the wire; the sender learns the kind of wire from it."""
         if self._sender is None:
             self._sender, self._receiver = _ends(unit, self._base_id)
         for message in self._receiver.feed(unit):
@@ -46,7 +46,7 @@ class EmptyRoom:
                 self._echoes[message.robot] = message.counter
 
     def says(self, now_ns: int) -> list[Any]:
-        """The units that it sends by now."""
+        """The units that are due by now."""
         if self._sender is None or now_ns < self._due_ns:
             return []
         self._due_ns = now_ns + PERIOD_NS
@@ -65,7 +65,7 @@ class EmptyRoom:
 
 
 def _ends(unit: Any, base_id: int) -> tuple[Any, Any]:
-    """A sender and a receiver for the kind of wire that carries such units."""
+    """A sender and a receiver for the wire that carries such units."""
     if isinstance(unit, CanFrame):
         kind = (unit.fd, base_id, unit.extended)
         return CanSender(*kind), CanReceiver(*kind)

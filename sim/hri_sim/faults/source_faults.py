@@ -88,7 +88,7 @@ class IdentitySwap(FaultSettings):
 
 
 class Rename(FaultSettings):
-    """The ``person`` with this id has the id ``to``."""
+    """The ``person`` with this id gets the id ``to``."""
 
     person: int = 1
     to: int = Field(2000, ge=0, le=65535)
@@ -97,7 +97,7 @@ class Rename(FaultSettings):
 class Occlude(FaultSettings):
     """People are seen by ``cameras`` alone: boxes ([x, y, x, y, height]) and bodies hide them.
 
-    Who is found again gets another id with the probability ``rename``.
+    A person who is found again gets another id with the probability ``rename``.
     """
 
     cameras: list[Vector3] = Field([[-6.0, -6.0, 2.8]], min_length=1)

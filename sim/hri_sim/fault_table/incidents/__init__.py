@@ -1,4 +1,4 @@
-"""All incidents, by what goes wrong in them."""
+"""All incidents, grouped by what goes wrong."""
 
 from hri_sim.fault_table.incident import Incident
 from hri_sim.fault_table.incidents.fast_people import FAST_PEOPLE

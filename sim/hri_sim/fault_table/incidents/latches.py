@@ -7,10 +7,10 @@ from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
 
 _FAR: Mapping[str, Any] = {"start": [4.5, 0.2], "script": [{"do": "wait", "seconds": 30.0}]}
-"""Stands so far away that the robot would run."""
+"""Stands far enough away for the robot to run."""
 
 _UNSEEN: Mapping[str, Any] = {"start": [0.6, 0.3], "script": [{"do": "wait", "seconds": 30.0}]}
-"""Stands beside the robot from the start; the source does not see him."""
+"""Stands beside the robot from the start; the source does not see this person."""
 
 
 def _latched(*causes: str) -> Mapping[str, Any]:

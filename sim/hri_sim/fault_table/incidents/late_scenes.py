@@ -1,4 +1,4 @@
-"""Scenes that arrive late for long, with true stamps: a failing switch, or somebody in the way."""
+"""Scenes that arrive late for a long time, with true stamps: a bad switch, somebody in the way."""
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
@@ -9,7 +9,7 @@ _STANDS_NEAR = {
     "script": [{"do": "wait", "seconds": 600.0}],
 }
 _LASTS_S = 75.0
-"""Long enough that a rule which takes 1 ms/s for drift believes these again."""
+"""Long enough for a rule that accepts 1 ms/s as drift to believe these scenes again."""
 
 
 def _late(name: str, fault: str, since_s: float) -> Incident:

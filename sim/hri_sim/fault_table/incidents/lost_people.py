@@ -1,4 +1,4 @@
-"""People whom the tracker loses while they are in the room."""
+"""The tracker loses people while they are in the room."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ _PALLET = {"polygon": [[1.4, -0.6], [2.2, -0.6], [2.2, 0.8], [1.4, 0.8]], "z_max
 
 
 def _reaches_out(waits_s: float, number: int = 1) -> dict[str, Any]:
-    """Walks up to 1.2 m from the robot, stands there for long, then reaches into its way."""
+    """Walks up to 1.2 m from the robot, stands there for a long time, then reaches into its way."""
     return {
         "id": number,
         "start": [3.6, 2.4],
@@ -62,7 +62,7 @@ LOST_PEOPLE = (
         name="lost: a colleague gets the lost one's id",
         people=(_reaches_out(12.0), _stands([3.7, 2.5], 2, enter_s=7.0, seconds=1.0)),
         duration_s=28.0,
-        # the only one seen is given another id, and so is the colleague: 1 is lost, and comes back
+        # the only visible person gets another id, and so does the colleague: 1 is lost, comes back
         faults=("vanish@5+23:person=1", "rename@7+2:person=2,to=1"),
         settings={"source": {"keeps_ids": False}},
         not_clear=(5.0, 28.0),

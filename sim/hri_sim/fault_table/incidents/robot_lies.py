@@ -1,10 +1,10 @@
-"""Robots that report what is not true, or do not do as they were advised."""
+"""Robots that send false reports, or do not follow their advice."""
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
 
 _FAR = {"start": [4.5, 0.2], "script": [{"do": "wait", "seconds": 30.0}]}
-"""Stands so far away that the robot runs."""
+"""Stands far enough away for the robot to run."""
 
 _COMES = {
     "start": [4.5, 0.2],

@@ -4,7 +4,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
 
 _FAR = {"start": [5.0, 3.0], "script": [{"do": "wait", "seconds": 20.0}]}
-"""Stands so far away that the robot may move."""
+"""Stands far enough away for the robot to move."""
 
 _WALKS_IN = {
     "start": [5.0, 3.0],

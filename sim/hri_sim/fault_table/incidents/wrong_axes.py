@@ -1,4 +1,4 @@
-"""Sources whose axes are wrong: bodies that cannot be right are never a reason for *clear*."""
+"""Sources with wrong axes: impossible bodies are never a reason for *clear*."""
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
