@@ -142,7 +142,7 @@ class People(RemembersLost):
                 continue
             if (wrong := self._posture.judge(body, capture_ns)) is not None:
                 self._counters[wrong.value] += 1
-                self._misplaced = True  # still tracked: whoever it is, somebody is there
+                self._misplaced = True  # still tracked, because somebody is there
             if track is None:
                 starts.append((body, None))
             elif self._is_repeat(track, body, capture_ns):

@@ -191,7 +191,7 @@ class ZoneBuilder:
     def _where_lost(
         self, zones: Capsules, snapshot: PeopleSnapshot, capture_ns: int | None
     ) -> Capsules:
-        """Replace the zones of lost people of whom is known where they may be."""
+        """Replace the zones of lost people whose possible places are known."""
         for i, person in enumerate(snapshot.lost, len(snapshot.ids)):
             if person.places is None or person.places_ns is None:
                 continue

@@ -1,4 +1,4 @@
-"""Zones of lost people of whom is known where they may be, by what was seen free since.
+"""Zones of lost people whose possible places are known, because other places were seen free.
 
 Each place is a disc on the floor. Somebody in it may stand, crouch or reach out in any direction,
 so each zone is an upright capsule about the disc, an arm's reach wider.
