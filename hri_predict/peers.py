@@ -275,6 +275,7 @@ class OcclusionRequest:
     modes: tuple[str, ...] = ("predictive", "iso", "fixed")
     rates_hz: tuple[float, ...] = (8.0, 15.0, 30.0)
     episodes: int = 2000
+    first: int = 0
     seed: int = 0
     cameras: int = 1
     free_space: bool = False

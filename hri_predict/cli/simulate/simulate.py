@@ -79,6 +79,15 @@ def simulate(
     free_space: Annotated[
         bool, typer.Option("--free-space", help="With --occlude: the cameras see free space.")
     ] = False,
+    first: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=1_000_000_000,
+            help="With --occlude: number of the first episode, to play a long run in parts or one "
+            "episode again.",
+        ),
+    ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> int:
     """Simulate people who approach a robot that follows the advice, and count what happens.
@@ -96,6 +105,7 @@ def simulate(
                 modes=_each_once("--mode", mode) or ("predictive", "iso", "fixed"),
                 rates_hz=tuple(rates or (8.0, 15.0, 30.0)),
                 episodes=episodes,
+                first=first,
                 seed=seed,
                 cameras=max(cameras, 1),
                 free_space=free_space,

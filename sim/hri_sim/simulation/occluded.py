@@ -225,14 +225,15 @@ def simulate(
     request: OcclusionRequest, progress: Callable[[int, int], None]
 ) -> Iterator[OcclusionRow]:
     """Play all episodes; yield the rows of each when it is done."""
+    indices = range(request.first, request.first + request.episodes)
     progress(0, request.episodes)
     if request.jobs == 1:
-        for index in range(request.episodes):
+        for done, index in enumerate(indices, 1):
             yield from play(request, index)
-            progress(index + 1, request.episodes)
+            progress(done, request.episodes)
         return
     with ProcessPoolExecutor(request.jobs) as pool:
-        results = pool.map(play, [request] * request.episodes, range(request.episodes))
+        results = pool.map(play, [request] * request.episodes, indices)
         for done, rows in enumerate(results, 1):
             yield from rows
             progress(done, request.episodes)

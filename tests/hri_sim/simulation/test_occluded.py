@@ -1,11 +1,13 @@
 """Episodes with people whom cameras lose: drawn from a seed, and safe."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from hri_predict.peers import OcclusionRequest
 from hri_predict.run import config as configuration
+from hri_sim.simulation import occluded
 from hri_sim.simulation.occluded import draw, play, simulate
 
 CONFIG = configuration.shipped("simulate.yaml")
@@ -25,6 +27,13 @@ def test_an_episode_in_each_mode():
     rows = play(REQUEST, 1)
     assert [row.mode for row in rows] == ["predictive", "iso", "fixed"]
     assert [row.contacts for row in rows] == [0, 0, 0]
+
+
+def test_a_run_is_played_in_parts(monkeypatch):
+    played = []
+    monkeypatch.setattr(occluded, "play", lambda request, index: [played.append(index)])
+    list(simulate(replace(REQUEST, first=40, episodes=3), lambda k, n: None))
+    assert played == [40, 41, 42]
 
 
 @pytest.mark.long
