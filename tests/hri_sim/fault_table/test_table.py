@@ -50,9 +50,10 @@ def test_a_row(base, name):
 LATE = [case for case in CASES if case.expected == "stays stopped"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case",
-    [LATE[0], *(pytest.param(case, marks=pytest.mark.long) for case in LATE[1:])],
+    LATE,
     ids=lambda case: case.name,
 )
 def test_delays_longer_than_an_8_bit_counter_keep_the_robot_stopped(base, case):

@@ -23,6 +23,7 @@ def test_number_and_seed_decide_an_episode():
     assert 1 <= len(first.people) <= 3
 
 
+@pytest.mark.long
 def test_an_episode_in_each_mode():
     rows = play(REQUEST, 1)
     assert [row.mode for row in rows] == ["predictive", "iso", "fixed"]
