@@ -31,10 +31,9 @@ def test_an_episode_in_each_mode():
 
 
 def test_a_run_is_played_in_parts(monkeypatch):
-    played = []
-    monkeypatch.setattr(occluded, "play", lambda request, index: [played.append(index)])
-    list(simulate(replace(REQUEST, first=40, episodes=3), lambda k, n: None))
-    assert played == [40, 41, 42]
+    monkeypatch.setattr(occluded, "play", lambda request, index: [index])
+    parts = replace(REQUEST, first=40, episodes=3)
+    assert list(simulate(parts, lambda k, n: None)) == [40, 41, 42]
 
 
 @pytest.mark.long
