@@ -2,17 +2,13 @@
 
 from pathlib import Path
 
-import numpy as np
-
-from hri_predict.calibration.judgement import SIZE_MS, WAYS, ZoneJudgement
+from hri_predict.calibration.judgement import WAYS, ZoneJudgement
 from hri_predict.errors import ConfigError
 from hri_predict.files import atomic_write
 from hri_predict.risk.settings import LEVELS
-from hri_predict.risk.zones.motion_class import CLASSES
-from hri_predict.risk.zones.radii import levels_text
+from hri_predict.risk.zones.calibration import levels_text
 
 HEAD = "## Zones"
-_JOINTS = ("waist", "head", "wrist", "hand", "knee", "foot")
 
 
 def write_section(card: Path, judged: ZoneJudgement) -> None:
@@ -49,13 +45,6 @@ def section(judged: ZoneJudgement) -> str:
         "|---|" + "---:|" * len(ms),
         *_coverage(judged, ms),
         "",
-        "Calibrated radii for the whole body at 99 %, metres, at 400 ms and 1 s, before they are "
-        "cut to what bodies can do:",
-        "",
-        "| motion class | " + " | ".join(_JOINTS) + " |",
-        "|---|" + "---:|" * len(_JOINTS),
-        *_radii(judged),
-        "",
     ]
     return "\n".join(lines)
 
@@ -73,20 +62,3 @@ def _coverage(judged: ZoneJudgement, horizons: list[int]) -> list[str]:
             ]
             lines.append(f"| {100 * level:g} %, {way} | " + " | ".join(cells) + " |")
     return lines
-
-
-def _radii(judged: ZoneJudgement) -> list[str]:
-    table = judged.calibration.estimated["body"][LEVELS.index(0.99)]  # (C, G, H)
-    steps = [judged.at(ms) for ms in SIZE_MS if judged.at(ms) < judged.calibration.steps]
-    lines = []
-    for c, name in enumerate(CLASSES):
-        cells = []
-        for joint in _JOINTS:
-            own = table[c, judged.calibration.joints.index(joint)]
-            cells.append(", ".join(_metres(own[k]) for k in steps))
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return lines
-
-
-def _metres(radius: float) -> str:
-    return f"{radius:.2f}" if np.isfinite(radius) else "–"

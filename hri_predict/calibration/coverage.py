@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats
-from hri_predict.calibration.scores import Scores
+from hri_predict.calibration.scores import Scores, evidence_of
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast, Predictor
 from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
 from hri_predict.risk.settings import CoverageSettings, HumanLimits
+from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.risk.zones.joint_zones import JointSpheres, JointZones
-from hri_predict.risk.zones.radii import Calibration, Radii
+from hri_predict.risk.zones.radii import Radii
 from hri_predict.skeleton import Skeleton
 
 RESAMPLES = 2000
@@ -107,7 +108,7 @@ def as_calibrated(
     inside = []
     for entry in scores:
         radii = Radii(calibration, settings, skeleton, entry.error_m.shape[1])
-        radius = radii.of(entry.speed_m_s, entry.residual_m)
+        radius = radii.of(entry.speed_m_s, evidence_of(entry))
         calibrated = np.isfinite(radius)
         known = np.isfinite(entry.error_m) & calibrated
         inside.append((known & (entry.error_m <= radius), known))

@@ -18,7 +18,7 @@ from hri_predict.datasets.disturbances import Disturbance, standard
 from hri_predict.evaluation.table import Table
 from hri_predict.predictors.base import Predictor
 from hri_predict.risk.settings import CoverageSettings
-from hri_predict.risk.zones.radii import Calibration
+from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.skeleton import CANONICAL
 
 SHIFT_SHARE = 0.5

@@ -13,8 +13,8 @@ from hri_predict.calibration.sizes import Sizes, measure_sizes
 from hri_predict.evaluation.table import Table
 from hri_predict.predictors.base import Predictor
 from hri_predict.risk.settings import LEVELS, CoverageSettings
-from hri_predict.risk.zones.motion_class import CLASSES
-from hri_predict.risk.zones.radii import OFS, Calibration, levels_text
+from hri_predict.risk.zones.calibration import OFS, Calibration, levels_text
+from hri_predict.risk.zones.motion_class import SPEED_CLASSES
 
 HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
 SIZE_MS = (400, 1000)
@@ -196,9 +196,9 @@ def notes(judged: ZoneJudgement) -> list[str]:
     """What a reader of the tables must know."""
     used = len(judged.calibration.recordings)
     windows = np.array([r.windows for r in judged.calibration.recordings]).sum(0)
-    per = ", ".join(f"{name} {n}" for name, n in zip(CLASSES, windows, strict=True))
+    per = ", ".join(f"{name} {n}" for name, n in zip(SPEED_CLASSES, windows, strict=True))
     return [
-        f"calibrated on {used} recordings; windows by motion class: {per}",
+        f"calibrated on {used} recordings; windows by speed: {per}",
         *levels_text(judged.calibration),
         "coverage of an interval of 40 ms that ends at the horizon, at every capture in it",
         "self-check: widens only, or falls back to physical limits",

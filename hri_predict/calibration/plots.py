@@ -14,12 +14,13 @@ from hri_predict.calibration.coverage import Coverage
 from hri_predict.calibration.filmstrip import write_zone_filmstrip
 from hri_predict.calibration.judgement import WAYS, ZoneJudgement
 from hri_predict.calibration.scene import middle_window, zone_scene
-from hri_predict.calibration.scores import Scores
+from hri_predict.calibration.scores import Scores, evidence_of
 from hri_predict.evaluation.figures import COLOURS, README_INCHES, Figure, write_png
 from hri_predict.predictors.base import Predictor
 from hri_predict.risk.settings import LEVELS, CoverageSettings, HumanLimits
-from hri_predict.risk.zones.motion_class import CLASSES, motion_class
-from hri_predict.risk.zones.radii import Calibration
+from hri_predict.risk.zones.calibration import OFS, Calibration, Of, plain
+from hri_predict.risk.zones.radii import Radii
+from hri_predict.skeleton import CANONICAL
 
 SHOWN_MS = (200, 400, 1000)
 UNDER_POINTS, OVER_POINTS = 1.0, 3.0
@@ -256,7 +257,7 @@ def write_radii(
     Args:
         path: the PNG.
         methods: name -> a predictor's calibration, and its scores of the recordings over whose
-            windows is averaged; the first one is shown with the range over its motion classes.
+            windows is averaged; the first one is shown with the range of 90 % of them.
         data: what the recordings are, for the title ("test recordings of walking").
         limits: see ``HumanLimits``.
         level: of the calibrated radii.
@@ -287,7 +288,7 @@ def radii(
                 joint=joint,
                 level=level,
                 colour=colour,
-                with_classes=name == next(iter(methods)),
+                with_range=name == next(iter(methods)),
             )
         axes.set_title(f"{'trunk' if part == 'trunk' else joint}", fontsize=11)
         axes.set_xlim(0, 1000 * end_s)
@@ -330,23 +331,19 @@ def _calibrated(
     joint: str,
     level: float,
     colour: str,
-    with_classes: bool,
+    with_range: bool,
 ) -> None:
     calibration, scores = entry
     if joint not in calibration.joints:
         return
     ms = 1000 / calibration.rate_hz * np.arange(1, calibration.steps + 1)
-    for of, line in (("body", "-"), ("joint", "--")):
-        by_class, mean = radius_by_step(
+    for of, line in zip(OFS, ("--", "-"), strict=True):
+        low, mean, high = radius_by_step(
             calibration=calibration, scores=scores, joint=joint, of=of, level=level
         )
-        if of == "body" and with_classes:
-            known = by_class[np.isfinite(by_class).all(1)]
-            if len(known):
-                label = f"{name}, whole body: range of {len(known)} motion classes"
-                axes.fill_between(
-                    ms, known.min(0), known.max(0), color=colour, alpha=0.15, label=label, lw=0
-                )
+        if of == "body" and with_range and np.isfinite(high).all():
+            label = f"{name}, whole body: 90 % of all joints and windows"
+            axes.fill_between(ms, low, high, color=colour, alpha=0.15, label=label, lw=0)
         what = "whole body" if of == "body" else "each joint"
         label = f"{name}, {100 * level:g} % of {what}"
         axes.plot(ms, mean, line, color=colour, label=label, linewidth=1.9 if of == "body" else 1.4)
@@ -357,25 +354,24 @@ def radius_by_step(
     calibration: Calibration,
     scores: Sequence[Scores],
     joint: str,
-    of: str,
+    of: Of,
     level: float,
-) -> tuple[Floats, Floats]:
-    """Estimated radii of a joint, metres.
+) -> tuple[Floats, Floats, Floats]:
+    """Estimated radii of a joint and its other side over the windows of ``scores``, metres.
 
     Args:
-        joint: its name without its side; both sides have the same radii.
+        joint: its name without its side.
 
     Returns:
-        (C, H) of each motion class, infinite where it is not calibrated, and (H,) the mean over all
-        windows of ``scores``: infinite where one is of such a class, NaN where there is none.
+        (H,) the 5th percentile, the mean and the 95th percentile; NaN where there is no window,
+        infinite where one is not calibrated.
     """
-    table = calibration.estimated[of][LEVELS.index(level), :, calibration.joints.index(joint)]
-    counts = np.zeros(len(CLASSES))
-    for entry in scores:
-        own = motion_class(entry.speed_m_s, entry.residual_m, calibration.thresholds_m)
-        counts += np.bincount(own, minlength=len(CLASSES))
-    shown = counts > 0
-    if not shown.any():
-        return table, np.full(table.shape[1], np.nan)
-    mean: Floats = (table[shown] * counts[shown, None]).sum(0) / counts.sum()
-    return table, mean
+    radii = Radii(calibration, CoverageSettings(level=level, of=of), CANONICAL, calibration.steps)
+    own = [i for i, name in enumerate(CANONICAL.joints) if plain(name) == joint]
+    found = [radii.of(s.speed_m_s, evidence_of(s))[..., own] for s in scores]
+    if not found:
+        unknown = np.full(calibration.steps, np.nan)
+        return unknown, unknown, unknown
+    values = np.concatenate([f.swapaxes(1, 2).reshape(-1, calibration.steps) for f in found])
+    low, high = np.quantile(values, (0.05, 0.95), axis=0, method="nearest")
+    return low, values.mean(0), high

@@ -18,7 +18,8 @@ from hri_predict.geometry import Capsules
 from hri_predict.predictors.base import Forecast, Predictor
 from hri_predict.risk.settings import CoverageSettings, HumanLimits
 from hri_predict.risk.zones.body_zones import ZoneBuilder
-from hri_predict.risk.zones.radii import Calibration, Radii
+from hri_predict.risk.zones.calibration import Calibration
+from hri_predict.risk.zones.radii import Radii
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.trajectory import load_trajectory
 from hri_predict.settings import Pose
@@ -97,6 +98,7 @@ def zone_scene(
                 "error_m",
                 "speed_m_s",
                 "residual_m",
+                "past_error_m",
             )
         },
     )

@@ -23,6 +23,7 @@ from hri_predict.recording.recording import Recording
 from hri_predict.risk.self_check.past_forecasts import forecast_errors, mean_error
 from hri_predict.risk.zones.human_speed import joint_velocities
 from hri_predict.risk.zones.joint_zones import SETTLED_STEPS
+from hri_predict.risk.zones.learned_scale import LEAD_TOLERANCE_S, LEADS_S, Evidence
 from hri_predict.risk.zones.motion_class import RESIDUAL_S, trunk_speed
 
 HISTORY_STEPS = 15
@@ -64,6 +65,7 @@ class Scores:
         error_m: (W, H, J) metres, see the module; NaN where the truth is not known.
         speed_m_s: (W,) speed of the trunk; NaN where not known.
         residual_m: (W,) see ``motion_class``; NaN where no forecast is old enough.
+        past_error_m: (W, 2, J) see ``learned_scale.Evidence.error_m``.
         truth: the true motion.
     """
 
@@ -76,8 +78,20 @@ class Scores:
     error_m: Floats
     speed_m_s: Floats
     residual_m: Floats
+    past_error_m: Floats
     truth: Presence
     digest: str | None = None
+
+
+def evidence_of(entry: Scores) -> Evidence:
+    """What the node would know at each window."""
+    return Evidence(
+        history=entry.history,
+        observed=entry.observed,
+        forecast=entry.forecast,
+        error_m=entry.past_error_m,
+        residual_m=entry.residual_m,
+    )
 
 
 def score_recordings(
@@ -198,6 +212,7 @@ def score_presence(
             joint_velocities(history, observed, predictor.rate_hz), predictor.skeleton
         ),
         residual_m=_residual(presence, at, forecast, predictor.rate_hz),
+        past_error_m=_past_errors(presence, at, forecast, predictor.rate_hz),
         truth=presence,
     )
 
@@ -287,6 +302,29 @@ def _residual(presence: Presence, at: NDArray[np.intp], forecast: Floats, rate_h
     since = stamps.searchsorted(stamps - back_ns)
     largest = np.array([value[first : i + 1].max() for i, first in enumerate(since)])
     return np.where(largest >= 0, largest, np.nan)
+
+
+def _past_errors(
+    presence: Presence, at: NDArray[np.intp], forecast: Floats, rate_hz: float
+) -> Floats:
+    """(W, 2, J) errors at each origin of the forecasts made ``LEADS_S`` before; NaN if unknown."""
+    stamps = presence.stamps_ns[at]
+    found = np.full((len(at), len(LEADS_S), presence.positions.shape[1]), np.nan)
+    for i, (lead_s, within_s) in enumerate(zip(LEADS_S, LEAD_TOLERANCE_S, strict=True)):
+        made = _nearest(stamps, stamps - round(lead_s * 1e9))
+        age_s = (stamps - stamps[made]).astype(np.float64) * 1e-9
+        near = (np.abs(age_s - lead_s) <= within_s + 1e-9) & (age_s > 0)
+        judged = np.flatnonzero(near & (age_s * rate_hz <= forecast.shape[1] + 1e-6))
+        now, then = at[judged], at[made[judged]]
+        error = forecast_errors(
+            presence.positions[then],
+            forecast[made[judged]],
+            age_s[judged] * rate_hz,
+            presence.positions[now],
+        )
+        seen = presence.observed[now] & presence.observed[then]
+        found[judged, i] = np.where(seen, error, np.nan)
+    return found
 
 
 def _batches(history: Floats, observed: Bools) -> list[tuple[Floats, Bools]]:

@@ -29,7 +29,7 @@ from hri_predict.predictors.base import PredictorSettings
 if TYPE_CHECKING:
     from hri_predict.calibration.scores import Scores
     from hri_predict.predictors.base import Predictor
-    from hri_predict.risk.zones.radii import Calibration
+    from hri_predict.risk.zones.calibration import Calibration
 
 RATE_HZ = 25.0
 HORIZON_S = 1.2
@@ -134,8 +134,8 @@ def _make(
     from hri_predict.calibration.conformal import LEAST_RECORDINGS
     from hri_predict.calibration.conformal import calibrate as conformal
     from hri_predict.files import atomic_write
-    from hri_predict.risk.zones.motion_class import CLASSES
-    from hri_predict.risk.zones.radii import identity, levels_text, save_text
+    from hri_predict.risk.zones.calibration import identity, levels_text, save_text
+    from hri_predict.risk.zones.motion_class import SPEED_CLASSES
 
     check_writable(out.parent)
     if out.is_dir() or (out.exists() and out.suffix != ".json"):
@@ -160,11 +160,12 @@ def _make(
     if as_json:
         print(json.dumps({"file": str(out), **_made(made)}))
         return
-    counts = [sum(r.windows[c] for r in made.recordings) for c in range(len(CLASSES))]
-    units = [sum(r.windows[c] > 0 for r in made.recordings) for c in range(len(CLASSES))]
+    classes = range(len(SPEED_CLASSES))
+    counts = [sum(r.windows[c] for r in made.recordings) for c in classes]
+    units = [sum(r.windows[c] > 0 for r in made.recordings) for c in classes]
     console = Console()
     console.print(f"{len(made.recordings)} recordings, {sum(counts)} windows")
-    for name, windows, recordings in zip(CLASSES, counts, units, strict=True):
+    for name, windows, recordings in zip(SPEED_CLASSES, counts, units, strict=True):
         few = (
             "" if recordings >= LEAST_RECORDINGS else "; too few, physical limits are used instead"
         )
@@ -175,7 +176,7 @@ def _make(
 
 
 def _made(made: "Calibration") -> dict[str, Any]:
-    from hri_predict.risk.zones.radii import levels_text
+    from hri_predict.risk.zones.calibration import levels_text
 
     return {
         "predictor": made.predictor,
@@ -287,7 +288,7 @@ def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> se
 
 def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration":
     from hri_predict.risk.settings import CoverageSettings
-    from hri_predict.risk.zones.radii import calibration_for
+    from hri_predict.risk.zones.calibration import calibration_for
 
     asked = CoverageSettings(calibration=None if path is None else str(path))
     found = calibration_for(settings, asked, Path())
@@ -304,7 +305,7 @@ def _beside(
     name: str, data: Sequence[Path], split: str | None
 ) -> "Mapping[str, tuple[list[Scores], Calibration, Predictor]]":
     """Constant velocity, calibrated the same way, to compare sizes with."""
-    from hri_predict.risk.zones.radii import load_calibration, shipped_calibration
+    from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
 
     path = shipped_calibration(_BESIDE)
     if name == _BESIDE or not path.is_file():

@@ -20,8 +20,9 @@ from hri_predict.risk.separation.stage import Findings, Separation
 from hri_predict.risk.settings import HumanLimits, RiskSettings
 from hri_predict.risk.types import Assessment
 from hri_predict.risk.zones.body_zones import BodyZones, ZoneBuilder
+from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.risk.zones.human_speed import Velocities, velocities_in
-from hri_predict.risk.zones.radii import Calibration, Radii
+from hri_predict.risk.zones.radii import Radii
 from hri_predict.robots.model import StateMotion
 from hri_predict.robots.obedience import Obedience
 from hri_predict.robots.tracker import RobotNow, RobotTracker

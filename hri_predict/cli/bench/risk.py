@@ -15,7 +15,7 @@ from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Assessment
-from hri_predict.risk.zones.radii import load_calibration, shipped_calibration
+from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
 from hri_predict.robots.model import RobotSettings, StateMotion, load_robot
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.robots.trajectory import load_trajectory

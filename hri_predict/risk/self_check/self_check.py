@@ -12,8 +12,7 @@ when
 
 - most joints at once leave a radius of the first ``SHORT_S``, by more than ``short_margin`` times
   the worst case of the calibration (a camera was moved, or an id changed bodies);
-- a joint is faster, or most bones are longer or shorter, than in the calibration (``MotionRanges``;
-  a wrong scale);
+- a joint is faster than in the calibration (``MotionRanges``);
 - a factor is at its bound and forecasts still miss; or
 - there is no room left to remember this person.
 
@@ -21,7 +20,7 @@ This state ends after ``hold_s`` of captures without such a sign.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -35,15 +34,15 @@ from hri_predict.risk.self_check.past_forecasts import Judged, PastForecasts, me
 from hri_predict.risk.self_check.report import Tally
 from hri_predict.risk.self_check.widening import AdaptiveWidening
 from hri_predict.risk.zones.human_speed import Velocities, velocities_in
+from hri_predict.risk.zones.learned_scale import LEAD_TOLERANCE_S, LEADS_S
 from hri_predict.risk.zones.motion_class import RESIDUAL_S
 from hri_predict.risk.zones.motion_ranges import (
     SHORT_S,
     MotionRanges,
-    bone_lengths,
     is_out_of_range,
     short_ratio,
 )
-from hri_predict.skeleton import JOINTS, PARENTS
+from hri_predict.skeleton import JOINTS
 
 __all__ = ["MotionRanges", "SelfCheck", "SelfCheckConstants", "Trust"]
 
@@ -70,8 +69,6 @@ class SelfCheckConstants:
         short_margin: first steps that are wrong by more than this times the worst calibrated ones
             are a sign of motion out of distribution.
         speed_margin: so are joints faster than this times the fastest calibrated ones.
-        bone_tolerance: so are bones longer or shorter than any calibrated one by more than this
-            share. The calibration has few bodies, and adults differ by a tenth either way.
         hold_s: physical limits stay so long after the last sign.
         max_people: people whose forecasts are remembered; more are out of distribution.
     """
@@ -81,7 +78,6 @@ class SelfCheckConstants:
     max_factor: float = 4.0
     short_margin: float = 1.1
     speed_margin: float = 1.2
-    bone_tolerance: float = 0.2
     hold_s: float = 1.0
     max_people: int = 64
 
@@ -92,20 +88,25 @@ class Trust:
 
     Attributes:
         residual_m: (P,) metres; NaN if no forecast is old enough to be judged.
+        error_m: (P, 2, J) metres, see ``learned_scale.Evidence``; NaN if unknown.
         widen: (P, H) factors >= 1 for the calibrated radii.
         out_of_distribution: (P,) whose motion lies outside the calibration: use physical limits.
         reasons: ``MOTION_UNLIKE`` and ``ZONES_WIDENED`` as they apply, worst first.
     """
 
     residual_m: Floats
+    error_m: Floats
     widen: Floats
     out_of_distribution: Bools
     reasons: tuple[Reason, ...]
 
     def residual_alone(self) -> "Trust":
-        """The residual alone, which selects the motion class: no widening, no physical limits."""
-        return Trust(
-            self.residual_m, np.ones_like(self.widen), np.zeros_like(self.out_of_distribution), ()
+        """The past errors alone, which the scale reads: no widening, no physical limits."""
+        return replace(
+            self,
+            widen=np.ones_like(self.widen),
+            out_of_distribution=np.zeros_like(self.out_of_distribution),
+            reasons=(),
         )
 
 
@@ -148,6 +149,7 @@ class SelfCheck:
         self._residual: Floats = np.zeros((people, _RESIDUALS))
         self._residual_ns: Stamps = np.full((people, _RESIDUALS), NEVER)
         self._residuals: Ints = np.zeros(people, np.intp)
+        self._error: Floats = np.full((people, len(LEADS_S), len(JOINTS)), np.nan)  # newest capture
         band_ends = (*BANDS_S[: bands - 1], float(ends[-1]))
         self._widening = AdaptiveWidening(
             people=people,
@@ -253,6 +255,7 @@ class SelfCheck:
         self._capture_ns[slot] = self._sign_ns[slot] = NEVER
         self._widening.forget(slot)
         self._residual_ns[slot] = NEVER
+        self._error[slot] = np.nan
 
     # -- judging ----------------------------------------------------------------------------------
 
@@ -268,17 +271,15 @@ class SelfCheck:
             slots, capture, snapshot.last_positions[new], snapshot.joint_age_s[new] < _FRESH_S
         )
         self._note_residual(judged, slots, capture)
+        self._note_errors(judged, slots)
         sign = self._adapt(judged, slots, np.minimum(np.maximum(elapsed, 0.0), MAX_DT_S))
         if self._ranges is not None:
             sign |= self._is_wrong_at_once(judged, len(new), self._ranges)
             velocity, measured = velocities
-            bones = bone_lengths(snapshot.history, snapshot.observed, self._rate_hz, PARENTS)
             sign |= is_out_of_range(
                 (velocity[new], measured[new]),
-                bones[new],
                 self._ranges,
                 speed_margin=self._constants.speed_margin,
-                bone_tolerance=self._constants.bone_tolerance,
             )
         self._sign_ns[slots[sign]] = capture[sign]
 
@@ -301,6 +302,16 @@ class SelfCheck:
         self._residual[slot, at] = value
         self._residual_ns[slot, at] = capture[person]
         self._residuals[slot] = (at + 1) % _RESIDUALS
+
+    def _note_errors(self, judged: Judged, slots: Ints) -> None:
+        """Note each joint's error by the forecasts whose ages are nearest to ``LEADS_S``."""
+        self._error[slots] = np.nan
+        for i, (lead_s, within_s) in enumerate(zip(LEADS_S, LEAD_TOLERANCE_S, strict=True)):
+            off = np.abs(judged.lead_s - lead_s)
+            near = np.flatnonzero(off <= within_s + 1e-9)
+            near = near[np.argsort(-off[near], kind="stable")]  # the nearest last
+            error = np.where(judged.seen[near], judged.errors[near], np.nan)
+            self._error[slots[judged.person[near]], i] = error  # the last of several stays
 
     def _adapt(self, judged: Judged, slots: Ints, dt: Floats) -> Bools:
         """Move the factors. Return (Q,) whether one is at its bound and forecasts still miss."""
@@ -357,6 +368,7 @@ class SelfCheck:
         widen = np.where(kept[:, None], self._widening.factor(slots)[:, self._band], 1.0)
         return Trust(
             residual_m=np.where(worst >= 0, worst, np.nan),
+            error_m=np.where(kept[:, None, None], self._error[slots], np.nan),
             widen=widen,
             out_of_distribution=out_of_distribution,
             reasons=_reasons(widen, out_of_distribution),

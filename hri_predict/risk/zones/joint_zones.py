@@ -4,8 +4,8 @@ The growth rule
 ===============
 Time ``t`` runs from each person's capture. A joint that was seen in that capture, and in
 ``SETTLED_STEPS`` of the last ``RECENT_STEPS`` steps, is within its *calibrated radius* of its
-forecast position (``radii``: by motion class, joint and horizon). The live self-check may widen
-this radius by a factor.
+forecast position (``radii``: by what is known of this joint and this forecast). The live
+self-check may widen this radius by a factor.
 
 Without a calibration the *uncalibrated rule* applies. The joint is within
 
@@ -37,6 +37,7 @@ from hri_predict.predictors.base import Forecast
 from hri_predict.risk.self_check.self_check import Trust
 from hri_predict.risk.settings import HumanLimits
 from hri_predict.risk.zones.human_speed import Velocities, velocities_in
+from hri_predict.risk.zones.learned_scale import Evidence
 from hri_predict.risk.zones.motion_class import trunk_speed
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.reach import BodyReach
@@ -151,7 +152,7 @@ class JointZones:
         """
         if velocities is None:
             velocities = velocities_in(snapshot, self._rate_hz)
-        claimed = None if forecast is None else self._claimed(snapshot, trust, velocities)
+        claimed = None if forecast is None else self._claimed(snapshot, forecast, trust, velocities)
         tracks = self._tracks(
             snapshot,
             claimed=claimed,
@@ -190,7 +191,11 @@ class JointZones:
         )
 
     def _claimed(
-        self, snapshot: PeopleSnapshot, trust: Trust | None, velocities: Velocities
+        self,
+        snapshot: PeopleSnapshot,
+        forecast: Forecast,
+        trust: Trust | None,
+        velocities: Velocities,
     ) -> Floats | None:
         """(P, H, J) calibrated radii, infinite for people and joints that have none."""
         if self._radii is None:
@@ -199,7 +204,14 @@ class JointZones:
         if trust is None:
             return np.full((people, self._horizon_steps, joints), np.inf)
         speed = trunk_speed(velocities, self._skeleton)
-        claimed = self._radii.of(speed, trust.residual_m)
+        evidence = Evidence(
+            history=snapshot.history,
+            observed=snapshot.observed,
+            forecast=forecast.positions,
+            error_m=trust.error_m,
+            residual_m=trust.residual_m,
+        )
+        claimed = self._radii.of(speed, evidence)
         recent = snapshot.observed[:, -RECENT_STEPS:].sum(1)  # (P, J)
         settled = recent >= min(SETTLED_STEPS, snapshot.observed.shape[1])
         known = settled & np.isfinite(claimed[:, : self._trusted_steps]).all(1)

@@ -20,8 +20,8 @@ from hri_predict.calibration.scores import score_recordings
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
 from hri_predict.risk.settings import LEVELS, HumanLimits
+from hri_predict.risk.zones.calibration import Calibration, UsedRecording, plain
 from hri_predict.risk.zones.motion_class import CLASSES
-from hri_predict.risk.zones.radii import Calibration, UsedRecording, plain
 from hri_predict.skeleton import JOINTS
 
 RATE_HZ, STEPS = 25.0, 25

@@ -10,7 +10,7 @@ from hri_predict.calibration.scores import score_recordings
 from hri_predict.cli import main
 from hri_predict.cli.calibrate import _calibrated_on
 from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
-from hri_predict.risk.zones.radii import load_calibration
+from hri_predict.risk.zones.calibration import load_calibration
 
 CV = ["--predictor", "constant_velocity"]
 

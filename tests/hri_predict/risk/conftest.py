@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hri_predict.risk.settings import LEVELS
+from hri_predict.risk.zones.calibration import Calibration, UsedRecording, plain
 from hri_predict.risk.zones.motion_class import CLASSES, SPEED_CLASSES
-from hri_predict.risk.zones.radii import Calibration, UsedRecording, plain
 from hri_predict.skeleton import JOINTS
 
 PLAIN = tuple(dict.fromkeys(plain(name) for name in JOINTS))

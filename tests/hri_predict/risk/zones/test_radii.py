@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.baselines import ZeroVelocitySettings
 from hri_predict.risk.settings import LEVELS, CoverageSettings
-from hri_predict.risk.zones import radii as module
-from hri_predict.risk.zones.motion_class import CLASSES
-from hri_predict.risk.zones.radii import (
-    Radii,
+from hri_predict.risk.zones import calibration as module
+from hri_predict.risk.zones.calibration import (
     UsedRecording,
     calibration_for,
     identity,
@@ -24,6 +22,8 @@ from hri_predict.risk.zones.radii import (
     plain,
     save_text,
 )
+from hri_predict.risk.zones.motion_class import CLASSES
+from hri_predict.risk.zones.radii import Radii
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 WRIST, HEAD = JOINTS.index("l_wrist"), JOINTS.index("head")

@@ -1,0 +1,151 @@
+"""Fits the learned scale to the errors of a predictor on recordings that it was not fitted on.
+
+The network learns the quantile ``QUANTILE`` of the logarithm of the error (R. Koenker, G. Bassett,
+"Regression Quantiles", Econometrica 46 (1978) 33: the pinball loss). Every recording weighs about
+the same, whatever its length. The recordings are divided into ``FOLDS``: the errors of a
+recording are compared with the scale of a network that has not seen it (``cross_scales``), so the
+factors on the scale (``conformal``) are as valid as if these recordings were new. The network that
+is shipped is fitted to all.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import nn
+
+from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.calibration.scores import Scores, evidence_of, units
+from hri_predict.risk.zones.learned_scale import (
+    AHEAD,
+    BEYOND,
+    KINDS,
+    NOW,
+    Evidence,
+    LearnedScale,
+    ScaleNetwork,
+    inputs_ahead,
+    inputs_now,
+    kind_of,
+    knots_within,
+)
+from hri_predict.skeleton import Skeleton
+
+QUANTILE = 0.95
+FOLDS = 5
+HIDDEN = 64
+STEPS = 3000
+BATCH = 8192
+WINDOWS = 300
+"""Windows of a recording that are used at most."""
+_LEAST_ERROR_M = 0.003
+_RATE, _DECAY = 3e-3, 1e-3
+
+
+class _Rows:
+    """Inputs and errors of chosen windows: a row is a window, a knot and a joint."""
+
+    def __init__(self, scores: Sequence[Scores], rate_hz: float, skeleton: Skeleton) -> None:
+        rng = np.random.default_rng(0)
+        self.knots = knots_within(scores[0].error_m.shape[1])
+        self.kind = torch.tensor(kind_of(skeleton).copy())
+        now, ahead, error, unit = [], [], [], []
+        for index, own in enumerate(units(scores).values()):
+            share = WINDOWS / max(sum(len(scores[i].origin_ns) for i in own), 1)
+            for i in own:
+                chosen = rng.random(len(scores[i].origin_ns)) < share
+                if not chosen.any():
+                    continue
+                known = _some(evidence_of(scores[i]), chosen)
+                now.append(inputs_now(known, rate_hz, skeleton))
+                ahead.append(inputs_ahead(known, self.knots, rate_hz))
+                error.append(scores[i].error_m[chosen][:, self.knots - 1])
+                unit.append(np.full(int(chosen.sum()), index))
+        self.now = torch.tensor(np.concatenate(now), dtype=torch.float32)
+        self.ahead = torch.tensor(np.concatenate(ahead), dtype=torch.float32)
+        self.error = torch.tensor(np.concatenate(error), dtype=torch.float32)
+        self.unit: Ints = np.concatenate(unit)
+
+    def normal(self) -> tuple[Floats, Floats]:
+        """Mean and deviation of the inputs."""
+        parts = [self.now.reshape(-1, len(NOW)), self.ahead.reshape(-1, len(AHEAD))]
+        mean = np.concatenate([p.mean(0).numpy() for p in parts]).astype(np.float64)
+        deviation = np.concatenate([p.std(0).numpy() for p in parts]).astype(np.float64)
+        return mean, np.maximum(deviation, 1e-3)
+
+
+def _some(evidence: Evidence, chosen: Bools) -> Evidence:
+    return Evidence(
+        **{name: getattr(evidence, name)[chosen] for name in Evidence.__dataclass_fields__}
+    )
+
+
+def cross_scales(
+    scores: Sequence[Scores], rate_hz: float, skeleton: Skeleton
+) -> tuple[ScaleNetwork, list[Floats]]:
+    """The network fitted to all, and (W, H, J) of each entry by one that has not seen it."""
+    rows = _Rows(scores, rate_hz, skeleton)
+    fold_of = {name: k % FOLDS for k, name in enumerate(_mixed(scores))}
+    of_unit = np.array([fold_of[name] for name in units(scores)])
+    network = _fitted(rows, np.arange(len(rows.unit)))
+    steps = scores[0].error_m.shape[1]
+    found: list[Floats] = [np.zeros(0)] * len(scores)
+    for fold in range(min(FOLDS, len(fold_of))):
+        others = np.flatnonzero(of_unit[rows.unit] != fold)
+        own = LearnedScale(_fitted(rows, others), skeleton, rate_hz, steps)
+        for i, entry in enumerate(scores):
+            if fold_of[entry.name] == fold:
+                found[i] = own(evidence_of(entry))
+    return network, found
+
+
+def _mixed(scores: Sequence[Scores]) -> list[str]:
+    """Names of the recordings, ordered by what people do: folds get a part of each."""
+    action = {entry.name: entry.action for entry in scores}
+    return sorted(action, key=lambda name: (action[name], name))
+
+
+def _fitted(rows: _Rows, windows: Ints) -> ScaleNetwork:
+    """The same rows give the same network on the same machine."""
+    mean, deviation = rows.normal()
+    centre, spread = (torch.tensor(v, dtype=torch.float32) for v in (mean, deviation))
+    generator = torch.Generator().manual_seed(0)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        width = len(NOW) + len(AHEAD) + len(KINDS)
+        net = nn.Sequential(
+            nn.Linear(width, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, HIDDEN), nn.ReLU(),
+            nn.Linear(HIDDEN, 1),
+        )  # fmt: skip
+    optimiser = torch.optim.AdamW(net.parameters(), _RATE, weight_decay=_DECAY)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, STEPS)
+    chosen = torch.tensor(windows)
+    kinds = torch.eye(len(KINDS))
+    joints = torch.nonzero(rows.kind >= 0)[:, 0]
+    for _ in range(STEPS):
+        w = chosen[torch.randint(len(chosen), (BATCH,), generator=generator)]
+        k = torch.randint(len(rows.knots), (BATCH,), generator=generator)
+        j = joints[torch.randint(len(joints), (BATCH,), generator=generator)]
+        error = rows.error[w, k, j]
+        known = torch.isfinite(error)
+        w, k, j, error = w[known], k[known], j[known], error[known]
+        plain = (torch.cat([rows.now[w, j], rows.ahead[w, k, j]], 1) - centre) / spread
+        out = net(torch.cat([plain.clamp(-BEYOND, BEYOND), kinds[rows.kind[j]]], 1))[:, 0]
+        short = error.clamp(_LEAST_ERROR_M).log() - out
+        loss = torch.maximum(QUANTILE * short, (QUANTILE - 1.0) * short).mean()
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+    layers = [layer for layer in net if isinstance(layer, nn.Linear)]
+    return ScaleNetwork(
+        mean=mean,
+        deviation=deviation,
+        layers=tuple(
+            (
+                layer.weight.detach().numpy().T.astype(np.float64),
+                layer.bias.detach().numpy().astype(np.float64),
+            )
+            for layer in layers
+        ),
+    )
