@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from hri_predict.datasets.tracks import Track, action_of, read_tracks
+from hri_predict.datasets.tracks import Track, read_tracks
 from hri_predict.errors import ConfigError, HriPredictError, RecordingError
 from hri_predict.predictors.neural.body import BODY, CMU38
 from hri_predict.predictors.neural.network import Shape
 from hri_predict.settings import validated
 from hri_predict.training.windows import motion
 from hri_predict.training.windows.augment import AugmentSettings
-from hri_predict.training.windows.motion import DataSettings, MotionSamples, split
+from hri_predict.training.windows.motion import DataSettings, MotionSamples
 
 DATA = Path(__file__).resolve().parents[4].parent / "shared" / "data"
 SHAPE = Shape(skeleton=BODY, history_steps=15, horizon_steps=25, rate_hz=25.0)
@@ -223,6 +223,7 @@ def test_a_recording_of_days_does_not_run_into_the_next(folder):
     stamps = np.arange(0, 2 * 10**9 * 86400, 10**9)
     tracks = [
         Track(
+            action="line",
             name=name,
             stamps_ns=stamps,
             positions=np.full((stamps.size, 1, 3), place),
@@ -270,19 +271,6 @@ def test_a_weight_of_an_action_that_is_not_there_is_told(folder, caplog):
     assert "no effect for lien; the recordings show" in caplog.text
 
 
-def test_action_is_the_name_without_its_number():
-    assert action_of("walking_extra_12") == "walking_extra"
-    assert action_of("task1_human2_trial1") == "task1_human2_trial1"
-
-
-def test_no_recording_is_used_twice():
-    lists = [split(use) for use in ("fit", "validation", "calibration", "test")]
-    names = [name for part in lists for name in part]
-    assert len(names) == len(set(names)) == 96
-    assert all(name.startswith("test/") for name in lists[3])
-    assert all(name.startswith("train/") for part in lists[:3] for name in part)
-
-
 @pytest.mark.skipif(not DATA.exists(), reason="needs ../shared/data")
 class TestPack:
     def test_tracks_are_the_files_joints_with_z_up(self):
@@ -293,10 +281,6 @@ class TestPack:
         expected[..., 1] -= raw["floor_height"]
         np.testing.assert_allclose(track.positions, expected[..., [2, 0, 1]], atol=1e-6)
         assert track.action == "walking"
-
-    def test_every_recording_of_the_split_is_in_the_pack(self):
-        for use in ("fit", "validation", "calibration", "test"):
-            assert all(path.exists() for path in DataSettings(root=DATA).files(use))
 
     def test_assembly_arms_are_partly_observed_bodies(self):
         path = DATA / "assembly" / "task1_human1_trial1.npz"
