@@ -112,12 +112,14 @@ def _estimated(ratio: Floats, fast: Ints, unit: Ints) -> dict[Of, Floats]:
 def of_equals(samples: Sequence[Floats], level: float) -> float:
     """The quantile of several samples with equal weights, whatever their sizes.
 
-    Infinite if nothing is known.
+    Infinite if nothing is known. One recording more is counted that holds nothing, as in conformal
+    prediction, but at most half of the share that may be missed is given to it.
     """
     known = [values[np.isfinite(values)] for values in samples]
     known = [values for values in known if values.size]
     if not known:
         return math.inf
+    level = min(level * (1.0 + 1.0 / len(known)), 0.5 * (1.0 + level))
     values = np.concatenate(known)
     weight = np.concatenate([np.full(v.size, 1.0 / v.size) for v in known])
     order = np.argsort(values)

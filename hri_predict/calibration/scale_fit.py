@@ -35,7 +35,7 @@ QUANTILE = 0.95
 FOLDS = 5
 HIDDEN = 64
 STEPS = 3000
-BATCH = 8192
+BATCH = 4096
 WINDOWS = 300
 """Windows of a recording that are used at most."""
 _LEAST_ERROR_M = 0.003

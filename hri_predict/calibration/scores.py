@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.errors import RecordingError
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.base import Predictor, checked
@@ -48,6 +48,13 @@ class Presence:
     positions: Floats
     observed: Bools
     rate_hz: float
+
+    def only(self, captures: Ints) -> "Presence":
+        """Some of the captures alone, at their own mean rate."""
+        stamps = self.stamps_ns[captures]
+        span_s = float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) else 0.0
+        rate_hz = (len(stamps) - 1) / span_s if span_s > 0 else self.rate_hz
+        return Presence(stamps, self.positions[captures], self.observed[captures], rate_hz)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -178,14 +185,27 @@ def presences_of(recording: Recording) -> list[Presence]:
 
 
 def score_presence(
-    predictor: Predictor, name: str, action: str, presence: Presence
+    predictor: Predictor,
+    name: str,
+    action: str,
+    presence: Presence,
+    delivered: Ints | None = None,
 ) -> Scores | None:
-    """Score one presence of the recording ``name``; ``None`` if it is too short."""
-    at = _origins(presence, predictor.rate_hz)
+    """Score one presence of the recording ``name``; ``None`` if it is too short.
+
+    Args:
+        predictor, name, action: see ``Scores``.
+        presence: the truth.
+        delivered: captures that the predictor sees; ``None``: all.
+    """
+    seen = presence if delivered is None else presence.only(delivered)
+    if len(seen.stamps_ns) < 2:
+        return None
+    at = _origins(seen, predictor.rate_hz)
     if len(at) < _LEAST_WINDOWS:
         return None
     steps = max(predictor.history_steps, HISTORY_STEPS)
-    windows = [window_at(presence, int(i), steps, predictor.rate_hz) for i in at]
+    windows = [window_at(seen, int(i), steps, predictor.rate_hz) for i in at]
     history = np.stack([w[0] for w in windows])
     observed = np.stack([w[1] for w in windows])
     own = slice(steps - predictor.history_steps, None)
@@ -195,13 +215,17 @@ def score_presence(
             for h, o in _batches(history, observed)
         ]
     )
+    true = at if delivered is None else delivered[at]
     error = np.stack(
-        [_errors(presence, int(i), f, predictor.rate_hz) for i, f in zip(at, forecast, strict=True)]
+        [
+            _errors(presence, int(i), f, predictor.rate_hz)
+            for i, f in zip(true, forecast, strict=True)
+        ]
     )
     return Scores(
         name=name,
         action=action,
-        origin_ns=presence.stamps_ns[at],
+        origin_ns=seen.stamps_ns[at],
         history=history,
         observed=observed,
         forecast=forecast,
@@ -209,8 +233,8 @@ def score_presence(
         speed_m_s=trunk_speed(
             joint_velocities(history, observed, predictor.rate_hz), predictor.skeleton
         ),
-        residual_m=_residual(presence, at, forecast, predictor.rate_hz),
-        past_error_m=_past_errors(presence, at, forecast, predictor.rate_hz),
+        residual_m=_residual(seen, at, forecast, predictor.rate_hz),
+        past_error_m=_past_errors(seen, at, forecast, predictor.rate_hz),
         truth=presence,
     )
 
