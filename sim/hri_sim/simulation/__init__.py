@@ -126,7 +126,8 @@ def _usable(plan: Plan, cell: Cell) -> tuple[Plan, list[str]]:
     """
     base_dir, rate_hz = cell.config.base_dir, cell.source.rate_hz
     motions, left_out = [], []
-    for index, name in enumerate(plan.motions):
+    names = names_of([Path(name) for name in plan.motions])
+    for index, (name, short) in enumerate(zip(plan.motions, names, strict=True)):
         try:
             motion = load_motion(name, rate_hz, base_dir)
             draw(
@@ -137,8 +138,9 @@ def _usable(plan: Plan, cell: Cell) -> tuple[Plan, list[str]]:
                 lead_in_s=cell.source.lead_in_s,
             )
         except UnusableRecordingError as error:
-            left_out.append(str(error).removesuffix("; leave it out"))
-            log.warning("%s; left out", left_out[-1])
+            why = str(error).removesuffix("; leave it out")
+            log.warning("%s; left out", why)
+            left_out.append(why.replace(name, short))  # a report needs no folder of one machine
         else:
             motions.append(motion)
     if not motions:
