@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import RecordingError
+from hri_predict.joint_map import JointMap
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.base import Predictor, checked
-from hri_predict.recording.opening import open_recording
+from hri_predict.recording.opening import opened
 from hri_predict.recording.recording import Recording, names_of
 from hri_predict.risk.self_check.past_forecasts import forecast_errors, mean_error
 from hri_predict.risk.zones.human_speed import joint_velocities
@@ -82,8 +83,10 @@ class Scores:
 def score_recordings(
     predictor: Predictor,
     recordings: Sequence[Path | Recording],
+    *,
     on_recording: Callable[[str], None] = lambda _: None,
     on_left_out: Callable[[str], None] = lambda _: None,
+    joint_map: JointMap | None = None,
 ) -> list[Scores]:
     """Score a predictor on canonical joints; recordings without a window are left out.
 
@@ -92,6 +95,7 @@ def score_recordings(
         recordings: files, or recordings in memory.
         on_recording: called with the name of each recording when it is done.
         on_left_out: called with one line for each recording that is left out.
+        joint_map: the user's own for the files' joints; default: found by their names.
 
     Raises:
         RecordingError: a file cannot be read or is too slow, or no recording has a window.
@@ -101,7 +105,7 @@ def score_recordings(
     left_out: list[str] = []
     names = names_of([e.path if isinstance(e, Recording) else e for e in recordings])
     for entry, name in zip(recordings, names, strict=True):
-        recording = entry if isinstance(entry, Recording) else open_recording(entry)
+        recording = opened(entry, joint_map)
         presences = presences_of(recording)
         scored = [score_presence(predictor, name, recording.action, p) for p in presences]
         own = [replace(s, digest=recording.digest) for s in scored if s is not None]

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
-from hri_predict.cli.common import files, need_plots, one_of, progress
+from hri_predict.cli.common import JointMapOption, files, map_path, need_plots, one_of, progress
 from hri_predict.cli.simulate.occlude import occluded
 from hri_predict.datasets.splits import USES
 from hri_predict.errors import ConfigError
@@ -58,6 +58,7 @@ def simulate(
         str | None,
         typer.Option(help="Split of the data pack: test, test_motion, ...", show_default="test"),
     ] = None,
+    joint_map: JointMapOption = None,
     jobs: Annotated[int, typer.Option(min=1, max=256, help="Number of processes.")] = 2,
     out: Annotated[
         Path | None, typer.Option(help="Folder for tables, plots and what --resume needs.")
@@ -129,6 +130,7 @@ def simulate(
         modes=_each_once("--mode", mode),
         coverages=tuple(coverage or ()),
         motions=_motions(data or [Path("../shared/data")], split),
+        joint_map=None if joint_map is None else map_path(joint_map),
         episodes=episodes,
         seed=seed,
         people=people,

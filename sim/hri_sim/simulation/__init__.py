@@ -18,7 +18,8 @@ import numpy as np
 import hri_predict
 import hri_sim
 from hri_predict.errors import ConfigError, UnusableRecordingError
-from hri_predict.files import data_path
+from hri_predict.files import data_path, read_text
+from hri_predict.joint_map import MAP_ENDINGS
 from hri_predict.peers import SimulationReport, SimulationRequest
 from hri_predict.recording.recording import names_of
 from hri_sim.simulation.approach import together
@@ -85,6 +86,7 @@ def _plan(request: SimulationRequest) -> Plan:
         modes=request.modes,
         coverages=request.coverages,
         motions=request.motions,
+        joint_map=request.joint_map,
         episodes=request.episodes,
         seed=request.seed,
         people=request.people,
@@ -100,11 +102,18 @@ def _decided_by(plan: Plan) -> dict[str, Any]:
         "modes": plan.modes,
         "coverages": plan.coverages,
         "motions": names_of([Path(name) for name in plan.motions]),
+        "joint_map": _text(plan.joint_map),
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
         "code": _code(),
     }
+
+
+def _text(joint_map: str | None) -> str | None:
+    """What a joint map says, or its shipped name."""
+    own = joint_map is not None and joint_map.endswith(MAP_ENDINGS)
+    return read_text(Path(joint_map), "joint map") if own and joint_map else joint_map
 
 
 def _code() -> str:
@@ -129,7 +138,7 @@ def _usable(plan: Plan, cell: Cell) -> tuple[Plan, list[str]]:
     names = names_of([Path(name) for name in plan.motions])
     for index, (name, short) in enumerate(zip(plan.motions, names, strict=True)):
         try:
-            motion = load_motion(name, rate_hz, base_dir)
+            motion = load_motion(name, rate_hz, base_dir, cell.source.joint_map)
             draw(
                 seed=plan.seed,
                 index=index,

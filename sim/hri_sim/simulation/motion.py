@@ -49,8 +49,12 @@ class Motion:
 
 
 @lru_cache(maxsize=64)
-def load_motion(name: str, rate_hz: float, base_dir: Path | None = None) -> Motion:
+def load_motion(
+    name: str, rate_hz: float, base_dir: Path | None = None, joint_map: str | None = None
+) -> Motion:
     """Read a recording (or write out a script) at ``rate_hz``, or its own rate if that is lower.
+
+    ``joint_map`` is the user's own for the recording's joints.
 
     Raises:
         RecordingError: it cannot be read.
@@ -64,7 +68,7 @@ def load_motion(name: str, rate_hz: float, base_dir: Path | None = None) -> Moti
             f"recording {name}: a node's recording plays in its own room and cannot be placed; "
             f"give motion files (.npz, .bvh)"
         )
-    settings = RecordingSettings(kind="recording", path=name)
+    settings = RecordingSettings(kind="recording", path=name, joint_map=joint_map)
     source = RecordingSource(settings, base_dir)
     if source.rate_hz > rate_hz:
         source = RecordingSource(settings.model_copy(update={"rate_hz": rate_hz}), base_dir)

@@ -238,7 +238,7 @@ def test_names_and_actions_are_those_of_the_file(make_recording):
         make_recording(wandering(80), name="soccer_3"),
         replace(make_recording(wandering(80)), kind="assembly", path=Path("task1_human1.npz")),
     ]
-    entries = score_recordings(zero(), recordings, seen.append)
+    entries = score_recordings(zero(), recordings, on_recording=seen.append)
     assert [(e.name, e.action) for e in entries] == [
         ("soccer_3", "soccer"),
         ("task1_human1", "arms"),

@@ -21,6 +21,7 @@ def plan(motions, count):
         modes=(),
         coverages=(),
         motions=tuple(map(str, range(motions))),
+        joint_map=None,
         episodes=count,
         seed=0,
         people=1,
