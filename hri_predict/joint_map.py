@@ -18,7 +18,6 @@ may be derived from several joints; such a joint is observed if all its sources 
 joint missing from the map is never observed: nothing is invented.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,6 +33,7 @@ from hri_predict.settings import Settings, validated
 from hri_predict.skeleton import CANONICAL
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048}
+MAP_ENDINGS = (".yaml", ".yml")
 DERIVED = ("waist", "neck", "head")
 
 Axes = Annotated[list[str], Field(min_length=3, max_length=3)]
@@ -133,7 +133,7 @@ def axes_rotation(axes: Sequence[str], left_handed: bool = False) -> Floats:
     return rotation
 
 
-class _SourceFrame(Settings):
+class SourceFrame(Settings):
     """What every map file says about its source."""
 
     name: str
@@ -155,6 +155,7 @@ class _SourceFrame(Settings):
         return self
 
     def joint_map(self, source_joints: Sequence[str], weights: Floats) -> JointMap:
+        """The map of these joints with the file's name, units and axes."""
         return JointMap(
             name=self.name,
             source_joints=tuple(source_joints),
@@ -164,7 +165,7 @@ class _SourceFrame(Settings):
         )
 
 
-class JointMapSettings(_SourceFrame):
+class JointMapSettings(SourceFrame):
     """A joint map as written in YAML."""
 
     joints: Annotated[list[str], Field(min_length=1, max_length=1000)]
@@ -256,72 +257,9 @@ def _find_map(name_or_path: str) -> Path:
     if name_or_path in names:
         return data_path("skeletons", f"{name_or_path}.yaml")
     path = Path(name_or_path)
-    if path.suffix not in (".yaml", ".yml"):
+    if path.suffix not in MAP_ENDINGS:
         raise ConfigError(
             f"no joint map '{name_or_path}'{nearest(name_or_path, names)} "
             f"(known: {', '.join(names)}; or give a .yaml file)"
         )
     return path
-
-
-class BvhMapSettings(_SourceFrame):
-    """The alias table for BVH files: the names of each canonical joint in different rigs."""
-
-    required: list[str]
-    derived: dict[str, list[str]]
-    aliases: dict[str, list[str]]
-
-    @model_validator(mode="after")
-    def _known_joints(self) -> Self:
-        for joints in (self.required, self.derived, self.aliases, *self.derived.values()):
-            for joint in joints:
-                _check_canonical(joint)
-        return self
-
-
-def resolve_bvh_map(joint_names: Sequence[str]) -> JointMap:
-    """Build the map of a BVH file from its joint names, for any rig.
-
-    Names are compared without case, separators and namespace (``mixamorig:LeftArm``,
-    ``upper_arm.L``). A BVH file states neither units nor axes: centimetres and y up are assumed,
-    see ``with_units`` and ``with_axes``.
-
-    Args:
-        joint_names: the file's joints in order; end sites may appear as ``<joint>_End``.
-
-    Raises:
-        ConfigError: a joint required by the canonical skeleton is missing.
-    """
-    path = data_path("skeletons", "bvh.yaml")
-    table = validated(BvhMapSettings, read_yaml(path, "joint map"), f"joint map {path}")
-    known = {_plain(name): i for i, name in reversed(list(enumerate(joint_names)))}
-    found = {
-        joint: next((known[a] for a in map(_plain, aliases) if a in known), None)
-        for joint, aliases in table.aliases.items()
-    }
-    missing = [joint for joint in table.required if found.get(joint) is None]
-    if missing:
-        raise ConfigError(
-            f"no joint matches {', '.join(missing)} (the file has: "
-            f"{_shortened(joint_names)}); rename the joints, e.g. as Mixamo does (LeftArm, LeftLeg)"
-        )
-    weights = np.zeros((len(CANONICAL.joints), len(joint_names)))
-    for joint, index in found.items():
-        if index is not None:
-            weights[CANONICAL.index(joint), index] = 1.0
-    for joint, sources in table.derived.items():
-        for source in sources:
-            weights[CANONICAL.index(joint)] += weights[CANONICAL.index(source)] / len(sources)
-    return table.joint_map(joint_names, weights)
-
-
-def _plain(name: str) -> str:
-    """A joint's name without namespace, rig prefix, separators and case."""
-    name = re.split(r"[:|]", name.lower())[-1]
-    name = re.sub(r"^(mixamorig\d*|bip\d+|valvebiped)[ _.]*(?=\w)", "", name)
-    return re.sub(r"[^a-z0-9]", "", name)
-
-
-def _shortened(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:12])
-    return shown if len(names) <= 12 else f"{shown}, and {len(names) - 12} more"

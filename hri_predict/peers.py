@@ -258,6 +258,7 @@ class SimulationRequest:
     modes: tuple[str, ...] = ()
     coverages: tuple[float, ...] = ()
     motions: tuple[str, ...] = ()
+    joint_map: str | None = None
     episodes: int = 2000
     seed: int = 0
     people: int = 1

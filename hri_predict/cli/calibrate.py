@@ -2,28 +2,32 @@
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 from rich.console import Console
 
 from hri_predict import registry
 from hri_predict.cli.common import (
+    JointMapOption,
     check_writable,
     command,
     files,
     need_plots,
     one_of,
+    own_map,
     predictor_settings,
     progress,
     show,
     tell,
+    warn,
     without_effect,
 )
 from hri_predict.datasets.splits import USES
 from hri_predict.errors import ConfigError
+from hri_predict.joint_map import JointMap
 from hri_predict.predictors.base import PredictorSettings
 
 if TYPE_CHECKING:
@@ -36,6 +40,14 @@ HORIZON_S = 1.2
 LEAST_HORIZON_S = 0.2
 """Shorter zones protect nobody: robots take longer to stop."""
 _BESIDE = "constant_velocity"
+
+
+class _Data(NamedTuple):
+    """Which recordings, and how their joints are named."""
+
+    entries: Sequence[Path]
+    split: str | None
+    joint_map: JointMap | None
 
 
 def calibrate(
@@ -63,6 +75,7 @@ def calibrate(
             help="Split of the data pack.", show_default="calibration; with --check: test"
         ),
     ] = None,
+    joint_map: JointMapOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -92,12 +105,12 @@ def calibrate(
     settings = _settings(predictor, weights, horizon)
     if split is not None:
         one_of("--split", split, USES)
+    chosen = _Data(data, split, own_map(joint_map))
     if check:
         _check(
             settings=settings,
-            data=data,
+            data=chosen,
             path=calibration,
-            split=split,
             out=out,
             card=card,
             disturb=disturb,
@@ -110,8 +123,7 @@ def calibrate(
     )
     _make(
         settings=settings,
-        data=data,
-        split=split,
+        data=chosen,
         out=out or Path(f"{predictor}.calibration.json"),
         as_json=as_json,
     )
@@ -126,8 +138,7 @@ def _settings(predictor: str, weights: Path | None, horizon: float) -> Predictor
 def _make(
     *,
     settings: PredictorSettings,
-    data: Sequence[Path],
-    split: str | None,
+    data: "_Data",
     out: Path,
     as_json: bool,
 ) -> None:
@@ -141,7 +152,7 @@ def _make(
     if out.is_dir() or (out.exists() and out.suffix != ".json"):
         raise ConfigError(f"--out {out}: is not a calibration, so it stays; name a .json file")
     built = registry.load("predictors", settings.name)(settings)
-    scores = _scores(built=built, name=settings.name, data=data, split=split, default="calibration")
+    scores = _scores(built=built, name=settings.name, data=data, default="calibration")
     values, digest = identity(settings)
     made = conformal(
         scores=scores,
@@ -186,22 +197,32 @@ def _made(made: "Calibration") -> dict[str, Any]:
 
 
 def _scores(
-    *, built: "Predictor", name: str, data: Sequence[Path], split: str | None, default: str
+    *,
+    built: "Predictor",
+    name: str,
+    data: "_Data",
+    default: str,
+    on_left_out: Callable[[str], None] = warn,
 ) -> "list[Scores]":
     from hri_predict.calibration.scores import score_recordings
 
-    found = files(data, split, default)
+    found = files(data.entries, data.split, default)
     with progress() as bar:
         task = bar.add_task(f"forecasting, {name}", total=len(found))
-        return score_recordings(built, found, lambda _: bar.advance(task))
+        return score_recordings(
+            built,
+            found,
+            on_recording=lambda _: bar.advance(task),
+            on_left_out=on_left_out,
+            joint_map=data.joint_map,
+        )
 
 
 def _check(
     *,
     settings: PredictorSettings,
-    data: Sequence[Path],
+    data: "_Data",
     path: Path | None,
-    split: str | None,
     out: Path | None,
     card: Path | None,
     disturb: bool,
@@ -214,7 +235,7 @@ def _check(
         check_writable(out)
     built = registry.load("predictors", settings.name)(settings)
     calibration = _calibration(settings, path)
-    scores = _scores(built=built, name=settings.name, data=data, split=split, default="test")
+    scores = _scores(built=built, name=settings.name, data=data, default="test")
     used = _calibrated_on(calibration, scores)
     if used:
         print(
@@ -222,7 +243,7 @@ def _check(
             f" ({', '.join(sorted(used)[:3])}, ...): their coverage says nothing about others",
             file=sys.stderr,
         )
-    beside = _beside(settings.name, data, split)
+    beside = _beside(settings.name, data)
     with progress() as bar:
         task = bar.add_task("judging", total=None)
         judged = judgement.judge_zones(
@@ -302,7 +323,7 @@ def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration
 
 
 def _beside(
-    name: str, data: Sequence[Path], split: str | None
+    name: str, data: "_Data"
 ) -> "Mapping[str, tuple[list[Scores], Calibration, Predictor]]":
     """Constant velocity, calibrated the same way, to compare sizes with."""
     from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
@@ -314,7 +335,13 @@ def _beside(
     built = registry.load("predictors", _BESIDE)(settings)
     return {
         _BESIDE: (
-            _scores(built=built, name=_BESIDE, data=data, split=split, default="test"),
+            _scores(
+                built=built,
+                name=_BESIDE,
+                data=data,
+                default="test",
+                on_left_out=lambda _: None,  # said once
+            ),
             load_calibration(path),
             built,
         )

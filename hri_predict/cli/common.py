@@ -7,8 +7,9 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, JustifyMethod
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -17,12 +18,21 @@ from rich.table import Table as ScreenTable
 from hri_predict import registry
 from hri_predict.datasets.splits import in_pack, is_pack, split
 from hri_predict.errors import ConfigError, nearest
+from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
 from hri_predict.settings import validated
 
 if TYPE_CHECKING:
     from hri_predict.evaluation.table import Table
     from hri_predict.predictors.base import PredictorSettings
 
+JointMapOption = Annotated[
+    str | None,
+    typer.Option(
+        "--joint-map",
+        help="Joint map for the recordings' joints: a YAML file of your own, or a shipped name. "
+        "Default: found by the joints' names.",
+    ),
+]
 _RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".mcap")  # most .csv are other tables
 
 
@@ -48,6 +58,21 @@ def predictor_settings(
             raise ConfigError(f"--weights: {name} takes no weights; leave it out")
         asked["weights"] = str(weights)
     return validated(model, asked, f"--predictor {name}")
+
+
+def own_map(joint_map: str | None) -> JointMap | None:
+    """The map of ``--joint-map``.
+
+    Raises:
+        ConfigError: there is no such map, or its file is wrong.
+    """
+    return None if joint_map is None else load_joint_map(joint_map)
+
+
+def map_path(joint_map: str) -> str:
+    """``--joint-map`` for a configuration: a file by its whole path, from whatever folder."""
+    own_map(joint_map)  # tell a mistake in the flag's own words
+    return str(Path(joint_map).absolute()) if joint_map.endswith(MAP_ENDINGS) else joint_map
 
 
 def check_writable(out: Path) -> None:
@@ -213,6 +238,11 @@ def _screen_table(
 def tell(files: Sequence[Path]) -> None:
     """Report which files were written."""
     print("written: " + ", ".join(map(str, files)), file=sys.stderr)
+
+
+def warn(line: str) -> None:
+    """Tell on standard error what the user should know, and go on."""
+    print(f"warning: {line}", file=sys.stderr)
 
 
 def command() -> str:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hri_predict.cli.common import one_of, without_effect
+from hri_predict.cli.common import JointMapOption, one_of, own_map, without_effect
 from hri_predict.errors import ConfigError
 from hri_predict.joint_map import METRES_PER_UNIT
 from hri_predict.recording.converting import ENDINGS, WRITERS, write_recording
@@ -53,6 +53,7 @@ def convert(
         str | None,
         typer.Option(help="Axes of INPUT that are forward, left and up, such as z,x,y for y up."),
     ] = None,
+    joint_map: JointMapOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
@@ -70,6 +71,7 @@ def convert(
         unit_m=None if units is None else _unit(units),
         axes=None if axes is None else axes.split(","),
         any_joints=True,
+        joint_map=own_map(joint_map),
     )
     if recording.kind in SELF_EXPLAINED:
         without_effect({"--units": units, "--axes": axes}, f"on {source}, which states its own")

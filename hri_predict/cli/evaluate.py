@@ -12,14 +12,17 @@ import typer
 
 from hri_predict import registry
 from hri_predict.cli.common import (
+    JointMapOption,
     check_writable,
     command,
     files,
     one_of,
+    own_map,
     predictor_settings,
     progress,
     show,
     tell,
+    warn,
     without_effect,
 )
 from hri_predict.datasets.splits import USES
@@ -27,6 +30,8 @@ from hri_predict.errors import ConfigError
 
 if TYPE_CHECKING:  # torch takes seconds to import, which the other commands need not wait for
     from hri_predict.evaluation.benchmark import Forecaster, Protocol
+    from hri_predict.evaluation.windows import Motion
+    from hri_predict.joint_map import JointMap
     from hri_predict.predictors.base import Predictor
     from hri_predict.predictors.neural.weights import LoadedWeights
 
@@ -66,6 +71,7 @@ def evaluate(
             help="Split of the data pack: validation, test, test_motion, ...", show_default="test"
         ),
     ] = None,
+    joint_map: JointMapOption = None,
     disturb: Annotated[
         bool,
         typer.Option(
@@ -92,10 +98,23 @@ def evaluate(
         )
         if split is not None:
             one_of("--split", split, USES)
-        _real(data=data, asked=asked, split=split, disturb=disturb, out=out, as_json=as_json)
+        _real(
+            data=data,
+            asked=asked,
+            split=split,
+            joint_map=joint_map,
+            disturb=disturb,
+            out=out,
+            as_json=as_json,
+        )
     else:
         without_effect(
-            {"--split": split, "--disturb": True if disturb else None}, "with --benchmark"
+            {
+                "--split": split,
+                "--joint-map": joint_map,
+                "--disturb": True if disturb else None,
+            },
+            "with --benchmark",
         )
         _benchmark(
             data=data,
@@ -235,6 +254,7 @@ def _real(
     data: list[Path],
     asked: Mapping[str, Path | None],
     split: str | None,
+    joint_map: str | None,
     disturb: bool,
     out: Path | None,
     as_json: bool,
@@ -242,14 +262,12 @@ def _real(
     from hri_predict.datasets.corruption import standard
     from hri_predict.evaluation import report
     from hri_predict.evaluation.recordings import baselines, judge_all
-    from hri_predict.evaluation.windows import origins, read_motions
+    from hri_predict.evaluation.windows import origins
 
     own = {name: _built(name, weights) for name, weights in asked.items()}
     predictors = {**own, **baselines()}
-    motions = read_motions(files(data, split))
+    motions = _motions(files(data, split), own_map(joint_map))
     windows = sum(len(origins(motion)[0]) for motion in motions)
-    if windows == 0:
-        raise ConfigError("--data: no recording is long enough to evaluate; give longer ones")
     conditions = (None, *(standard() if disturb else ()))
     with progress() as bar:
         task = bar.add_task("judging", total=windows * len(conditions))
@@ -271,6 +289,23 @@ def _real(
     if disturb:
         tables.append(report.corruption_table(results))
     show(tables, [])
+
+
+def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motion]":
+    """The motions of all recordings; a recording without a window is named and left out."""
+    from hri_predict.evaluation.windows import HORIZONS_MS, origins, read_motions
+
+    found, left_out = [], []
+    for path in paths:
+        own = [motion for motion in read_motions([path], joint_map) if len(origins(motion)[0])]
+        found += own
+        if not own:
+            left_out.append(path)
+    if not found:
+        raise ConfigError("--data: no recording is long enough to evaluate; give longer ones")
+    for path in left_out:
+        warn(f"recording {path}: nobody is seen long enough for {HORIZONS_MS[0]} ms; left out")
+    return found
 
 
 def _built(predictor: str, weights: Path | None) -> "Predictor":

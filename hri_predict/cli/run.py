@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from hri_predict.cli.common import JointMapOption, map_path
 from hri_predict.cli.terminal_view import TerminalView
 from hri_predict.errors import ConfigError
 from hri_predict.monitoring.summary import Summary
@@ -88,6 +89,7 @@ def replay(
     place: Annotated[
         str | None, typer.Option(help="x,y,yaw: where the recording starts (m, m, rad).")
     ] = None,
+    joint_map: JointMapOption = None,
     predictor: Predictor = None,
     record: Record = None,
     shadow: Shadow = False,
@@ -121,6 +123,8 @@ def replay(
         source["place"] = BESIDE_THE_ROBOT
     if place is not None:
         source["place"] = _place(place)
+    if joint_map is not None:
+        source["joint_map"] = map_path(joint_map)
     loaded = _with_faults(loaded.with_source(source), fault)
     if predictor is not None:
         loaded = loaded.with_predictor(predictor)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hri_predict.cli.common import JointMapOption, own_map
 from hri_predict.files import data_path
 from hri_predict.training.config import load_training_config
 
@@ -23,6 +24,7 @@ def train(
         bool, typer.Option("--resume", help="Continue from the run's last checkpoint.")
     ] = False,
     data: Annotated[Path | None, typer.Option(help="Folder of the recordings.")] = None,
+    joint_map: JointMapOption = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the run.")] = None,
     changes: Annotated[
         list[str] | None,
@@ -41,7 +43,7 @@ def train(
 
     Example: hri-predict train configs/training/trajectorycnn_real.yaml --set train.epochs=20
     """
-    settings = load_training_config(_found(config), _changes(changes, data, out))
+    settings = load_training_config(_found(config), _changes(changes, data, joint_map, out))
     # torch takes seconds to import; the other commands need not wait for it
     from hri_predict.training.building import build_network, open_samples
     from hri_predict.training.loop import train as run_training
@@ -74,11 +76,16 @@ def _found(path: Path) -> Path:
     return shipped if known and not path.exists() else path
 
 
-def _changes(changes: list[str] | None, data: Path | None, out: Path | None) -> list[str]:
+def _changes(
+    changes: list[str] | None, data: Path | None, joint_map: str | None, out: Path | None
+) -> list[str]:
     """All flags as changes of the configuration."""
     found = list(changes or [])
     if data is not None:
         found.append(f"data.root={json.dumps(str(data))}")
+    if joint_map is not None:
+        own_map(joint_map)  # tell a mistake in the flag's own words
+        found.append(f"data.joint_map={json.dumps(joint_map)}")
     if out is not None:
         found.append(f"out={json.dumps(str(out))}")
     return found

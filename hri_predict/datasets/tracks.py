@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats
+from hri_predict.joint_map import JointMap
 from hri_predict.predictors.neural.body import BODY, CMU38, from_canonical
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.recording import Recording
@@ -42,16 +43,17 @@ class Track:
         return max(_MAX_GAP_S, 2.5 / self.rate_hz)
 
 
-def read_tracks(path: Path) -> tuple[Track, ...]:
+def read_tracks(path: Path, joint_map: JointMap | None = None) -> tuple[Track, ...]:
     """Read every person of a recording.
 
     Joints of a CMU skeleton are taken directly. Any other source's go through the canonical
-    skeleton, and joints that it lacks are unobserved.
+    skeleton, and joints that it lacks are unobserved. ``joint_map`` is the user's own; by default
+    the joints' names give it.
 
     Raises:
         RecordingError: the file cannot be read.
     """
-    return tracks_of(open_recording(path))
+    return tracks_of(open_recording(path, joint_map=joint_map))
 
 
 def tracks_of(recording: Recording) -> tuple[Track, ...]:

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from hri_predict.arrays import Bools, Floats
 from hri_predict.datasets.tracks import Track, tracks_of
 from hri_predict.errors import RecordingError
+from hri_predict.joint_map import JointMap
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.recording.opening import open_recording
+from hri_predict.recording.opening import opened
 from hri_predict.recording.recording import Recording
 
 RATE_HZ = 25.0
@@ -87,11 +88,17 @@ class Batch:
     known: Bools
 
 
-def read_motions(recordings: Sequence[Path | Recording]) -> list[Motion]:
+def read_motions(
+    recordings: Sequence[Path | Recording], joint_map: JointMap | None = None
+) -> list[Motion]:
     """Read recordings as motions; one per person and unbroken presence.
 
     Frames without any observed joint are skipped (the CMU recordings mark some by ``world_ok``).
     Where they leave a gap that the node does not bridge, a new motion starts, as a new track does.
+
+    Args:
+        recordings: files, or recordings in memory.
+        joint_map: the user's own for the files' joints; default: found by their names.
 
     Raises:
         RecordingError: a file cannot be read, or has fewer captures a second than
@@ -99,7 +106,7 @@ def read_motions(recordings: Sequence[Path | Recording]) -> list[Motion]:
     """
     motions: list[Motion] = []
     for entry in recordings:
-        recording = entry if isinstance(entry, Recording) else open_recording(entry)
+        recording = opened(entry, joint_map)
         if recording.rate_hz < LEAST_RATE_HZ:
             raise RecordingError(
                 f"recording {recording.path}: {recording.rate_hz:.3g} frames per second say "

@@ -1,21 +1,26 @@
-"""From the joint names of a file to the canonical skeleton, where the format has no skeleton.
+"""From the joint names of a file to the canonical skeleton.
 
-Names alone decide: all joints of one of the shipped maps (the largest map whose joints are all
-there); or only canonical names; or names in the alias table for BVH files. Other names stay
-unchanged: the file can be converted, but not replayed.
+Names alone decide. All joints of one of the shipped maps, as the map writes them or in another
+spelling (``rig.sided``); or only canonical names; or the names of any rig (``rig.map_of_rig``). Of
+several maps that fit, the one that gives the most canonical joints holds. Other names stay
+unchanged: the file can be converted, but not replayed, unless the user gives a map.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError
-from hri_predict.joint_map import JointMap, load_joint_map, map_names, resolve_bvh_map
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.joint_map import JointMap, load_joint_map, map_names
+from hri_predict.recording.recording import Recording, noted
+from hri_predict.recording.rig import map_of_rig, plain, sided
 from hri_predict.skeleton import JOINTS
 
 UNKNOWN = "unknown"
+_WORDS = ("left", "right")
 
 
 def map_of_names(names: Sequence[str]) -> JointMap:
@@ -24,21 +29,21 @@ def map_of_names(names: Sequence[str]) -> JointMap:
     All weights are zero if the names are not known; ``check_known`` refuses such a map.
     """
     columns = {name: k for k, name in enumerate(names)}
+    candidates = []
     for shipped in _shipped():
         if all(joint in columns for joint in shipped.source_joints):
-            weights = np.zeros((len(JOINTS), len(names)))
-            weights[:, [columns[joint] for joint in shipped.source_joints]] = shipped.weights
-            same = tuple(names) == shipped.source_joints
-            return _map(shipped.name if same else f"{shipped.name} by name", names, weights)
+            if len(columns) == len(shipped.source_joints):
+                return _by_name(shipped, columns, names)
+            candidates.append(_by_name(shipped, columns, names))
+            break
     if all(name in JOINTS for name in names):
-        weights = np.zeros((len(JOINTS), len(names)))
-        for name, k in columns.items():
-            weights[JOINTS.index(name), k] = 1.0
-        return _map("canonical", names, weights)
+        return _by_name(load_joint_map("canonical"), columns, names)
+    candidates += _other_spelling(names)
     try:
-        return _map("bvh", names, resolve_bvh_map(names).weights)
+        candidates.append(_map("bvh", names, map_of_rig(names).weights))
     except ConfigError:
-        return unknown_map(names)
+        candidates.append(unknown_map(names))
+    return max(candidates, key=lambda m: int(m.mapped.sum()))  # the first of equals
 
 
 def unknown_map(names: Sequence[str]) -> JointMap:
@@ -53,7 +58,68 @@ def check_known(joint_map: JointMap) -> None:
         ConfigError: the names give no canonical joint; the error lists the missing ones.
     """
     if not joint_map.mapped.any():
-        resolve_bvh_map(joint_map.source_joints)
+        map_of_rig(joint_map.source_joints)
+
+
+def with_map(recording: Recording, own: JointMap) -> Recording:
+    """The recording with a map of the user's own, by the names of the joints.
+
+    The file's units and axes stay; the recording's note says so where the map has others.
+
+    Raises:
+        ConfigError: a joint that the map uses is not in the recording.
+    """
+    names = recording.joint_map.source_joints
+    columns = {name: k for k, name in enumerate(names)}
+    used = np.flatnonzero((own.weights > 0).any(axis=0))
+    for joint in (own.source_joints[k] for k in used):
+        if joint not in columns:
+            raise ConfigError(
+                f"joint map {own.name}: uses '{joint}', which is not among the recording's joints"
+                f"{nearest(joint, names)}; correct the map"
+            )
+    made = _by_name(own, columns, names)
+    theirs = recording.joint_map
+    other = theirs.scale_to_m != own.scale_to_m or not np.array_equal(theirs.rotation, own.rotation)
+    note = f"of joint map {own.name} the names are used; units and axes are the file's own"
+    made = replace(made, scale_to_m=theirs.scale_to_m, rotation=theirs.rotation)
+    return noted(replace(recording, joint_map=made), note if other else "")
+
+
+def _by_name(joint_map: JointMap, columns: Mapping[str, int], names: Sequence[str]) -> JointMap:
+    """A map on a file's own joints; joints that the file lacks give nothing."""
+    there = [k for k, joint in enumerate(joint_map.source_joints) if joint in columns]
+    weights = np.zeros((len(JOINTS), len(names)))
+    places = [columns[joint_map.source_joints[k]] for k in there]
+    weights[:, places] = joint_map.weights[:, there]
+    same = tuple(names) == joint_map.source_joints or joint_map.name == "canonical"
+    return _map(joint_map.name if same else f"{joint_map.name} by name", names, weights)
+
+
+def _other_spelling(names: Sequence[str]) -> list[JointMap]:
+    """The largest shipped map all of whose joints are there, whatever their spelling."""
+    for shipped in _shipped():
+        own = [_explicit(joint) for joint in shipped.source_joints]
+        stems = {stem for _, stem in own}
+        spelled = {sided(name, stems): k for k, name in reversed(list(enumerate(names)))}
+        if all(key in spelled for key in own):
+            columns = dict(zip(shipped.source_joints, (spelled[k] for k in own), strict=True))
+            return [_by_name(shipped, columns, names)]
+    return []
+
+
+def _explicit(joint: str) -> tuple[str, str]:
+    """Side and rest of a shipped map's joint: a word, or a letter that stands apart."""
+    whole = plain(joint)
+    for word in _WORDS:
+        for rest in (whole.removeprefix(word), whole.removesuffix(word)):
+            if rest != whole:
+                return word[0], rest
+    first, second = joint[:1], joint[1:2]
+    apart = second in ("_", ".") or (second.isupper() and not joint.isupper())
+    if first.lower() in ("l", "r") and apart:
+        return first.lower(), whole[1:]
+    return "", whole
 
 
 def _map(name: str, names: Sequence[str], weights: Floats) -> JointMap:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.joint_map import JointMap
 from hri_predict.recording.formats.amass import is_amass, read_amass
 from hri_predict.recording.formats.bvh import read_bvh
 from hri_predict.recording.formats.c3d import read_c3d
@@ -12,7 +13,7 @@ from hri_predict.recording.formats.csv_table import read_csv
 from hri_predict.recording.formats.npz import read_npz
 from hri_predict.recording.formats.trc import read_trc
 from hri_predict.recording.mcap.reader import read_mcap
-from hri_predict.recording.naming import check_known
+from hri_predict.recording.naming import check_known, with_map
 from hri_predict.recording.recording import Recording
 from hri_predict.recording.sniffing import ending_of, seems
 
@@ -41,6 +42,7 @@ def open_recording(
     unit_m: float | None = None,
     axes: Sequence[str] | None = None,
     any_joints: bool = False,
+    joint_map: JointMap | None = None,
 ) -> Recording:
     """Read a recording; its kind follows from the file's ending.
 
@@ -50,6 +52,7 @@ def open_recording(
         unit_m: metres per unit of a motion file; default: as the file or its format states.
         axes: a motion file's axes that are forward, left and up; default: its format's.
         any_joints: read it even if the joints' names give no canonical joint.
+        joint_map: the user's own map, instead of the one that the names give.
 
     Raises:
         RecordingError: the file is missing, truncated, empty or of unknown kind, or has unknown
@@ -71,7 +74,9 @@ def open_recording(
             recording = _READERS[ending](path, person, unit_m, axes)
         except RecordingError as error:
             raise RecordingError(f"{error}{_but(path, ending)}") from error
-        if not any_joints:
+        if joint_map is not None:
+            recording = with_map(recording, joint_map)
+        elif not any_joints:
             check_known(recording.joint_map)
     except OSError as error:
         reason = error.strerror or type(error).__name__
@@ -79,6 +84,11 @@ def open_recording(
     except ConfigError as error:
         raise RecordingError(f"recording {path}: {error}") from error
     return recording
+
+
+def opened(entry: Path | Recording, joint_map: JointMap | None = None) -> Recording:
+    """A recording in memory as it is; a file as ``open_recording`` reads it."""
+    return entry if isinstance(entry, Recording) else open_recording(entry, joint_map=joint_map)
 
 
 def _unknown(path: Path, ending: str) -> str:

@@ -18,6 +18,7 @@ from pydantic import Field
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
 from hri_predict.link import Received
 from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.recording.cutting import between, decimated
@@ -64,6 +65,9 @@ class RecordingSettings(SourceSettings):
     axes: Annotated[list[str], Field(min_length=3, max_length=3)] | None = Field(
         None, description="axes of a motion file that point forward, left and up"
     )
+    joint_map: str | None = Field(
+        None, description="a joint map's name or file; default: found by the joints' names"
+    )
 
 
 class RecordingSource:
@@ -88,6 +92,7 @@ class RecordingSource:
             person=settings.person,
             unit_m=settings.unit_m,
             axes=settings.axes,
+            joint_map=_own_map(settings.joint_map, base_dir),
         )
         _check_own(recording, settings)
         if recording.note:
@@ -206,6 +211,13 @@ class RecordingSource:
             for p in scene.people
         )
         return replace(scene, people=people)
+
+
+def _own_map(name: str | None, base_dir: Path | None) -> JointMap | None:
+    """The configured joint map; a file's relative path starts at ``base_dir``."""
+    if name is None:
+        return None
+    return load_joint_map(str(_find(name, base_dir)) if name.endswith(MAP_ENDINGS) else name)
 
 
 def _find(path: str, base_dir: Path | None) -> Path:

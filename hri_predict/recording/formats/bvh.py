@@ -15,11 +15,12 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import JointMap, resolve_bvh_map
+from hri_predict.joint_map import JointMap
 from hri_predict.recording.bounded import read_bounded
 from hri_predict.recording.formats.bvh_writer import AXES, CM_PER_M
-from hri_predict.recording.naming import unknown_map
+from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_rate, recording_of_one
+from hri_predict.recording.rig import map_of_rig
 
 MAX_FRAMES = 10_000_000
 
@@ -69,9 +70,9 @@ def read_bvh(
 
 def _map(names: Sequence[str]) -> JointMap:
     try:
-        return resolve_bvh_map(names)
+        return map_of_rig(names)
     except ConfigError:
-        return unknown_map(names).with_units(1 / CM_PER_M).with_axes(AXES)
+        return map_of_names(names).with_units(1 / CM_PER_M).with_axes(AXES)
 
 
 def _check_complete(path: Path) -> bool:

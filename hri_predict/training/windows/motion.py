@@ -16,6 +16,7 @@ from hri_predict.datasets.splits import in_pack, split
 from hri_predict.datasets.tracks import Track, read_tracks
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.evaluation.windows import ORIGIN_STEPS
+from hri_predict.joint_map import load_joint_map
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.body_frame import body_frame
 from hri_predict.predictors.neural.network import Shape
@@ -43,6 +44,9 @@ class RecordingsSettings(Settings):
     splits: str = Field("splits.yaml", description="file that lists the pack's recordings by use")
     fit: list[str] | None = None
     validation: list[str] | None = None
+    joint_map: str | None = Field(
+        None, description="a joint map's name or file; default: found by the joints' names"
+    )
 
     def files(self, use: str) -> list[Path]:
         """Return the recordings for ``use``, one of ``splits.USES``.
@@ -125,7 +129,8 @@ class MotionSamples:
 
     def _read(self, path: Path) -> tuple[Track, ...]:
         """Every person of a recording; it must have a window, and a short one gives a warning."""
-        tracks = read_tracks(path)
+        own = self._settings.joint_map
+        tracks = read_tracks(path, None if own is None else load_joint_map(own))
         rate_hz = min((t.rate_hz for t in tracks), default=_LEAST_RATE_HZ)
         if rate_hz < _LEAST_RATE_HZ:
             raise RecordingError(

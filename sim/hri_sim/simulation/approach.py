@@ -37,6 +37,9 @@ class ApproachSettings(SourceSettings):
     places: list[Vector3] = Field(
         [], description="[x, y, yaw] of each motion: turn its frame about z, then move it"
     )
+    joint_map: str | None = Field(
+        None, description="a joint map's name or file; default: found by the joints' names"
+    )
     lead_in_s: float = Field(3.0, ge=0, le=60, description="seconds of empty room before")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second at most")
 
@@ -58,7 +61,10 @@ class ApproachSource:
                 "source: an approach needs motions and as many places; "
                 "run 'hri-predict simulate', which fills them in"
             )
-        self._motions = [load_motion(name, settings.rate_hz, base_dir) for name in settings.motions]
+        self._motions = [
+            load_motion(name, settings.rate_hz, base_dir, settings.joint_map)
+            for name in settings.motions
+        ]
         self._captures = together(self._motions)
         room = settings.room_from_source.matrix()
         self._positions = [

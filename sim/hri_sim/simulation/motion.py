@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, UnusableRecordingError
 from hri_predict.skeleton import JOINTS
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.people.script import PersonSettings, Timeline
@@ -49,12 +49,17 @@ class Motion:
 
 
 @lru_cache(maxsize=64)
-def load_motion(name: str, rate_hz: float, base_dir: Path | None = None) -> Motion:
+def load_motion(
+    name: str, rate_hz: float, base_dir: Path | None = None, joint_map: str | None = None
+) -> Motion:
     """Read a recording (or write out a script) at ``rate_hz``, or its own rate if that is lower.
+
+    ``joint_map`` is the user's own for the recording's joints.
 
     Raises:
         RecordingError: it cannot be read.
-        ConfigError: it does not hold exactly one person's motion of one second or more.
+        UnusableRecordingError: it does not hold one second or more of a person's motion.
+        ConfigError: it is no motion file.
     """
     if name.startswith(PROCEDURAL + ":"):
         return _procedural(name, rate_hz)
@@ -63,7 +68,7 @@ def load_motion(name: str, rate_hz: float, base_dir: Path | None = None) -> Moti
             f"recording {name}: a node's recording plays in its own room and cannot be placed; "
             f"give motion files (.npz, .bvh)"
         )
-    settings = RecordingSettings(kind="recording", path=name)
+    settings = RecordingSettings(kind="recording", path=name, joint_map=joint_map)
     source = RecordingSource(settings, base_dir)
     if source.rate_hz > rate_hz:
         source = RecordingSource(settings.model_copy(update={"rate_hz": rate_hz}), base_dir)
@@ -86,7 +91,7 @@ def _collected(name: str, source: RecordingSource | ProceduralSource) -> Motion:
         positions.append(np.where(seen[:, None], joints, np.nan))
         observed.append(seen)
     if not stamps or (stamps[-1] - stamps[0]) * 1e-9 < _SHORTEST_S or not observed[0].any():
-        raise ConfigError(
+        raise UnusableRecordingError(
             f"recording {name}: too short, or nobody is in view at its start; an approach needs "
             f"{_SHORTEST_S:g} s of a person; leave it out"
         )

@@ -33,6 +33,7 @@ class Plan:
         predictors: names, in order; ``None``: the configuration's own.
         modes, coverages: see ``cell.variants``.
         motions: names of the recordings, or procedural scripts.
+        joint_map: of the recordings; ``None``: the configuration's, or found by names.
         episodes: number of approaches.
         seed: random seed of everything.
         people: number of people at the same time.
@@ -44,6 +45,7 @@ class Plan:
     modes: tuple[str, ...]
     coverages: tuple[float, ...]
     motions: tuple[str, ...]
+    joint_map: str | None
     episodes: int
     seed: int
     people: int
@@ -54,6 +56,8 @@ class Plan:
         from pathlib import Path
 
         config = configuration.load(Path(self.config)).quiet()
+        if self.joint_map is not None:
+            config = config.with_source(config.source.model_dump() | {"joint_map": self.joint_map})
         if predictor is None or predictor == config.predictor.name:
             return config
         return config.with_predictor(predictor, horizon_s=config.predictor.horizon_s)
@@ -127,7 +131,8 @@ def run_block(plan: Plan, block: Block) -> dict[str, Any]:
 
 def scenario_of(plan: Plan, cell: Cell, index: int, motions: Sequence[str]) -> Scenario:
     """Return the scenario of one episode."""
-    read = [load_motion(name, cell.source.rate_hz, cell.config.base_dir) for name in motions]
+    source, base_dir = cell.source, cell.config.base_dir
+    read = [load_motion(name, source.rate_hz, base_dir, source.joint_map) for name in motions]
     return draw(
         seed=plan.seed,
         index=index,

@@ -9,7 +9,6 @@ import pytest
 from hri_predict.calibration.scores import (
     HISTORY_STEPS,
     along,
-    names_of,
     presences_of,
     score_recordings,
     units,
@@ -23,6 +22,7 @@ from hri_predict.predictors.baselines import (
     ZeroVelocity,
     ZeroVelocitySettings,
 )
+from hri_predict.recording.recording import names_of
 from hri_predict.risk.zones.joint_zones import SETTLED_STEPS
 from hri_predict.scene import Scene
 from hri_predict.skeleton import CANONICAL, JOINTS
@@ -238,7 +238,7 @@ def test_names_and_actions_are_those_of_the_file(make_recording):
         make_recording(wandering(80), name="soccer_3"),
         replace(make_recording(wandering(80)), kind="assembly", path=Path("task1_human1.npz")),
     ]
-    entries = score_recordings(zero(), recordings, seen.append)
+    entries = score_recordings(zero(), recordings, on_recording=seen.append)
     assert [(e.name, e.action) for e in entries] == [
         ("soccer_3", "soccer"),
         ("task1_human1", "arms"),

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from hri_predict.errors import RecordingError
 from hri_predict.geometry import Capsules
-from hri_predict.joint_map import load_joint_map, resolve_bvh_map
+from hri_predict.joint_map import load_joint_map
 from hri_predict.link import Received
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import (
@@ -29,6 +29,7 @@ from hri_predict.protocol.messages import (
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import Recorder, RecordingInfo, open_recording
 from hri_predict.recording.mcap.format import scene_from_dict, scene_to_dict, to_json
+from hri_predict.recording.rig import map_of_rig
 from hri_predict.risk.types import Zones
 from hri_predict.scene import Person, Scene
 
@@ -303,7 +304,7 @@ def test_a_joint_map_made_from_a_file_travels_with_the_recording(tmp_path: Path)
     names = ["Hips", "Spine", "Neck", "Head", "LeftArm", "LeftForeArm", "LeftHand", "RightArm"]
     names += ["RightForeArm", "RightHand", "LeftUpLeg", "LeftLeg", "LeftFoot", "RightUpLeg"]
     names += ["RightLeg", "RightFoot"]
-    joint_map = resolve_bvh_map(names)
+    joint_map = map_of_rig(names)
     path = tmp_path / "a.mcap"
     positions = np.random.default_rng(1).normal(size=(len(names), 3))
     observed = np.ones(len(names), dtype=bool)

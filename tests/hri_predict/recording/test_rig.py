@@ -1,10 +1,12 @@
-"""Joint maps of BVH files: the names that rigs use."""
+"""Joint names of rigs: what each calls a joint, and where it writes the side."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hri_predict.errors import ConfigError
-from hri_predict.joint_map import resolve_bvh_map
+from hri_predict.recording.rig import map_of_rig, plain, rig_table, sided
 from hri_predict.skeleton import CANONICAL
 
 RIGS: dict[str, tuple[str, dict[str, str | None]]] = {
@@ -66,7 +68,7 @@ RIGS: dict[str, tuple[str, dict[str, str | None]]] = {
 def test_bvh_rigs_are_understood(rig):
     text, expected = RIGS[rig]
     names = text.split()
-    joint_map = resolve_bvh_map(names)
+    joint_map = map_of_rig(names)
     assert joint_map.source_joints == tuple(names)
     assert joint_map.scale_to_m == 0.01
     for joint, source in expected.items():
@@ -80,13 +82,94 @@ def test_bvh_rigs_are_understood(rig):
 
 def test_bvh_names_are_compared_without_case_and_duplicates_take_the_first():
     names = [n.upper() for n in RIGS["CMU"][0].split()] + ["lefthand"]
-    row = resolve_bvh_map(names).weights[CANONICAL.index("l_wrist")]
+    row = map_of_rig(names).weights[CANONICAL.index("l_wrist")]
     assert np.flatnonzero(row).tolist() == [names.index("LEFTHAND")]
 
 
 def test_bvh_without_needed_joints_lists_what_is_missing():
     names = [n for n in RIGS["CMU"][0].split() if n not in ("LeftForeArm", "RightLeg")]
     with pytest.raises(ConfigError, match="no joint matches l_elbow, r_knee"):
-        resolve_bvh_map(names)
+        map_of_rig(names)
     with pytest.raises(ConfigError, match="head, l_shoulder"):
-        resolve_bvh_map([])
+        map_of_rig([])
+
+
+SPELLINGS = {
+    "word before": lambda side, name, gap: f"{side}{gap}{name}",
+    "word after": lambda side, name, gap: f"{name}{gap}{side}",
+    "letter before": lambda side, name, gap: f"{side[0]}{gap}{name}",
+    "letter after": lambda side, name, gap: f"{name}{gap}{side[0]}",
+}
+LIMBS = sorted(
+    (joint, alias)
+    for joint, aliases in rig_table().aliases.items()
+    for alias in aliases
+    if joint not in CANONICAL.joints
+)
+STEMS = {plain(alias) for aliases in rig_table().aliases.values() for alias in aliases}
+
+
+@given(
+    limb=st.sampled_from(LIMBS),
+    side=st.sampled_from(["left", "right", "Left", "Right", "LEFT", "RIGHT"]),
+    spelling=st.sampled_from(sorted(SPELLINGS)),
+    gap=st.sampled_from(["", "_", ".", "-", " ", "__"]),
+    namespace=st.sampled_from(["", "mixamorig:", "rig|", "Bip01 ", "Anna:rig:"]),
+    case=st.sampled_from([str, str.lower, str.upper]),
+)
+def test_a_side_is_understood_for_every_joint_wherever_and_however_it_is_written(
+    limb, side, spelling, gap, namespace, case
+):
+    _, alias = limb
+    name = case(namespace + SPELLINGS[spelling](side, alias, gap))
+    assert sided(name, STEMS) == (side[0].lower(), plain(alias))
+
+
+@given(
+    limb=st.sampled_from([pair for pair in LIMBS if plain(pair[1] + "_End") in STEMS]),
+    side=st.sampled_from(["L", "left"]),
+    gap=st.sampled_from(["_", "."]),
+)
+def test_an_end_site_keeps_the_side_of_its_joint(limb, side, gap):
+    name = f"{limb[1]}{gap}{side}_End"
+    assert sided(name, STEMS) == ("l", plain(limb[1]) + "end")
+
+
+@pytest.mark.parametrize(
+    "name", ["Spine", "Head", "heel", "Hips", "leg", "Neck", "lowerback", "ball", "Collar", "", "l"]
+)
+def test_a_letter_of_the_name_itself_is_no_side(name):
+    assert sided(name, STEMS)[0] == ""
+
+
+PARTS = ("UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot", "Toes")
+
+
+@pytest.mark.parametrize("spelled", ["{p}_{s}", "{s}_{p}", "{p}.{s}", "{s}{p}", "{p}{w}", "{w}{p}"])
+def test_a_rig_is_understood_whole_however_it_writes_sides(spelled):
+    names = ["Hips", "Spine", "Neck", "Head"]
+    names += [
+        spelled.format(p=part, s=word[0], w=word) for word in ("Left", "Right") for part in PARTS
+    ]
+    mapped = map_of_rig(names).mapped
+    unmapped = {CANONICAL.joints[k] for k in np.flatnonzero(~mapped)}
+    assert unmapped == {"head_top", "l_hand", "r_hand"}
+
+
+def test_a_joint_is_used_once_and_a_foot_beside_an_ankle_is_the_foot():
+    names = "Head ShoulderLeft ElbowLeft WristLeft HandLeft HandTipLeft HipLeft KneeLeft AnkleLeft"
+    names += " FootLeft ShoulderRight ElbowRight WristRight HandRight HipRight KneeRight AnkleRight"
+    given_names = [*names.split(), "FootRight"]
+    joint_map = map_of_rig(given_names)
+    for joint, source in {
+        "l_ankle": "AnkleLeft",
+        "l_foot": "FootLeft",
+        "r_foot": "FootRight",
+        "l_wrist": "WristLeft",
+        "l_hand": "HandTipLeft",
+    }.items():
+        row = joint_map.weights[CANONICAL.index(joint)]
+        assert [given_names[k] for k in np.flatnonzero(row)] == [source]
+    assert not joint_map.mapped[CANONICAL.index("r_hand")]  # a palm is no finger tip
+    single = joint_map.weights[[CANONICAL.index(j) for j in CANONICAL.joints if j[1] == "_"]]
+    assert (np.count_nonzero(single, axis=0) <= 1).all()
