@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from hri_predict.calibration.coverage import as_run, run_zones
-from hri_predict.calibration.scores import Presence, Scores, score_presence
+from hri_predict.calibration.presence import Presence
+from hri_predict.calibration.scores import Scores, score_presence
 from hri_predict.datasets.disturbances import Disturbance, standard
 from hri_predict.evaluation.table import Table
 from hri_predict.predictors.base import Predictor

@@ -6,6 +6,7 @@ distance of a joint from the forecast's path (linear between steps) at any captu
 interval that ends with the step, because a zone must hold the body during the whole interval.
 """
 
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.calibration.presence import Presence, gap_ns, presences_of
+from hri_predict.calibration.trackers import as_tracked
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.people.ring_buffer import resample
@@ -28,34 +31,8 @@ from hri_predict.risk.zones.motion_class import RESIDUAL_S, trunk_speed
 
 HISTORY_STEPS = 15
 """Steps that windows reach back at least; the oldest ones may be unobserved."""
-LEAST_RATE_HZ = 20.0
 _BATCH = 128
 _LEAST_WINDOWS = 5
-_MAX_GAP_S = 0.1  # as the node's people stage bridges it
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Presence:
-    """One person's unbroken presence in a recording, on canonical joints.
-
-    Attributes:
-        stamps_ns: (F,) captures.
-        positions: (F, J, 3) metres; 0 where not observed.
-        observed: (F, J).
-        rate_hz: nominal captures per second.
-    """
-
-    stamps_ns: NDArray[np.int64]
-    positions: Floats
-    observed: Bools
-    rate_hz: float
-
-    def only(self, captures: Ints) -> "Presence":
-        """Some of the captures alone, at their own mean rate."""
-        stamps = self.stamps_ns[captures]
-        span_s = float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) else 0.0
-        rate_hz = (len(stamps) - 1) / span_s if span_s > 0 else self.rate_hz
-        return Presence(stamps, self.positions[captures], self.observed[captures], rate_hz)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -108,6 +85,7 @@ def score_recordings(
     on_recording: Callable[[str], None] = lambda _: None,
     on_left_out: Callable[[str], None] = lambda _: None,
     joint_map: JointMap | None = None,
+    tracked: bool = False,
 ) -> list[Scores]:
     """Score a predictor on canonical joints; recordings without a window are left out.
 
@@ -117,6 +95,7 @@ def score_recordings(
         on_recording: called with the name of each recording when it is done.
         on_left_out: called with one line for each recording that is left out.
         joint_map: the user's own for the files' joints; default: found by their names.
+        tracked: each recording counts a second time, as a tracker would deliver it.
 
     Raises:
         RecordingError: a file cannot be read or is too slow, or no recording has a window.
@@ -129,6 +108,10 @@ def score_recordings(
         recording = opened(entry, joint_map)
         presences = presences_of(recording)
         scored = [score_presence(predictor, name, recording.action, p) for p in presences]
+        if tracked:
+            seed = zlib.crc32(name.encode())
+            drawn = [as_tracked(p, seed + i) for i, p in enumerate(presences)]
+            scored += [score_presence(predictor, name, recording.action, *each) for each in drawn]
         own = [replace(s, digest=recording.digest) for s in scored if s is not None]
         if not own:
             left_out.append(
@@ -140,43 +123,6 @@ def score_recordings(
         on_recording(name)
     if left_out and not found:
         raise RecordingError(f"{left_out[0]}, and no other recording is left; give longer ones")
-    return found
-
-
-def presences_of(recording: Recording) -> list[Presence]:
-    """Every person of a recording, split at gaps that are not bridged.
-
-    Raises:
-        RecordingError: it has too few captures per second.
-    """
-    if recording.rate_hz < LEAST_RATE_HZ:
-        raise RecordingError(
-            f"recording {recording.path}: {recording.rate_hz:.3g} captures per second are too few "
-            f"to show what happened between two steps; give one of {LEAST_RATE_HZ:g} or more"
-        )
-    people: dict[int, list[tuple[int, Floats, Bools]]] = {}
-    for scene in recording.scenes:
-        for person in scene.people:
-            samples = people.setdefault(person.id, [])
-            if not samples or scene.stamp_ns > samples[-1][0]:
-                joints, seen = recording.joint_map.map(person.positions, person.observed)
-                seen = seen & np.isfinite(joints).all(-1)
-                samples.append((scene.stamp_ns, np.where(seen[:, None], joints, 0.0), seen))
-    found = []
-    for samples in people.values():
-        samples = [s for s in samples if s[2].any()]
-        stamps = np.array([s[0] for s in samples], dtype=np.int64)
-        breaks = np.flatnonzero(np.diff(stamps) > _gap_ns(recording.rate_hz)) + 1
-        parts = [p for p in np.split(np.arange(len(samples)), breaks) if p.size]
-        found += [
-            Presence(
-                stamps[part],
-                np.stack([samples[i][1] for i in part]),
-                np.stack([samples[i][2] for i in part]),
-                recording.rate_hz,
-            )
-            for part in parts
-        ]
     return found
 
 
@@ -238,8 +184,8 @@ def score_presence(
 def window_at(presence: Presence, index: int, steps: int, rate_hz: float) -> tuple[Floats, Bools]:
     """History (T, J, 3) and mask (T, J) that end at capture ``index``; nothing after it is used."""
     stamps, now = presence.stamps_ns, int(presence.stamps_ns[index])
-    gap_ns = _gap_ns(presence.rate_hz)
-    first = int(stamps.searchsorted(now - round(steps * 1e9 / rate_hz) - gap_ns))
+    most_ns = gap_ns(presence.rate_hz)
+    first = int(stamps.searchsorted(now - round(steps * 1e9 / rate_hz) - most_ns))
     held = slice(first, index + 1)
     window = resample(
         stamps=stamps[held],
@@ -248,7 +194,7 @@ def window_at(presence: Presence, index: int, steps: int, rate_hz: float) -> tup
         t_end_ns=now,
         n=steps,
         rate_hz=rate_hz,
-        max_gap_ns=gap_ns,
+        max_gap_ns=most_ns,
     )
     return window.positions, window.observed
 
@@ -349,10 +295,6 @@ def _batches(history: Floats, observed: Bools) -> list[tuple[Floats, Bools]]:
     return [
         (history[i : i + _BATCH], observed[i : i + _BATCH]) for i in range(0, len(history), _BATCH)
     ]
-
-
-def _gap_ns(rate_hz: float) -> int:
-    return round(1e9 * max(_MAX_GAP_S, 2.5 / rate_hz))
 
 
 def units(scores: Sequence[Scores]) -> Mapping[str, list[int]]:

@@ -9,7 +9,7 @@ The truth keeps the noise, because the node compares its zones with captures tha
 import numpy as np
 
 from hri_predict.arrays import Floats, Ints
-from hri_predict.calibration.scores import Presence
+from hri_predict.calibration.presence import Presence
 
 FASTEST_HZ = 35.0
 """Captures are thinned to at most so many a second before noise is added."""

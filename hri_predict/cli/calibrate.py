@@ -76,6 +76,15 @@ def calibrate(
         ),
     ] = None,
     joint_map: JointMapOption = None,
+    tracked: Annotated[
+        bool | None,
+        typer.Option(
+            "--tracked/--as-recorded",
+            help="Whether each recording counts twice: as recorded, and slower, noisier and with "
+            "gaps, as a camera's tracker would deliver it.",
+            show_default="tracked; with --check: as recorded",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -111,6 +120,7 @@ def calibrate(
             settings=settings,
             data=chosen,
             path=calibration,
+            tracked=bool(tracked),
             out=out,
             card=card,
             disturb=disturb,
@@ -124,6 +134,7 @@ def calibrate(
     _make(
         settings=settings,
         data=chosen,
+        tracked=tracked is not False,
         out=out or Path(f"{predictor}.calibration.json"),
         as_json=as_json,
     )
@@ -139,6 +150,7 @@ def _make(
     *,
     settings: PredictorSettings,
     data: "_Data",
+    tracked: bool,
     out: Path,
     as_json: bool,
 ) -> None:
@@ -152,7 +164,9 @@ def _make(
     if out.is_dir() or (out.exists() and out.suffix != ".json"):
         raise ConfigError(f"--out {out}: is not a calibration, so it stays; name a .json file")
     built = registry.load("predictors", settings.name)(settings)
-    scores = _scores(built=built, name=settings.name, data=data, default="calibration")
+    scores = _scores(
+        built=built, name=settings.name, data=data, default="calibration", tracked=tracked
+    )
     values, digest = identity(settings)
     made = conformal(
         scores=scores,
@@ -203,6 +217,7 @@ def _scores(
     data: "_Data",
     default: str,
     on_left_out: Callable[[str], None] = warn,
+    tracked: bool = False,
 ) -> "list[Scores]":
     from hri_predict.calibration.scores import score_recordings
 
@@ -215,6 +230,7 @@ def _scores(
             on_recording=lambda _: bar.advance(task),
             on_left_out=on_left_out,
             joint_map=data.joint_map,
+            tracked=tracked,
         )
 
 
@@ -223,6 +239,7 @@ def _check(
     settings: PredictorSettings,
     data: "_Data",
     path: Path | None,
+    tracked: bool,
     out: Path | None,
     card: Path | None,
     disturb: bool,
@@ -235,7 +252,7 @@ def _check(
         check_writable(out)
     built = registry.load("predictors", settings.name)(settings)
     calibration = _calibration(settings, path)
-    scores = _scores(built=built, name=settings.name, data=data, default="test")
+    scores = _scores(built=built, name=settings.name, data=data, default="test", tracked=tracked)
     used = _calibrated_on(calibration, scores)
     if used:
         print(
@@ -243,7 +260,7 @@ def _check(
             f" ({', '.join(sorted(used)[:3])}, ...): their coverage says nothing about others",
             file=sys.stderr,
         )
-    beside = _beside(settings.name, data)
+    beside = _beside(settings.name, data, tracked)
     with progress() as bar:
         task = bar.add_task("judging", total=None)
         judged = judgement.judge_zones(
@@ -323,7 +340,7 @@ def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration
 
 
 def _beside(
-    name: str, data: "_Data"
+    name: str, data: "_Data", tracked: bool
 ) -> "Mapping[str, tuple[list[Scores], Calibration, Predictor]]":
     """Constant velocity, calibrated the same way, to compare sizes with."""
     from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
@@ -341,6 +358,7 @@ def _beside(
                 data=data,
                 default="test",
                 on_left_out=lambda _: None,  # said once
+                tracked=tracked,
             ),
             load_calibration(path),
             built,

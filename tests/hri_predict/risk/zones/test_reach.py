@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.calibration.scores import presences_of, window_at
+from hri_predict.calibration.presence import presences_of
+from hri_predict.calibration.scores import window_at
 from hri_predict.datasets.splits import split
 from hri_predict.errors import ConfigError
 from hri_predict.recording.opening import open_recording
