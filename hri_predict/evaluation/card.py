@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 
 from hri_predict import registry
+from hri_predict.datasets.splits import VERSION
 from hri_predict.errors import ConfigError
 from hri_predict.evaluation.benchmark import nominal_ms
 from hri_predict.files import atomic_write
@@ -26,6 +27,12 @@ from hri_predict.predictors.neural.weights import Header, load_weights, read_hea
 ATTRIBUTION = (
     "The data used in this project was obtained from mocap.cs.cmu.edu. "
     "The database was created with funding from NSF EIA-0196217."
+)
+SOURCES = (
+    "Other sources: motion/beside_robot from JakobThumm/human-robot-animations (MIT, copyright "
+    "2023 Jakob Thumm); motion/cmu_dance by way of papagina/Auto_Conditioned_RNN_motion (MIT, "
+    "copyright 2018 the authors of Auto-Conditioned Recurrent Networks for Extended Complex Human Motion "
+    "Synthesis); assembly, Human_Assembly_Data (MIT, copyright 2020 Intelligent Control Lab)."
 )
 _OF_ONE_MACHINE = {"out", "initial_weights", "root"}  # keys of a training configuration
 _LATENCY_CALLS = 50
@@ -151,8 +158,9 @@ def _origin(header: Header) -> str:
     lists = "splits `fit` and `validation`" if refit else "split `fit`"
     text = yaml.safe_dump(_portable(config), sort_keys=False) if config else "not known\n"
     return (
-        f"## Data\n\nThe recordings of the {lists} (configs/training/splits.yaml) of "
-        f"CMU-Mocap. {ATTRIBUTION}\n\n## Configuration\n\n```yaml\n{text}```\n"
+        f"## Data\n\nThe recordings of the {lists} (configs/training/splits.yaml, version "
+        f"{VERSION}) of the data pack. {ATTRIBUTION} {SOURCES}\n\n"
+        f"## Configuration\n\n```yaml\n{text}```\n"
     )
 
 

@@ -14,7 +14,7 @@ from hri_predict.errors import ConfigError
 from hri_predict.evaluation import benchmark_report, report
 from hri_predict.evaluation.benchmark import Protocol, Score
 from hri_predict.evaluation.benchmark_result import BenchmarkResult
-from hri_predict.evaluation.card import ATTRIBUTION, card_of, publish, ship
+from hri_predict.evaluation.card import ATTRIBUTION, SOURCES, card_of, publish, ship
 from hri_predict.evaluation.recordings import Errors, RecordingResult
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape
@@ -80,6 +80,7 @@ def test_says_all_that_it_must(weights, real, benchmark):
         "| commit | abc123 |",
         "| validation | 81.2 mm",
         ATTRIBUTION,
+        SOURCES,
         "seed: 7",
         "| mean: trajectorycnn | 60 | 60 | 60 | 60 | 60 | 60 |",
         "| mean: zero_velocity | 300 |",
