@@ -190,7 +190,7 @@ class SelfCheck:
                 well: only who is judged can come back.
         """
         slot_of = {number: slot for slot, number in enumerate(self._ids) if number is not None}
-        fresh = snapshot.joint_age_s < _FRESH_S
+        fresh = (snapshot.joint_age_s < _FRESH_S) & snapshot.delivered  # only the truth judges
         every = np.arange(len(self._ids))
         factor = self._widening.factor(every)[:, self._band]
         factor[self._is_out_of_distribution(every, self._capture_ns)] = (
@@ -264,15 +264,14 @@ class SelfCheck:
         before = self._capture_ns[slots]
         elapsed = np.where(before == NEVER, 0, capture - np.maximum(before, 0)) * 1e-9
         self._capture_ns[slots] = capture
-        judged = self._past.judge(
-            slots, capture, snapshot.last_positions[new], snapshot.joint_age_s[new] < _FRESH_S
-        )
+        fresh = (snapshot.joint_age_s[new] < _FRESH_S) & snapshot.delivered
+        judged = self._past.judge(slots, capture, snapshot.last_positions[new], fresh)
         self._note_residual(judged, slots, capture)
         sign = self._adapt(judged, slots, np.minimum(np.maximum(elapsed, 0.0), MAX_DT_S))
         if self._ranges is not None:
             sign |= self._is_wrong_at_once(judged, len(new), self._ranges)
             velocity, measured = velocities
-            bones = bone_lengths(snapshot.history, snapshot.observed, self._rate_hz, PARENTS)
+            bones = bone_lengths(snapshot.history, snapshot.measured, self._rate_hz, PARENTS)
             sign |= is_out_of_range(
                 (velocity[new], measured[new]),
                 bones[new],
