@@ -15,7 +15,7 @@ from hri_predict.arrays import Floats
 from hri_predict.clock import VirtualClock
 from hri_predict.geometry import Capsules, transform
 from hri_predict.people.people import People
-from hri_predict.people.snapshot import Inferred, PeopleSnapshot
+from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.runner import PredictionRunner
 from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.risk.zones.human_speed import joined_speeds
@@ -172,18 +172,10 @@ def _joined_snapshots(parts: Sequence[PeopleSnapshot]) -> PeopleSnapshot:
         lost=tuple(p for part in parts for p in part.lost),
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
         recent=None,  # it served its purpose when the zones were built
-        inferred=_joined_inferred(parts),
+        inferred=None,  # so did this
         newest_capture_ns=None if None in newest else min(n for n in newest if n is not None),
         captures=min(part.captures for part in parts),
     )
-
-
-def _joined_inferred(parts: Sequence[PeopleSnapshot]) -> Inferred | None:
-    """Of one source: which joints it never delivers is the same for all."""
-    found = [part.inferred for part in parts if part.inferred is not None]
-    if not found:
-        return None
-    return Inferred(found[0].joints, np.concatenate([each.within_m for each in found]))
 
 
 def _joined_forecasts(parts: Sequence[Floats | None]) -> Floats | None:
