@@ -90,6 +90,7 @@ class Node:
             capture_ns=int(snapshot.capture_ns[0]),
             trust=(trust := self._check.check(snapshot)),
         )
+        assert spheres.claimed is not None
         self._check.note(snapshot, forecast, spheres.claimed)
         return forecast.positions[0], spheres, bool(trust.out_of_distribution[0])
 
