@@ -15,7 +15,8 @@ A map is a YAML file (maps in ``configs/skeletons/`` are known by name)::
 
 Only anatomical midpoints (``waist`` of the hips, ``neck`` of the shoulders, ``head`` of the ears)
 may be derived from several joints; such a joint is observed if all its sources are. A canonical
-joint missing from the map is never observed: nothing is invented.
+joint missing from the map is never measured. The node infers it, with its uncertainty, where the
+map's joints allow (``people/body/inferred.py``).
 """
 
 from collections.abc import Sequence
@@ -60,7 +61,7 @@ class JointMap:
 
     @property
     def mapped(self) -> Bools:
-        """(J,) which canonical joints this source can ever observe."""
+        """(J,) which canonical joints this source can ever deliver."""
         return np.asarray((self.weights > 0).any(axis=1))
 
     def to_metres_z_up(self, points: Floats) -> Floats:

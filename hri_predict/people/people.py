@@ -8,9 +8,11 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError
 from hri_predict.joint_map import JointMap
+from hri_predict.people.body.inferred import Inference
 from hri_predict.people.body.posture_watch import PostureWatch
 from hri_predict.people.body.size import is_human_sized
 from hri_predict.people.clock.scene_gate import SceneGate
+from hri_predict.people.inferring import with_inferred
 from hri_predict.people.lost.free_space import FreeSpace
 from hri_predict.people.lost.lost_people import LostPeople
 from hri_predict.people.lost.remembered import RemembersLost
@@ -66,6 +68,7 @@ class People(RemembersLost):
         self.stale_ns = round(source_settings.stale_after_s(rate_hz_source) * 1e9)
         self._settings = settings
         self._joint_map = joint_map
+        self._inference = Inference(joint_map.mapped)
         self._declares_noise = declares_noise
         self._steps = history_steps
         self._rate_hz = rate_hz_predictor
@@ -287,7 +290,7 @@ class People(RemembersLost):
             history[index], observed[index] = window.positions, window.observed
             ever = stamps != NEVER
             age_s[index, ever] = (capture_ns - stamps[ever]) * 1e-9
-        return PeopleSnapshot(
+        snapshot = PeopleSnapshot(
             now_ns=now_ns,
             ids=tuple(t[0] for t in tracks),
             history=history,
@@ -303,6 +306,7 @@ class People(RemembersLost):
             clock=clock,
             recent=recent_captures([ring for _, ring, _ in tracks], joints),
         )
+        return with_inferred(snapshot, self._inference, self._rate_hz)
 
     def _reasons(self, now_ns: int) -> tuple[Reason, ...]:
         """Return the faults of the input, the most informative first."""

@@ -26,6 +26,7 @@ class LostPerson:
             seen free until ``places_ns``; ``None``: the source does not see free space.
         places_ns: node's clock.
         floor_m, platform_m: of the room: between which heights those people may stand.
+        inferred_m: (J,) as ``Inferred.within_m``; ``None``: no joint is inferred.
     """
 
     id: int
@@ -38,6 +39,7 @@ class LostPerson:
     places_ns: int | None = None
     floor_m: float = 0.0
     platform_m: float = 0.0
+    inferred_m: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +65,20 @@ class RecentCaptures:
         return cls(np.broadcast_to(ages, history.shape[:2]), history, observed)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Inferred:
+    """The joints that the source never delivers and the node infers.
+
+    Attributes:
+        joints: (J,) which.
+        within_m: (P, J) metres: so near to its inferred place the true joint is; 0 for delivered
+            joints, and where nothing was inferred.
+    """
+
+    joints: Bools
+    within_m: Floats
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PeopleSnapshot:
     """All people in the room at one tick. P people, T steps of history, J joints.
@@ -85,6 +101,8 @@ class PeopleSnapshot:
         counters: scenes and bodies dropped, repeated, out of order, ... since the start.
         clock: the estimate of the source's clock; ``None`` if there is none.
         recent: newest captures of the tracked people; ``None``: only the history is known.
+        inferred: which joints are inferred; they count as observed in the fields above where all
+            that they rest on was. ``None``: none is. Ask ``measured`` where only the truth counts.
     """
 
     now_ns: int
@@ -101,6 +119,19 @@ class PeopleSnapshot:
     counters: Mapping[str, int]
     clock: ClockEstimate | None = None
     recent: RecentCaptures | None = None
+    inferred: Inferred | None = None
+
+    @property
+    def delivered(self) -> Bools:
+        """(J,) the joints that are not inferred."""
+        if self.inferred is None:
+            return np.ones(self.last_positions.shape[1], np.bool_)
+        return ~self.inferred.joints
+
+    @property
+    def measured(self) -> Bools:
+        """(P, T, J) where the history was observed, inferred joints left out."""
+        return self.observed if self.inferred is None else self.observed & self.delivered
 
     @property
     def age_s(self) -> float | None:

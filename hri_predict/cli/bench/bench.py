@@ -16,6 +16,7 @@ from rich.table import Table
 
 from hri_predict import registry
 from hri_predict.cli.bench.fleet import fleet
+from hri_predict.cli.bench.joint_maps import joint_maps
 from hri_predict.cli.bench.links import links
 from hri_predict.cli.bench.risk import PEOPLE, SEGMENTS, TITLE, risk_calls
 from hri_predict.cli.bench.soak import soak
@@ -37,6 +38,7 @@ from hri_predict.skeleton import JOINTS
 app = typer.Typer(invoke_without_command=True)
 app.command()(links)
 app.command()(fleet)
+app.command()(joint_maps)
 
 # Before this, bounded buffers (durations of ticks, round trips, history) are still filling up.
 WARM_UP_MINUTES = 6

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.arrays import Floats
 from hri_predict.link import LinkSettings
+from hri_predict.people.body.standing import standing_body
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import RobotMode, RobotState
@@ -112,7 +112,7 @@ def _arm(name: str, at: tuple[float, float], which: int) -> RobotTracker:
 
 def _walkers(tick: int) -> tuple[PeopleSnapshot, Forecast]:
     """Return people who walk to the arms at 0.5 m/s, and their true future as the forecast."""
-    start = _standing() + np.array([(*at, 0.0) for at in _PEOPLE_AT])[:, None]
+    start = standing_body() + np.array([(*at, 0.0) for at in _PEOPLE_AT])[:, None]
     towards = -np.array([(*at, 0.0) for at in _PEOPLE_AT])
     velocity = 0.5 * towards / np.linalg.norm(towards, axis=1, keepdims=True)
     before = tick + 1 - _WALK_TICKS
@@ -134,16 +134,3 @@ def _walkers(tick: int) -> tuple[PeopleSnapshot, Forecast]:
         counters={},
     )
     return snapshot, Forecast(path[:, STEPS:], None)
-
-
-def _standing() -> Floats:
-    """Return (J, 3) a body that stands upright at the origin with its arms down."""
-    height = {"waist": 1.0, "torso": 1.2, "neck": 1.45, "head": 1.6, "head_top": 1.75}
-    limb = {
-        "shoulder": (0.18, 1.4), "elbow": (0.2, 1.1), "wrist": (0.2, 0.85), "hand": (0.2, 0.68),
-        "hip": (0.1, 0.95), "knee": (0.1, 0.5), "ankle": (0.1, 0.1), "foot": (0.1, 0.03),
-    }  # fmt: skip
-    place = {joint: (0.0, 0.0, z) for joint, z in height.items()}
-    for side, sign in (("l_", 1.0), ("r_", -1.0)):
-        place |= {side + joint: (0.0, sign * y, z) for joint, (y, z) in limb.items()}
-    return np.array([place[joint] for joint in JOINTS])

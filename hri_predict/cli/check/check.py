@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
+from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
 from hri_predict.cli.check.lost import lost_notes
@@ -84,6 +85,8 @@ def check(
         f"so much a delay that grows over hours makes an age too small",
         highlight=False,
     )
+    for line in joint_map_lines(found["joint_map"]):
+        console.print(line, highlight=False, soft_wrap=True)
     for note in found["notes"]:
         console.print(f"note: {note}")
     console.print(f"{found['path']}: ok")
@@ -137,6 +140,9 @@ def examine(config: Config) -> dict[str, Any]:
         "risk": risk,
         "links": [asdict(load) for load in loads],
         "zones": _zones(config),
+        "joint_map": joint_map_cost(
+            config, assembly.prediction.predictor, assembly.source.joint_map
+        ),
         "latch": list(config.node.risk.latch),
         "state": _state(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},

@@ -192,7 +192,7 @@ class SelfCheck:
                 well: only who is judged can come back.
         """
         slot_of = {number: slot for slot, number in enumerate(self._ids) if number is not None}
-        fresh = snapshot.joint_age_s < _FRESH_S
+        fresh = (snapshot.joint_age_s < _FRESH_S) & snapshot.delivered  # only the truth judges
         every = np.arange(len(self._ids))
         factor = self._widening.factor(every)[:, self._band]
         factor[self._is_out_of_distribution(every, self._capture_ns)] = (
@@ -267,9 +267,8 @@ class SelfCheck:
         before = self._capture_ns[slots]
         elapsed = np.where(before == NEVER, 0, capture - np.maximum(before, 0)) * 1e-9
         self._capture_ns[slots] = capture
-        judged = self._past.judge(
-            slots, capture, snapshot.last_positions[new], snapshot.joint_age_s[new] < _FRESH_S
-        )
+        fresh = (snapshot.joint_age_s[new] < _FRESH_S) & snapshot.delivered
+        judged = self._past.judge(slots, capture, snapshot.last_positions[new], fresh)
         self._note_residual(judged, slots, capture)
         self._note_errors(judged, slots)
         sign = self._adapt(judged, slots, np.minimum(np.maximum(elapsed, 0.0), MAX_DT_S))

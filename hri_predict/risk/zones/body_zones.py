@@ -2,7 +2,7 @@
 
 ``joint_zones`` states where each joint may be. A capsule between the two joints of a segment, with
 the larger of their spheres' radii plus the segment's own, holds the segment. The skeleton's reach
-from the nearest observed joint bounds a segment that was never observed.
+from the nearest observed joint bounds a segment that was neither observed nor inferred.
 
 Zones do not contain the position uncertainty Z_d: ``separation`` adds it, once.
 """
@@ -152,8 +152,9 @@ class ZoneBuilder:
         recent = snapshot.recent
         if recent is None:
             recent = RecentCaptures.of_history(snapshot.history, snapshot.observed, self._rate_hz)
-        moving = joint_speeds(recent)
-        speeds = self._speed_rule.people(moving, (self._a, self._b))
+        moving = joint_speeds(recent, snapshot.delivered)
+        measured = moving.only(snapshot.delivered)
+        speeds = self._speed_rule.people(measured, (self._a, self._b))
         joints = self.joints.build(
             snapshot,
             forecast,

@@ -89,8 +89,11 @@ def joint_speeds(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floa
 
 
 def velocities_in(snapshot: PeopleSnapshot, rate_hz: float) -> Velocities:
-    """``joint_velocities`` of everybody in a snapshot whose history has ``rate_hz``."""
-    return joint_velocities(snapshot.history, snapshot.observed, rate_hz)
+    """``joint_velocities`` of everybody in a snapshot whose history has ``rate_hz``.
+
+    Those of inferred joints are not measured.
+    """
+    return joint_velocities(snapshot.history, snapshot.measured, rate_hz)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -50,6 +50,10 @@ class JointSpeeds:
     surely: Floats
     measured: Bools
 
+    def only(self, joints: Bools) -> "JointSpeeds":
+        """The same, but only some joints (J,) count as measured."""
+        return JointSpeeds(self.speed * joints, self.surely * joints, self.measured & joints)
+
 
 class _Slope(NamedTuple):
     speed: Floats  # (P, J) m/s
@@ -57,8 +61,14 @@ class _Slope(NamedTuple):
     measured: Bools  # (P, J)
 
 
-def joint_speeds(captures: RecentCaptures) -> JointSpeeds:
-    """How fast every joint is."""
+def joint_speeds(captures: RecentCaptures, delivered: Bools | None = None) -> JointSpeeds:
+    """How fast every joint is.
+
+    Args:
+        captures: the newest ones.
+        delivered: (J,) the joints that show the sensor's noise: not the inferred ones, which repeat
+            that of others. ``None``: all.
+    """
     seen = captures.observed & np.isfinite(captures.positions).all(-1)
     if not seen.size:
         return _nothing(seen)
@@ -66,7 +76,8 @@ def joint_speeds(captures: RecentCaptures) -> JointSpeeds:
     place = np.where(seen[..., None], captures.positions, 0.0)
     place = place - place[:, -1:]  # rounding: a slope of small numbers
     rank = seen[:, ::-1].cumsum(1)[:, ::-1]  # 1: the newest that was seen
-    noise_m = _noise(place, ages, seen & ((ages <= SPAN_S + 1e-6) | (rank <= _NOISE_CAPTURES)))
+    noisy = seen if delivered is None else seen & delivered
+    noise_m = _noise(place, ages, noisy & ((ages <= SPAN_S + 1e-6) | (rank <= _NOISE_CAPTURES)))
     whole = _slope(place, ages, seen & ((ages <= SPAN_S + 1e-6) | (rank <= LEAST_CAPTURES)))
     quick = _slope(place, ages, seen & (ages <= QUICK_S + 1e-6))
     explained = CERTAIN * noise_m[:, None] * whole.deviation

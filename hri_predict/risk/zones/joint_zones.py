@@ -25,6 +25,9 @@ the physical speed, whichever is higher; a limb that was faster than its body ge
 farther. Past the last calibrated step the zone grows at the physical speed.
 
 Zones that follow a forecast are also cut to what a body can do by then.
+
+The sphere of a joint that its tracker never delivers is about its *inferred* place, and larger by
+the radius within which the true joint is, at every time.
 """
 
 from dataclasses import dataclass
@@ -41,6 +44,7 @@ from hri_predict.risk.zones.learned_scale import Evidence
 from hri_predict.risk.zones.motion_class import trunk_speed
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.reach import BodyReach
+from hri_predict.risk.zones.spheres import enclosed
 from hri_predict.skeleton import Skeleton
 
 _NEVER_S = 1e3
@@ -91,6 +95,7 @@ class _Tracks:
     age: Floats  # (P,) seconds from capture to now
     waited: Floats  # (P,) seconds from capture to the time of entry 0
     limbs: Floats  # (P, J) how much faster than its body a lost person's joint was
+    inferred: Floats  # (P, J) metres: the joint is so near to where it is taken to be
 
 
 class JointZones:
@@ -174,18 +179,20 @@ class JointZones:
             path = np.broadcast_to(tracks.last[:, None], (*shape, 3))
             inflation, around = growth, growth
         else:
-            path, inflation = _enclosed(self._knots(tracks, forecast), since * self._rate_hz)
+            path, inflation = enclosed(self._knots(tracks, forecast), since * self._rate_hz)
             rule = self._deviation(until, forecast, claimed, trust)
             around = inflation + np.where(follows, rule, growth)
             inflation = np.where(follows, inflation, inflation + growth)
         mid, radius = path, around
         if self._radii is not None or tracks.forecast.any():
             mid, radius = self._cut(path, around, tracks=tracks, snapshot=snapshot, until=until)
+        else:
+            radius = around + tracks.inferred[:, None]
         return JointSpheres(
             mid=mid,
             radius=radius,
             path=path,
-            inflation=inflation,
+            inflation=inflation + tracks.inferred[:, None],
             joint_age=tracks.joint_age,
             claimed=claimed,
         )
@@ -270,6 +277,7 @@ class JointZones:
             joint_age=joint_age,
             speed=np.concatenate([present, np.repeat(onward, joints, axis=1)]),
             limbs=np.concatenate([np.zeros((people, joints)), limbs]),
+            inferred=_inferred(snapshot, (people, joints)),
             forecast=follows,
             age=np.maximum(0.0, (snapshot.now_ns - captures) * 1e-9),
             waited=np.where(is_lost[:, 0], np.maximum(0.0, (reference - captures) * 1e-9), 0.0),
@@ -331,16 +339,18 @@ class JointZones:
         forecast keep the standard's speeds.
         """
         people = len(snapshot.ids)
+        inferred = tracks.inferred[:people]
         begin = np.maximum(until[:people, 1:] - 1.0 / self._rate_hz, 0.0)
         age, follows = tracks.joint_age[:people], tracks.forecast[:people, None]
-        around, fresh = radius[:people, 1:], age < FRESH_S
+        fresh = age < FRESH_S
+        around = radius[:people, 1:]
         if self._radii is not None:
             around = np.where(follows, around, _UNBOUNDED_M)
         own_mid, own = self._body.cut_by_motion(
             mid[:people, 1:],
             around,
             last=tracks.last[:people],
-            velocity=self._body.velocity(snapshot.history, snapshot.observed),
+            velocity=self._body.velocity(snapshot.history, snapshot.measured),
             since=begin,
             until=until[:people, 1:],
             joint_age=age,
@@ -350,48 +360,22 @@ class JointZones:
             own = np.where(follows, own, around)
         cut = self._body.cut_by_bones(
             own_mid,
-            own,
+            own + inferred[:, None],
+            inferred=inferred,
             last=tracks.last[:people],
             seen=fresh,
             all_joints=self._radii is not None,
         )
-        mid, radius = mid.copy(), radius.copy()
+        mid, radius = mid.copy(), radius + tracks.inferred[:, None]
         mid[:people, 1:], radius[:people, 1:] = cut
         return mid, radius
 
 
-def _enclosed(knots: Floats, steps: Floats) -> tuple[Floats, Floats]:
-    """Spheres around a piecewise linear path.
-
-    Args:
-        knots: (P, N, J, 3) the path at steps 0..N-1; it ends at the last.
-        steps: (P, K+1) ascending by at most 1 from entry 1 on, so that an interval spans at most
-            one knot.
-
-    Returns:
-        mid (P, K+1, J, 3) and radius (P, K+1, J): entry k >= 1 holds the path between
-        ``steps[k-1]`` and ``steps[k]``; entry 0 is the path at step 0. Interval 1 begins at
-        ``steps[1] - 1``, the step of now.
-    """
-    last = knots.shape[1] - 1
-    ends = steps[:, 1:]
-    bounds = np.concatenate([ends[:, :1] - 1.0, ends], axis=1)
-    bounds = np.minimum(np.maximum(bounds, 0.0), last)  # on small arrays faster than numpy.clip
-    below = np.minimum(bounds.astype(np.intp), max(last - 1, 0))
-    person = np.arange(len(knots))[:, None]
-    part = (bounds - below)[..., None, None]
-    lower, upper = knots[person, below], knots[person, np.minimum(below + 1, last)]
-    at = lower + part * (upper - lower)  # (P, K+1, J, 3) at the bounds
-    start, end = at[:, :-1], at[:, 1:]
-    corner = upper[:, :-1]
-    inside = (below[:, :-1] + 1 < bounds[:, 1:])[..., None]
-    mid = 0.5 * (start + end)
-    half = 0.5 * _norm(end - start)
-    radius = np.maximum(half, np.where(inside, _norm(corner - mid), 0.0))
-    return (
-        np.concatenate([knots[:, :1], mid], axis=1),
-        np.concatenate([np.zeros_like(radius[:, :1]), radius], axis=1),
-    )
+def _inferred(snapshot: PeopleSnapshot, shape: tuple[int, int]) -> Floats:
+    """(P, J) metres, lost people last; 0 for joints that are not inferred."""
+    here = np.zeros(shape) if snapshot.inferred is None else snapshot.inferred.within_m
+    lost = [np.zeros(shape[1]) if p.inferred_m is None else p.inferred_m for p in snapshot.lost]
+    return np.concatenate([here, np.reshape(lost, (len(lost), shape[1]))])
 
 
 def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
@@ -402,9 +386,3 @@ def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
     after = std[person, np.clip(end - 1, 0, horizon_steps - 1)]
     before = std[person, np.clip(end - 2, 0, horizon_steps - 1)]
     return np.maximum(after, before)
-
-
-def _norm(vectors: Floats) -> Floats:
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    result: Floats = np.sqrt(x * x + y * y + z * z)
-    return result

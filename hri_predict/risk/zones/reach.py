@@ -89,7 +89,14 @@ class BodyReach:
         return _cut_outside(mid, around, ahead, by_velocity)
 
     def cut_by_bones(
-        self, mid: Floats, around: Floats, *, last: Floats, seen: Bools, all_joints: bool = False
+        self,
+        mid: Floats,
+        around: Floats,
+        *,
+        last: Floats,
+        seen: Bools,
+        all_joints: bool = False,
+        inferred: Floats | float = 0.0,
     ) -> tuple[Floats, Floats]:
         """Cut spheres, from the root outwards, to within a bone's length of the parent's sphere.
 
@@ -99,9 +106,12 @@ class BodyReach:
             seen: (P, J) whether it was seen in that capture. A bone has the length seen then;
                 otherwise that of the largest person.
             all_joints: whether to cut joints that were not seen as well.
+            inferred: (P, J) metres within which a joint is of its place in ``last``.
         """
         parents = self._parents
-        length = np.sqrt(((last - last[:, parents]) ** 2).sum(-1)) * BONE_FACTOR + BONE_MARGIN_M
+        apart = np.sqrt(((last - last[:, parents]) ** 2).sum(-1))
+        unsure = np.broadcast_to(inferred, apart.shape)
+        length = (apart + unsure + unsure[:, parents]) * BONE_FACTOR + BONE_MARGIN_M
         both = seen & seen[:, parents]
         longest = np.where(seen | all_joints, self._bone, np.inf)
         bone = np.where(both, length, longest)  # (P, J)

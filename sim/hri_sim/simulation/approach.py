@@ -5,6 +5,7 @@ approach through the node (``hri-predict run``), so that a user can examine a co
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -71,7 +72,7 @@ class ApproachSource:
             transform(room @ over_floor(place), motion.positions)
             for motion, place in zip(self._motions, settings.places, strict=True)
         ]
-        self.joint_map = _canonical()
+        self.joint_map = _map_of(self._motions)
         self.rate_hz = self._motions[0].rate_hz
         self.declares_noise = False
         self._empty = round(settings.lead_in_s * self.rate_hz)
@@ -120,6 +121,12 @@ class ApproachSource:
 @lru_cache(maxsize=1)
 def _canonical() -> JointMap:
     return load_joint_map("canonical")
+
+
+def _map_of(motions: Sequence[Motion]) -> JointMap:
+    """A tracker that delivers the joints that the recordings have, and no others."""
+    delivered = np.any([motion.observed.any(axis=0) for motion in motions], axis=0)
+    return replace(_canonical(), weights=_canonical().weights * delivered[:, None])
 
 
 def together(motions: list[Motion]) -> NDArray[np.int64]:

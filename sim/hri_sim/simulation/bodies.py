@@ -172,6 +172,7 @@ def _joined_snapshots(parts: Sequence[PeopleSnapshot]) -> PeopleSnapshot:
         lost=tuple(p for part in parts for p in part.lost),
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
         recent=None,  # it served its purpose when the zones were built
+        inferred=None,  # so did this
         newest_capture_ns=None if None in newest else min(n for n in newest if n is not None),
         captures=min(part.captures for part in parts),
     )

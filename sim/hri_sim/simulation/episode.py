@@ -293,4 +293,5 @@ def _empty(snapshot: PeopleSnapshot) -> PeopleSnapshot:
         joint_age_s=snapshot.joint_age_s[:0],
         lost=(),
         reasons=(),
+        inferred=None,
     )

@@ -92,7 +92,7 @@ def test_a_source_of_another_skeleton_is_mapped(make_room):
     expected, seen = joint_map.map(positions, np.ones(len(names), bool))
     assert seen.any()
     assert not seen.all()
-    np.testing.assert_array_equal(snapshot.observed[0, -1], seen)
+    np.testing.assert_array_equal(snapshot.measured[0, -1], seen)
     np.testing.assert_allclose(snapshot.history[0, -1][seen], expected[seen])
 
 

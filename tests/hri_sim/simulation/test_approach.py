@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hri_predict.errors import ConfigError
+from hri_predict.skeleton import JOINTS
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, over_floor
 from hri_sim.simulation.motion import load_motion
 
@@ -68,3 +69,20 @@ def test_over_floor_is_rigid_and_keeps_heights():
     matrix = over_floor([0.3, -1.0, 0.7])
     np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(matrix[2], [0, 0, 1, 0])
+
+
+def test_the_tracker_delivers_what_the_recordings_have(tmp_path):
+    """What no recording has is inferred, as of any tracker that lacks it."""
+    lacking = ("head_top", "l_hand")
+    motion = load_motion("procedural:1", 30.0)
+    joints = [i for i, name in enumerate(JOINTS) if name not in lacking]
+    header = ",".join(["t", *(f"{JOINTS[i]}_{axis}" for i in joints for axis in "xyz")])
+    rows = [
+        ",".join(map(repr, [k / 30, *map(float, body[joints].ravel())]))
+        for k, body in enumerate(motion.positions[:90])
+    ]
+    (tmp_path / "walk.csv").write_text("\n".join([header, *rows]) + "\n")
+    one = source(motions=[str(tmp_path / "walk.csv")], places=[[0.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(one.joint_map.mapped, ~np.isin(JOINTS, lacking))
+    both = [str(tmp_path / "walk.csv"), "procedural:1"]
+    assert source(motions=both, places=[[0.0, 0.0, 0.0]] * 2).joint_map.mapped.all()

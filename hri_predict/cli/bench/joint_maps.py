@@ -1,0 +1,62 @@
+"""``bench joint-maps``: how large the zones of one standing body are with each tracker's joints."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from hri_predict.cli.check.joint_map import StandingBody
+from hri_predict.joint_map import load_joint_map, map_names
+from hri_predict.run import assemble
+from hri_predict.run import config as configuration
+
+_AT_S = (0.0, 0.4, 1.0)
+
+
+def joint_maps(
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Take the predictor and the zones from it; default: the demo's."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """Compare the shipped joint maps: the volume of the zones around a person who stands still.
+
+    Missing joints are bounded by the skeleton's reach ("reach"), or inferred.
+
+    Example: hri-predict bench joint-maps
+    """
+    loaded = configuration.load(config or configuration.shipped("demo.yaml"))
+    body = StandingBody(loaded, assemble.build_predictor(loaded))
+    steps = [body.step_at(seconds) for seconds in _AT_S]
+    rows: list[dict[str, Any]] = []
+    for name in map_names():
+        if name != "bvh":  # built from each file's own names
+            delivered = load_joint_map(name).mapped
+            row: dict[str, Any] = {"joint_map": name, "missing": int(np.sum(~delivered))}
+            for key, infers in (("reach", False), ("inferred", True)):
+                volumes = body.cubic_metres(body.snapshot(delivered, infers)).sum(1)
+                row[key] = [round(float(volumes[step]), 3) for step in steps]
+            rows.append(row)
+    if as_json:
+        print(json.dumps(rows))
+        return
+    Console().print(_table(rows, [float(body.times_s[step]) for step in steps]))
+
+
+def _table(rows: list[dict[str, Any]], times_s: list[float]) -> Table:
+    title = "Zones around a standing body, m3: by reach, inferred"
+    table = Table(title=title, title_justify="left")
+    table.add_column("joint map")
+    table.add_column("missing", justify="right")
+    for seconds in times_s:
+        table.add_column(f"{seconds * 1e3:.0f} ms", justify="right")
+    for row in rows:
+        pairs = zip(row["reach"], row["inferred"], strict=True)
+        cells = [f"{reach:.2f}, {inferred:.2f}" for reach, inferred in pairs]
+        table.add_row(row["joint_map"], str(row["missing"]), *cells)
+    return table

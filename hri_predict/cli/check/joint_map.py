@@ -1,0 +1,165 @@
+"""What a joint map costs: the zones of a standing body, against those of all joints delivered."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.joint_map import JointMap
+from hri_predict.people.body.inferred import Inference, Rule
+from hri_predict.people.body.standing import standing_body
+from hri_predict.people.inferring import with_inferred
+from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
+from hri_predict.predictors.base import Forecast, Predictor
+from hri_predict.risk.self_check.self_check import Trust
+from hri_predict.risk.zones.body_zones import ZoneBuilder
+from hri_predict.risk.zones.radii import Radii
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+from hri_predict.skeleton import CANONICAL, JOINTS
+
+_NOW_NS = 10**10
+_LATER_S = 0.4
+
+
+class StandingBody:
+    """The zones of a person who stands still and whose forecasts hold, in one configuration.
+
+    Args:
+        config: for the mode, the limits, the coverage and the absent parts.
+        predictor: of that configuration.
+    """
+
+    def __init__(self, config: Config, predictor: Predictor) -> None:
+        risk, steps = config.node.risk, predictor.horizon_steps
+        calibration = assemble.build_calibration(config)
+        skeleton = predictor.skeleton
+        self._predictor = predictor if risk.mode == "predictive" else None
+        self._history_steps, self._rate_hz = predictor.history_steps, predictor.rate_hz
+        calm = Trust(np.zeros(1), np.ones((1, steps)), np.zeros(1, np.bool_), ())
+        self._trust = None if calibration is None else calm
+        self._builder = ZoneBuilder(
+            skeleton=skeleton,
+            absent_parts=config.node.people.absent_parts,
+            limits=risk.limits,
+            rate_hz=predictor.rate_hz,
+            horizon_steps=steps,
+            radii=None
+            if calibration is None
+            else Radii(calibration, risk.coverage, skeleton, steps),
+            with_paths=False,
+        )
+        self.times_s = self._builder.times_s
+        self.segments = tuple(CANONICAL.segments[i] for i in self._builder.segment_index)
+
+    def snapshot(self, delivered: Bools, infers: bool = True) -> PeopleSnapshot:
+        """The body as a source sees it that delivers some joints (J,)."""
+        shape = (1, self._history_steps, len(JOINTS))
+        history = np.broadcast_to(np.where(delivered[:, None], standing_body(), 0.0), (*shape, 3))
+        observed = np.broadcast_to(delivered, shape)
+        snapshot = PeopleSnapshot(
+            now_ns=_NOW_NS,
+            ids=(1,),
+            history=history,
+            observed=observed,
+            capture_ns=np.array([_NOW_NS]),
+            last_positions=np.where(delivered[:, None], history[:, -1], np.nan),
+            joint_age_s=np.where(delivered, 0.0, np.inf)[None],
+            lost=(),
+            reasons=(),
+            newest_capture_ns=_NOW_NS,
+            captures=1,
+            counters={},
+            recent=RecentCaptures.of_history(history, observed, self._rate_hz),
+        )
+        return with_inferred(snapshot, Inference(delivered), self._rate_hz) if infers else snapshot
+
+    def cubic_metres(self, snapshot: PeopleSnapshot) -> Floats:
+        """(K+1, S) volume of each zone: of each segment's capsule now and at each step."""
+        forecast: Forecast | None = None
+        if self._predictor is not None:
+            forecast = self._predictor.predict(snapshot.history, snapshot.observed)
+        capsules = self._builder.build(snapshot, forecast, trust=self._trust).zones.capsules
+        length = np.linalg.norm(capsules.b[0] - capsules.a[0], axis=-1)
+        radius = capsules.radius[0]
+        volume: Floats = np.pi * radius**2 * (length + 4 / 3 * radius)
+        return volume
+
+    def step_at(self, seconds: float) -> int:
+        """Index of the zone that ends then, or the last one."""
+        return min(int(np.searchsorted(self.times_s, seconds - 1e-9)), len(self.times_s) - 1)
+
+
+def joint_map_cost(config: Config, predictor: Predictor, joint_map: JointMap) -> dict[str, Any]:
+    """What the joints that a map lacks cost in zones.
+
+    Returns:
+        ``name`` of the map; ``later_s``, the time of "later"; ``parts``: for each kind of inferred
+        joint, and for all that are not inferred, its ``joints``, ``anchors`` (empty: not inferred),
+        ``within_m`` (``None``: bounded by the skeleton's reach), and how many times the volume the
+        zones at it have, ``times_now`` and ``times_later``. Joints of absent parts cost nothing and
+        are left out.
+    """
+    body, delivered = StandingBody(config, predictor), joint_map.mapped
+    snapshot = body.snapshot(delivered)
+    whole, mapped = (
+        body.cubic_metres(body.snapshot(np.ones_like(delivered))),
+        body.cubic_metres(snapshot),
+    )
+    later = body.step_at(_LATER_S)
+    parts = []
+    for missing, rule in _missing(delivered):
+        at = [i for i, s in enumerate(body.segments) if {s.joint_a, s.joint_b} & set(missing)]
+        if not at:
+            continue
+        now, then = (mapped[k, at].sum() / whole[k, at].sum() for k in (0, later))
+        within_m = None
+        if rule is not None and snapshot.inferred is not None:
+            within_m = round(float(snapshot.inferred.within_m[0, missing].max()), 3)
+        parts.append(
+            {
+                "joints": [JOINTS[i] for i in missing],
+                "anchors": [] if rule is None else sorted({_kind(a) for a in rule.anchors}),
+                "within_m": within_m,
+                "times_now": round(float(now), 2),
+                "times_later": round(float(then), 2),
+            }
+        )
+    return {"name": joint_map.name, "later_s": float(body.times_s[later]), "parts": parts}
+
+
+def _missing(delivered: Bools) -> Iterator[tuple[list[int], Rule | None]]:
+    """The joints never delivered, as they are inferred, with the rule; those that are not, last."""
+    kinds: dict[str, tuple[list[int], Rule | None]] = {}
+    rest = [i for i, there in enumerate(delivered) if not there]
+    for rule in Inference(delivered).rules:
+        joints, _ = kinds.setdefault(_kind(rule.joint), ([], rule))
+        joints.append(JOINTS.index(rule.joint))
+        rest.remove(JOINTS.index(rule.joint))
+    yield from kinds.values()
+    if rest:
+        yield rest, None
+
+
+def joint_map_lines(cost: dict[str, Any]) -> list[str]:
+    """One line for each part of ``joint_map_cost``."""
+    lines = []
+    for part in cost["parts"]:
+        if part["within_m"] is None:
+            how = (
+                "neither delivered nor inferred, bounded by reach (people.absent_parts leaves out "
+                "what no robot can meet)"
+            )
+        else:
+            how = f"inferred from {', '.join(part['anchors'])}, within {part['within_m']:.2f} m"
+        lines.append(
+            f"joint map {cost['name']}: {', '.join(part['joints'])} {how}; the zones there have "
+            f"{part['times_now']:.1f} times the volume of delivered joints now, "
+            f"{part['times_later']:.1f} times at {cost['later_s'] * 1e3:.0f} ms"
+        )
+    return lines
+
+
+def _kind(joint: str) -> str:
+    return joint.removeprefix("l_").removeprefix("r_")

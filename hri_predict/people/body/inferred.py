@@ -1,0 +1,235 @@
+"""Joints that a tracker never delivers, inferred from those that it does, with their uncertainty.
+
+A joint map shows before the first frame which canonical joints never come (COCO has no hands, feet
+and torso). ``RULES`` place such a joint in a frame that moves with the body: an origin, an axis
+whose length is the person's own measured bone, and for some a direction to the joint's side. Both
+the place and the radius that holds the true joint are shares of that bone, so no scale is assumed.
+
+The shares are fitted on recordings by ``python -m hri_predict.calibration.inferred DATA``, which
+prints ``_FITTED`` (docs/measured/joint-maps.md). A joint without a rule, or whose anchors the
+tracker does not deliver either, stays unobserved.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.skeleton import CANONICAL, JOINTS
+
+_LEAST_SIDE = 0.1
+"""A direction to the side within 6 degrees of the axis is none: the frame would turn at a touch."""
+_LEAST_BONE_M = 0.01
+"""A shorter bone has no direction."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rule:
+    """Where one joint is, by others. Written for the left side; ``mirrored`` is the right one's.
+
+    Attributes:
+        joint: the inferred one.
+        origin: where the frame begins.
+        axis: from and to which joint the first direction points; its length is the bone.
+        side: from and to which joint the third direction points, outwards or to the left; ``None``:
+            the place is on the axis.
+        place: shares of the bone along the axis, forward, and to the side.
+        within: share of the bone; the true joint is so near to the place.
+    """
+
+    joint: str
+    origin: str
+    axis: tuple[str, str]
+    side: tuple[str, str] | None = None
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    within: float = 0.0
+
+    @property
+    def anchors(self) -> frozenset[str]:
+        """The joints that it needs."""
+        return frozenset({self.origin, *self.axis, *(self.side or ())})
+
+    @property
+    def is_left(self) -> bool:
+        """Whether its side is the left, as that of joints in the middle is."""
+        return not self.joint.startswith("r_")
+
+    def mirrored(self) -> "Rule":
+        """The same rule for the other side."""
+        side = None if self.side is None else (_other(self.side[0]), _other(self.side[1]))
+        return replace(
+            self,
+            joint=_other(self.joint),
+            origin=_other(self.origin),
+            axis=(_other(self.axis[0]), _other(self.axis[1])),
+            side=side,
+        )
+
+
+class Frame(NamedTuple):
+    """A rule's frame in some bodies: origin (..., 3), directions (..., 3, 3) as rows (along the
+    axis, forward, to the side; zeros without a side), bone (...) metres, and where it exists."""
+
+    origin: Floats
+    directions: Floats
+    bone: Floats
+    exists: Bools
+
+
+def frame_of(rule: Rule, positions: Floats, observed: Bools) -> Frame:
+    """The frame of a rule in bodies of canonical joints.
+
+    Args:
+        rule: whose frame.
+        positions: (..., J, 3) metres, finite.
+        observed: (..., J).
+    """
+
+    def between(ends: tuple[str, str]) -> Floats:
+        start, end = (JOINTS.index(joint) for joint in ends)
+        vector: Floats = positions[..., end, :] - positions[..., start, :]
+        return vector
+
+    exists = observed[..., [JOINTS.index(joint) for joint in sorted(rule.anchors)]].all(-1)
+    along = between(rule.axis)
+    bone = _length(along)
+    exists &= bone > _LEAST_BONE_M
+    along = along / np.maximum(bone, _LEAST_BONE_M)[..., None]
+    directions = np.zeros((*along.shape[:-1], 3, 3))
+    directions[..., 0, :] = along
+    if rule.side is not None:
+        side = between(rule.side)
+        whole = _length(side)
+        side = side - np.einsum("...i,...i->...", side, along)[..., None] * along
+        size = _length(side)
+        exists &= (size > _LEAST_SIDE * whole) & (whole > 0)
+        side = side / np.where(size > 0, size, 1.0)[..., None]
+        upward = along if _points_up(rule) else -along
+        left = side if rule.is_left else -side
+        directions[..., 1, :] = _cross(left, upward)
+        directions[..., 2, :] = side
+    return Frame(positions[..., JOINTS.index(rule.origin), :], directions, bone, exists)
+
+
+class Filled(NamedTuple):
+    """Bodies with their inferred joints: positions (..., J, 3), observed (..., J), and (..., J)
+    metres within which an inferred joint is; 0 for all others."""
+
+    positions: Floats
+    observed: Bools
+    within_m: Floats
+
+
+class Inference:
+    """Infers the joints that one source never delivers.
+
+    Args:
+        delivered: (J,) which canonical joints the source's joint map gives.
+
+    Attributes:
+        rules: the rules in use, in order.
+        joints: (J,) which joints are inferred.
+        anchors: (J, J) for each inferred joint, from which others.
+    """
+
+    def __init__(self, delivered: Bools) -> None:
+        known = {name for name, there in zip(JOINTS, delivered, strict=True) if there}
+        rules = []
+        for rule in RULES:
+            if rule.joint not in known and rule.anchors <= known:
+                rules.append(rule)
+                known |= {rule.joint} & set(_MIDPOINTS)  # others may rest on a midpoint
+        self.rules = tuple(rules)
+        self.joints: Bools = np.zeros(len(JOINTS), np.bool_)
+        self.anchors: Bools = np.zeros((len(JOINTS), len(JOINTS)), np.bool_)
+        for rule in self.rules:
+            index = JOINTS.index(rule.joint)
+            self.joints[index] = True
+            self.anchors[index, [JOINTS.index(joint) for joint in rule.anchors]] = True
+
+    def fill(self, positions: Floats, observed: Bools) -> Filled:
+        """Add the inferred joints; one whose anchors are not all observed is not observed.
+
+        Args:
+            positions: (..., J, 3) metres, finite, in any frame.
+            observed: (..., J).
+        """
+        filled = Filled(positions.copy(), observed.copy(), np.zeros(observed.shape))
+        for rule in self.rules:
+            joint, origin = JOINTS.index(rule.joint), JOINTS.index(rule.origin)
+            frame = frame_of(rule, filled.positions, filled.observed)
+            offset = np.einsum("...ki,k->...i", frame.directions, np.array(rule.place))
+            offset *= frame.bone[..., None]
+            longest = _length(offset) + CANONICAL.reach[joint, origin]
+            within = np.minimum(rule.within * frame.bone, longest)
+            within = within + filled.within_m[..., self.anchors[joint]].sum(-1)  # of midpoints
+            filled.positions[..., joint, :] = np.where(
+                frame.exists[..., None], frame.origin + offset, filled.positions[..., joint, :]
+            )
+            filled.observed[..., joint] = frame.exists
+            filled.within_m[..., joint] = np.where(frame.exists, within, 0.0)
+        return filled
+
+
+def _points_up(rule: Rule) -> bool:
+    """Whether the axis of a standing body points upwards."""
+    return rule.axis[1] not in ("l_ankle", "r_ankle")
+
+
+def _other(joint: str) -> str:
+    swap = {"l_": "r_", "r_": "l_"}
+    return swap.get(joint[:2], joint[:2]) + joint[2:]
+
+
+def _length(vectors: Floats) -> Floats:
+    length: Floats = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    return length
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    x, y, z = (a[..., i] for i in range(3))
+    u, v, w = (b[..., i] for i in range(3))
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+
+
+SHAPES: dict[str, Rule] = {
+    "hand": Rule(joint="l_hand", origin="l_wrist", axis=("l_elbow", "l_wrist")),
+    "wrist": Rule(joint="l_wrist", origin="l_hand", axis=("l_elbow", "l_hand")),
+    "foot": Rule(
+        joint="l_foot", origin="l_ankle", axis=("l_knee", "l_ankle"), side=("r_hip", "l_hip")
+    ),
+    "hip": Rule(joint="l_hip", origin="waist", axis=("r_shoulder", "l_shoulder")),
+    "torso": Rule(
+        joint="torso", origin="waist", axis=("waist", "neck"), side=("r_shoulder", "l_shoulder")
+    ),
+    "head_top": Rule(
+        joint="head_top", origin="head", axis=("neck", "head"), side=("r_shoulder", "l_shoulder")
+    ),
+}
+"""The fitted rules without their shares."""
+_FITTED = {
+    "hand": ((0.199, 0.0, 0.0), 0.534),
+    "wrist": ((-0.016, 0.0, 0.0), 0.42),
+    "foot": ((-0.001, 0.045, 0.015), 0.438),
+    "hip": ((0.121, 0.0, 0.0), 0.318),
+    "torso": ((0.563, -0.004, 0.0), 0.251),
+    "head_top": ((0.636, 0.071, 0.0), 0.315),
+}
+
+
+def _rules() -> Iterator[Rule]:
+    for joint, pair in (("waist", "hip"), ("neck", "shoulder")):
+        # by definition; a hundredth stands for the rounding, and marks it as inferred
+        axis = (f"r_{pair}", f"l_{pair}")
+        yield Rule(joint=joint, origin=axis[0], axis=axis, place=(0.5, 0.0, 0.0), within=0.01)
+    for name, (place, within) in _FITTED.items():
+        rule = replace(SHAPES[name], place=place, within=within)
+        yield rule
+        if rule.joint.startswith("l_"):
+            yield rule.mirrored()
+
+
+_MIDPOINTS = ("waist", "neck")
+RULES = tuple(_rules())
