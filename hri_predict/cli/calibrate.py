@@ -11,7 +11,6 @@ from rich.console import Console
 
 from hri_predict import registry
 from hri_predict.cli.common import (
-    SPLITS,
     check_writable,
     command,
     files,
@@ -23,6 +22,7 @@ from hri_predict.cli.common import (
     tell,
     without_effect,
 )
+from hri_predict.datasets.splits import USES
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.base import PredictorSettings
 
@@ -91,7 +91,7 @@ def calibrate(
     """
     settings = _settings(predictor, weights, horizon)
     if split is not None:
-        one_of("--split", split, SPLITS)
+        one_of("--split", split, USES)
     if check:
         _check(
             settings=settings,

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table as ScreenTable
 
 from hri_predict import registry
+from hri_predict.datasets.splits import in_pack, is_pack, split
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.settings import validated
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from hri_predict.evaluation.table import Table
     from hri_predict.predictors.base import PredictorSettings
 
-SPLITS = ("fit", "validation", "calibration", "test")
 _RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".mcap")  # most .csv are other tables
 
 
@@ -70,20 +70,23 @@ def need_plots() -> None:
     importlib.import_module("hri_predict.evaluation.figures")
 
 
-def recordings(entry: Path, split: str) -> list[Path]:
+def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path]:
     """The recordings that ``--data`` names: a file, a split of the data pack, or a whole folder.
+
+    With a split, a folder of the pack gives the recordings of the split that lie in it.
 
     Raises:
         ConfigError: there is no such file, or no recording in the folder.
     """
-    from hri_predict.training.windows.motion import RecordingsSettings
-
     if not entry.exists():
         raise ConfigError(f"--data {entry}: no such file or folder; check the path")
     if entry.is_file():
         return [entry]
-    if _is_pack(entry):
-        return RecordingsSettings(root=entry).files(split)
+    if is_pack(entry):
+        return [in_pack(entry, name) for name in split(use or default)]
+    pack = _pack_around(entry)
+    if use is not None and pack is not None:
+        return _below(entry, pack, use)
     found = sorted(p for p in entry.rglob("*") if p.suffix.lower() in _RECORDINGS)
     if not found:
         raise ConfigError(
@@ -92,29 +95,43 @@ def recordings(entry: Path, split: str) -> list[Path]:
     return found
 
 
-def _is_pack(entry: Path) -> bool:
-    return any((entry / pack / "test").is_dir() for pack in ("", "cmu_mocap"))
+def _below(entry: Path, pack: Path, use: str) -> list[Path]:
+    found = [pack / f"{name}.npz" for name in split(use)]
+    found = [path for path in found if entry.resolve() in path.parents]
+    if not found:
+        raise ConfigError(f"--data {entry}: has no recording of the split {use}; name another")
+    return found
 
 
-def files(data: Sequence[Path], split: str | None, default: str = "test") -> list[Path]:
+def _pack_around(entry: Path) -> Path | None:
+    """The data pack that a folder lies in."""
+    around = entry.resolve().parents
+    return next((folder for folder in around if (folder / "cmu_mocap" / "test").is_dir()), None)
+
+
+def files(data: Sequence[Path], use: str | None, default: str = "test") -> list[Path]:
     """All recordings that the user asked for, each once; from the data pack those of a split.
 
     Raises:
         ConfigError: see ``recordings``; or one is named twice, or no ``--data`` has splits.
     """
-    found = [path for entry in data for path in recordings(entry, split or default)]
+    found = [path for entry in data for path in recordings(entry, use, default)]
     known: set[Path] = set()
     for path in found:
         if path.resolve() in known:
             raise ConfigError(f"--data: {path} is named twice and would count double; name it once")
         known.add(path.resolve())
     _refuse_copies(found)
-    if split is not None and not any(map(_is_pack, data)):
+    if use is not None and not any(_has_splits(entry) for entry in data):
         raise ConfigError(
-            f"--split {split}: has no effect on {data[0]}: only the data pack has splits; leave it "
+            f"--split {use}: has no effect on {data[0]}: only the data pack has splits; leave it "
             f"out"
         )
     return found
+
+
+def _has_splits(entry: Path) -> bool:
+    return entry.is_dir() and (is_pack(entry) or _pack_around(entry) is not None)
 
 
 def _refuse_copies(found: Sequence[Path]) -> None:

@@ -12,7 +12,6 @@ import typer
 
 from hri_predict import registry
 from hri_predict.cli.common import (
-    SPLITS,
     check_writable,
     command,
     files,
@@ -23,6 +22,7 @@ from hri_predict.cli.common import (
     tell,
     without_effect,
 )
+from hri_predict.datasets.splits import USES
 from hri_predict.errors import ConfigError
 
 if TYPE_CHECKING:  # torch takes seconds to import, which the other commands need not wait for
@@ -62,7 +62,9 @@ def evaluate(
     ] = None,
     split: Annotated[
         str | None,
-        typer.Option(help="Split of the data pack: validation, test, ...", show_default="test"),
+        typer.Option(
+            help="Split of the data pack: validation, test, test_motion, ...", show_default="test"
+        ),
     ] = None,
     disturb: Annotated[
         bool,
@@ -89,7 +91,7 @@ def evaluate(
             {"--windows": windows, "--n-out": n_out, "--error": error}, "without --benchmark"
         )
         if split is not None:
-            one_of("--split", split, SPLITS)
+            one_of("--split", split, USES)
         _real(data=data, asked=asked, split=split, disturb=disturb, out=out, as_json=as_json)
     else:
         without_effect(

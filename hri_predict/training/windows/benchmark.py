@@ -26,11 +26,11 @@ from hri_predict.datasets.cmu_benchmark import (
     read_clip,
     to_model,
 )
+from hri_predict.datasets.splits import benchmark_split
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
 from hri_predict.predictors.neural.network import Shape
 from hri_predict.settings import Settings
-from hri_predict.training.windows.motion import split
 from hri_predict.training.windows.samples import Samples
 
 _BATCH = 64
@@ -184,8 +184,10 @@ def model_values(clip: Clip, space: str) -> Floats:
 
 
 def _listed(file: str, key: str) -> list[str]:
-    """The benchmark's recordings in one list of the splits file."""
-    found = [name for name in split(key, file) if action_of(name) in ACTIONS]
+    """The benchmark's recordings in one of its own lists of the splits file."""
+    found = [name for name in benchmark_split(key, file) if action_of(name) in ACTIONS]
     if not found:
-        raise ConfigError(f"splits {file}: '{key}' names no recording of the CMU benchmark")
+        raise ConfigError(
+            f"splits {file}: 'benchmark.{key}' names no recording of the CMU benchmark; name one"
+        )
     return found

@@ -3,9 +3,9 @@
 Drawn once per window: the length of each bone, and where a tracker puts each joint. Both hold for
 the history and for the future alike, so the target is the true motion of that body.
 
-The ranges are wide on purpose; they are not fitted to any tracker. Known cases they cover: a tracker
-whose shoulders lie 10 cm from the neck where optical motion capture has 20, and whose hips lie 6.5
-cm from the middle where that has 9.
+The ranges are wide on purpose; they are not fitted to any tracker. They cover a known one whose
+shoulders lie 10 cm from the neck where optical motion capture has 20, and whose hips lie 6.5 cm
+from the middle where that has 9.
 """
 
 from dataclasses import dataclass

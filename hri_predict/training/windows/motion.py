@@ -16,10 +16,10 @@ from pydantic import Field
 from torch import Tensor
 
 from hri_predict.arrays import Bools
+from hri_predict.datasets.splits import in_pack, split
 from hri_predict.datasets.tracks import Track, read_tracks
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.evaluation.windows import ORIGIN_STEPS
-from hri_predict.files import data_path, read_yaml
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.body_frame import body_frame
 from hri_predict.predictors.neural.network import Shape
@@ -49,7 +49,7 @@ _USES = ("fit", "validation")
 class RecordingsSettings(Settings):
     """Which recordings are fitted, and which are for validation.
 
-    By default the committed split of the CMU pack below ``root``. With ``fit`` and ``validation``
+    By default the committed split of the data pack below ``root``. With ``fit`` and ``validation``
     the user's own recordings: paths or patterns below ``root``.
     """
 
@@ -59,7 +59,7 @@ class RecordingsSettings(Settings):
     validation: list[str] | None = None
 
     def files(self, use: str) -> list[Path]:
-        """Return the recordings for ``use``: "fit", "validation", "calibration" or "test".
+        """Return the recordings for ``use``, one of ``splits.USES``.
 
         Raises:
             ConfigError: a file is missing, or nothing is left.
@@ -70,7 +70,7 @@ class RecordingsSettings(Settings):
             if not found:
                 raise ConfigError(f"data.{use}: names no recording; name at least one")
             return found
-        return [self._in_pack(name) for name in split(use, self.splits)]
+        return [in_pack(self.root, name) for name in split(use, self.splits)]
 
     def _matching(self, pattern: str) -> list[Path]:
         if Path(pattern).is_absolute():
@@ -85,30 +85,6 @@ class RecordingsSettings(Settings):
         if not found:
             raise ConfigError(f"data: nothing matches '{pattern}' in {self.root}; check both")
         return found
-
-    def _in_pack(self, name: str) -> Path:
-        for folder in (self.root / "cmu_mocap", self.root):
-            path = folder / f"{name}.npz"
-            if path.exists():
-                return path
-        raise ConfigError(
-            f"data.root: {self.root} has no cmu_mocap/{name}.npz; give the data pack's folder "
-            f"(--data DIR), or name your own recordings under data.fit and data.validation"
-        )
-
-
-def split(use: str, file: str = "splits.yaml") -> list[str]:
-    """Names of the CMU pack's recordings for one use, as "train/basketball_1".
-
-    Raises:
-        ConfigError: the file has no such list.
-    """
-    shipped = data_path("training", file)
-    path = shipped if shipped.exists() else Path(file)
-    names = read_yaml(path, "splits").get(use)
-    if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
-        raise ConfigError(f"splits {path}: '{use}' must be a list of recordings")
-    return names
 
 
 class DataSettings(RecordingsSettings):

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hri_predict.calibration.scores import presences_of, window_at
+from hri_predict.datasets.splits import split
 from hri_predict.errors import ConfigError
 from hri_predict.recording.opening import open_recording
 from hri_predict.risk.settings import HumanLimits, Reach
 from hri_predict.risk.zones.reach import BONE_FACTOR, BONE_MARGIN_M, BodyReach
 from hri_predict.settings import validated
 from hri_predict.skeleton import CANONICAL, JOINTS, PARENTS
-from hri_predict.training.windows.motion import split
 
 RATE_HZ = 25.0
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
@@ -228,7 +228,7 @@ def test_a_part_that_is_missing_is_one_clear_line(part):
 def test_people_of_the_test_recordings_keep_the_limits_for_a_second():
     inside = total = 0
     by_action: dict[str, list[int]] = {}
-    files = [DATA / "cmu_mocap" / f"{name}.npz" for name in split("test")]
+    files = [DATA / f"{name}.npz" for name in split("test")]
     files += sorted((DATA / "assembly").glob("*.npz"))
     for path in files:
         recording = open_recording(path)

@@ -38,13 +38,17 @@ def pack(tmp_path):
         np.savez(tmp_path / f"{name}.npz", expmap=expmap.astype(np.float32))
     splits = {"fit": ["train/walking_1", "train/soccer_1", "train/walking_extra_1"]}
     splits["validation"] = ["train/walking_2", "train/soccer_2"]
-    (tmp_path / "splits.yaml").write_text(yaml.safe_dump(splits))
+    (tmp_path / "splits.yaml").write_text(yaml.safe_dump({"version": 2, "benchmark": splits}))
     return tmp_path
 
 
 def opened(pack, history=10, horizon=25, **changes):
     data = {"root": pack, "splits": str(pack / "splits.yaml"), **changes}
     return BenchmarkSamples(BenchmarkData(**data), history, horizon)
+
+
+def of(fit, validation):
+    return f"version: 2\nbenchmark: {{fit: [{fit}], validation: [{validation}]}}\n"
 
 
 def recordings_of(samples):
@@ -119,10 +123,10 @@ def test_mistakes_are_named_in_one_line(pack):
         opened(pack, history=375)
     with pytest.raises(ConfigError, match="root"):
         opened(pack / "test")
-    (pack / "splits.yaml").write_text("fit: [train/walking_9]\nvalidation: [train/walking_1]\n")
+    (pack / "splits.yaml").write_text(of("train/walking_9", "train/walking_1"))
     with pytest.raises(RecordingError, match="walking_9"):
         opened(pack)
-    (pack / "splits.yaml").write_text("fit: [train/dancing_1]\nvalidation: []\n")
+    (pack / "splits.yaml").write_text(of("train/dancing_1", ""))
     with pytest.raises(ConfigError, match="names no recording"):
         opened(pack)
 
@@ -131,8 +135,7 @@ def test_something_must_validate_that_is_not_fitted(pack):
     with pytest.raises(ConfigError, match="no recording in validation has 70 frames"):
         opened(pack, history=45)
     assert opened(pack, history=45, refit=True).window_count > 0
-    splits = "fit: [train/walking_1, train/walking_2]\nvalidation: [train/walking_2]\n"
-    (pack / "splits.yaml").write_text(splits)
+    (pack / "splits.yaml").write_text(of("train/walking_1, train/walking_2", "train/walking_2"))
     with pytest.raises(ConfigError, match="train/walking_2 is both in fit and in validation"):
         opened(pack)
 

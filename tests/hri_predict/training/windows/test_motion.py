@@ -15,7 +15,7 @@ from hri_predict.settings import validated
 from hri_predict.training.windows.augment import AugmentSettings
 from hri_predict.training.windows.bodies import BodySettings
 from hri_predict.training.windows.clips import Clips
-from hri_predict.training.windows.motion import DataSettings, MotionSamples, split
+from hri_predict.training.windows.motion import DataSettings, MotionSamples
 from hri_predict.training.windows.trackers import TrackerSettings
 
 DATA = Path(__file__).resolve().parents[4].parent / "shared" / "data"
@@ -308,14 +308,6 @@ def test_action_is_the_name_without_its_number():
     assert action_of("task1_human2_trial1") == "task1_human2_trial1"
 
 
-def test_no_recording_is_used_twice():
-    lists = [split(use) for use in ("fit", "validation", "calibration", "test")]
-    names = [name for part in lists for name in part]
-    assert len(names) == len(set(names)) == 96
-    assert all(name.startswith("test/") for name in lists[3])
-    assert all(name.startswith("train/") for part in lists[:3] for name in part)
-
-
 @pytest.mark.skipif(not DATA.exists(), reason="needs ../shared/data")
 class TestPack:
     def test_tracks_are_the_files_joints_with_z_up(self):
@@ -326,10 +318,6 @@ class TestPack:
         expected[..., 1] -= raw["floor_height"]
         np.testing.assert_allclose(track.positions, expected[..., [2, 0, 1]], atol=1e-6)
         assert track.action == "walking"
-
-    def test_every_recording_of_the_split_is_in_the_pack(self):
-        for use in ("fit", "validation", "calibration", "test"):
-            assert all(path.exists() for path in DataSettings(root=DATA).files(use))
 
     def test_assembly_arms_are_partly_observed_bodies(self):
         path = DATA / "assembly" / "task1_human1_trial1.npz"
