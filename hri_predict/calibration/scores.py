@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats
-from hri_predict.datasets.tracks import action_of
 from hri_predict.errors import RecordingError
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.base import Predictor, checked
@@ -96,8 +95,7 @@ def score_recordings(
     for entry, name in zip(recordings, names, strict=True):
         recording = entry if isinstance(entry, Recording) else open_recording(entry)
         presences = presences_of(recording)
-        action = "arms" if recording.kind == "assembly" else action_of(recording.path.stem)
-        scored = [score_presence(predictor, name, action, p) for p in presences]
+        scored = [score_presence(predictor, name, recording.action, p) for p in presences]
         own = [replace(s, digest=recording.digest) for s in scored if s is not None]
         if not own:
             raise RecordingError(

@@ -13,6 +13,7 @@ from hri_predict.recording.opening import open_recording
 from hri_predict.recording.recording import Recording
 
 _MAX_GAP_S = 0.1
+_CMU_ORDER = ("cmu38", "cmu38_asf")  # maps of the same joints in the same order
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -21,6 +22,7 @@ class Track:
 
     Attributes:
         name: the recording's file name without its ending.
+        action: what the person does, see ``Recording.action``.
         stamps_ns: (F,) capture times, strictly increasing.
         positions: (F, 28, 3) metres, z up, ``BODY`` joints; 0 where not observed.
         observed: (F, 28).
@@ -28,6 +30,7 @@ class Track:
     """
 
     name: str
+    action: str
     stamps_ns: NDArray[np.int64]
     positions: Floats
     observed: Bools
@@ -37,17 +40,6 @@ class Track:
     def max_gap_s(self) -> float:
         """Longest time between captures that is bridged, as in the node's ring buffers."""
         return max(_MAX_GAP_S, 2.5 / self.rate_hz)
-
-    @property
-    def action(self) -> str:
-        """The action: the recording's name without its number."""
-        return action_of(self.name)
-
-
-def action_of(name: str) -> str:
-    """Return a recording's name without a trailing number: ``walking`` of ``walking_3``."""
-    stem, _, number = name.rpartition("_")
-    return stem if stem and number.isdigit() else name
 
 
 def read_tracks(path: Path) -> tuple[Track, ...]:
@@ -77,7 +69,7 @@ def _track(recording: Recording, samples: list[tuple[int, Floats, Bools]]) -> Tr
     stamps = np.array([s[0] for s in samples], dtype=np.int64)
     positions = np.stack([s[1] for s in samples])
     observed = np.stack([s[2] for s in samples])
-    if recording.joint_map.name == "cmu38":
+    if recording.joint_map.name in _CMU_ORDER:
         body, seen = positions[:, CMU38], observed[:, CMU38]
     else:
         mapped = [recording.joint_map.map(p, o) for p, o in zip(positions, observed, strict=True)]
@@ -88,6 +80,7 @@ def _track(recording: Recording, samples: list[tuple[int, Floats, Bools]]) -> Tr
     body = np.where(seen[..., None], body, 0.0)
     return Track(
         name=recording.path.stem,
+        action=recording.action,
         stamps_ns=stamps,
         positions=body,
         observed=seen,

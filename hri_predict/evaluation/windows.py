@@ -32,8 +32,6 @@ ORIGIN_STEPS = 15
 HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
 HORIZON_STEPS = tuple(round(ms * RATE_HZ / 1000) for ms in HORIZONS_MS)
 FUTURE_STEPS = HORIZON_STEPS[-1]
-ARMS = "arms"
-"""Action of the recordings of seated people's arms."""
 BATCH = 256
 
 LEAST_RATE_HZ = 1000.0 / HORIZONS_MS[0]
@@ -50,7 +48,7 @@ class Motion:
 
     Attributes:
         name: the recording's file name without its ending.
-        action: the name without its number; "arms" for the assembly recordings.
+        action: see ``Recording.action``.
         stamps_ns: (F,) captures in which some joint was observed, strictly increasing.
         positions: (F, 28, 3) metres, the recording's frame with z up, ``BODY`` joints; 0 where not
             observed.
@@ -116,14 +114,13 @@ def read_motions(recordings: Sequence[Path | Recording]) -> list[Motion]:
 def _motions(recording: Recording, track: Track) -> Iterator[Motion]:
     period_s = 1 / recording.rate_hz
     gap_ns = round(1e9 * max(_MAX_GAP_S, 2.5 * period_s))
-    action = ARMS if recording.kind == "assembly" else track.action
     seen = np.flatnonzero(track.observed.any(axis=1))
     breaks = np.flatnonzero(np.diff(track.stamps_ns[seen]) > gap_ns) + 1
     for frames in np.split(seen, breaks):
         if frames.size:
             yield Motion(
                 name=track.name,
-                action=action,
+                action=track.action,
                 stamps_ns=track.stamps_ns[frames],
                 positions=track.positions[frames],
                 observed=track.observed[frames],

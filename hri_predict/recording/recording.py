@@ -21,7 +21,9 @@ from hri_predict.skeleton import JOINTS
 # Heading at a recording's start: the first direction of travel, if it is long enough.
 HEADING_WINDOW_S = 1.0
 HEADING_TRAVEL_M = 0.3
-SELF_EXPLAINED = ("cmu", "assembly", "mcap")  # kinds whose units and axes are fixed
+ARMS = "arms"
+"""Action of the recordings of seated people's arms."""
+SELF_EXPLAINED = ("cmu", "assembly", "motion", "mcap")  # kinds whose units and axes are fixed
 MAX_GAP_S = 3600.0  # between two scenes; a node that waits longer would seem to hang
 
 
@@ -31,7 +33,7 @@ class Recording:
 
     Attributes:
         path: the file.
-        kind: "cmu", "assembly", "amass", "bvh", "c3d", "csv", "mcap" or "trc".
+        kind: "cmu", "assembly", "motion", "amass", "bvh", "c3d", "csv", "mcap" or "trc".
         joint_map: names of the source's joints and how they become canonical ones.
         rate_hz: nominal scenes per second.
         scenes: in the order of arrival; joints in metres, z up, in the file's own frame ("mcap": in
@@ -62,9 +64,24 @@ class Recording:
         return (self.arrival_ns[-1] - self.arrival_ns[0]) * 1e-9
 
     @property
+    def action(self) -> str:
+        """What people do in it, for tables: "arms" for the assembly recordings; the folder's name
+        for those of ``motion``, whose folders are its sets; or else the name without its number.
+        """
+        if self.kind == "assembly":
+            return ARMS
+        return self.path.absolute().parent.name if self.kind == "motion" else action_of(self.path)
+
+    @property
     def digest(self) -> str | None:
         """SHA-256 of the file in hexadecimal digits; ``None`` without a file."""
         return hashlib.sha256(self.path.read_bytes()).hexdigest() if self.path.is_file() else None
+
+
+def action_of(path: Path) -> str:
+    """A file's name without ending and trailing number: ``walking`` of ``walking_3.npz``."""
+    stem, _, number = path.stem.rpartition("_")
+    return stem if stem and number.isdigit() else path.stem
 
 
 def check_rate(path: Path, what: str, rate_hz: float) -> None:

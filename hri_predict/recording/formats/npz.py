@@ -1,8 +1,14 @@
-"""Motion recordings as NumPy archives: whole-body (CMU, 38 joints) and arms of a seated person.
+"""Motion recordings as NumPy archives, in the data pack's three layouts.
 
-Keys, units and axes as the data pack documents them: ``positions_world`` (F, 38, 3) metres, y up,
-``fps`` 120, ``world_ok``, ``floor_height`` and ``rest_pose_frames``; or ``positions`` (F, 6, 3)
-metres in the camera's frame, NaN where missing, with ``joint_names`` and ``fps``.
+Keys, units and axes as the data pack documents them:
+
+- whole body (``cmu_mocap``): ``positions_world`` (F, 38, 3) metres, y up, ``fps`` 120,
+  ``world_ok``, ``floor_height`` and ``rest_pose_frames``;
+- any body (``motion``): ``positions`` (F, J, 3) metres, z up, NaN where not observed, with
+  ``joint_names``, ``parents`` and ``fps``; ``floor_height``, and (F, J) ``valid`` and ``jump``
+  where the file has them;
+- arms of a seated person (``assembly``): ``positions`` (F, 6, 3) metres in the camera's frame, NaN
+  where missing, with ``joint_names`` and ``fps``.
 """
 
 import lzma
@@ -16,10 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.recording.frames import Written, frames_of_one
+from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_rate, recording_of_one
 
 # Exceptions that a damaged archive or header can raise.
@@ -28,15 +35,16 @@ _BROKEN += (OverflowError, RuntimeError, MemoryError, tokenize.TokenError)
 _BROKEN += (zipfile.BadZipFile, zlib.error, lzma.LZMAError)
 
 _KEYS = {"positions_world", "world_ok", "floor_height", "rest_pose_frames"}
-_KEYS |= {"positions", "joint_names", "fps"}
+_KEYS |= {"positions", "joint_names", "fps", "parents", "valid", "jump"}
 MAX_BYTES = 2**30  # unpacked; two hours of 38 joints at 120 frames per second
 
 
 def read_npz(path: Path, person: int) -> Recording:
-    """Read a recording in one of the two layouts.
+    """Read a recording in one of the three layouts.
 
     A frame whose ``world_ok`` is false (its root rotation is an artefact) becomes a scene in which
-    all joints of the person are unobserved: somebody is there, but the place is unknown.
+    all joints of the person are unobserved: somebody is there, but the place is unknown. A joint
+    that is not ``valid``, or jumps, is unobserved in that frame.
 
     Raises:
         RecordingError: the file is truncated, is empty, or has another layout.
@@ -44,11 +52,14 @@ def read_npz(path: Path, person: int) -> Recording:
     arrays = read_arrays(path, _KEYS)
     if "positions_world" in arrays:
         return _whole_body(path, arrays, person)
+    if "positions" in arrays and "parents" in arrays:
+        return _any_body(path, arrays, person)
     if "positions" in arrays:
         return _arms(path, arrays, person)
     raise RecordingError(
         f"recording {path}: holds {', '.join(sorted(arrays)) or 'nothing'}; expected "
-        f"'positions_world' (38 joints) or 'positions' with 'joint_names' (arms)"
+        f"'positions_world' (38 joints) or 'positions' with 'joint_names' (and 'parents', unless "
+        f"they are arms in a camera's frame)"
     )
 
 
@@ -119,6 +130,41 @@ def _whole_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording
     )
 
 
+def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
+    names = [str(name) for name in np.atleast_1d(arrays.get("joint_names", []))]
+    if not names or len(set(names)) != len(names):
+        raise RecordingError(
+            f"recording {path}: 'joint_names' has {len(set(names))} different names for "
+            f"{len(names)} joints; give each joint its own name"
+        )
+    positions = _positions(path, arrays["positions"], len(names))
+    positions[..., 2] -= _number(path, arrays, "floor_height", 0.0)  # z is up
+    positions[~_flags(path, arrays, "valid", positions, True)] = np.nan
+    positions[_flags(path, arrays, "jump", positions, False)] = np.nan
+    return _recording(
+        path=path,
+        kind="motion",
+        joint_map=map_of_names(names),
+        positions=positions,
+        arrays=arrays,
+        person=person,
+    )
+
+
+def _flags(
+    path: Path, arrays: Mapping[str, Any], key: str, positions: Floats, default: bool
+) -> Bools:
+    """(F, J) truth values of a key, or the default for all."""
+    shape = positions.shape[:2]
+    flags = np.asarray(arrays.get(key, np.full(shape, default)))
+    if flags.shape != shape or flags.dtype.kind not in "biu":
+        raise RecordingError(
+            f"recording {path}: '{key}' is {flags.dtype} of shape {flags.shape}; expected one "
+            f"truth value for each frame and joint, shape {shape}"
+        )
+    return flags != 0
+
+
 def _arms(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
     joint_map = load_joint_map("assembly_arms")
     names = [str(n) for n in np.atleast_1d(arrays.get("joint_names", joint_map.source_joints))]
@@ -185,10 +231,10 @@ def _number(path: Path, arrays: Mapping[str, Any], key: str, default: float | No
 
 
 def write_pack(path: Path, recording: Recording) -> Written:
-    """Write one person in one of the two layouts, by the names of the joints, in any order.
+    """Write one person in the layout of cmu_mocap or of assembly, by the joints' names.
 
     Raises:
-        ConfigError: the joints fit neither layout.
+        ConfigError: the joints fit neither.
     """
     frames = frames_of_one(recording)
     names = [name for name in ("cmu38", "assembly_arms") if _same(name, frames.joints)]

@@ -78,7 +78,8 @@ def test_people_of_the_test_are_in_test_motion_or_left_out():
 @needs_pack
 def test_a_person_who_is_named_is_in_one_list():
     """But for the sets of one person or one couple, which are split by recording."""
-    where, found = uses(), {}
+    where: dict[str, str] = uses()
+    found: dict[str, set[str]] = {}
     for name, row in manifest().items():
         person = row["subject"].removesuffix(" (inferred)")
         if person not in ("unknown", "60", "61", "62"):
@@ -121,7 +122,7 @@ def test_both_partners_of_a_dance_are_on_one_side():
 @needs_pack
 def test_beside_robot_takes_turns_over_its_tasks():
     where, rows = uses(), manifest()
-    tasks = {}
+    tasks: dict[str, Counter[str]] = {}
     for name, row in rows.items():
         if row["set"] == "beside_robot":
             tasks.setdefault(row["label"], Counter())[where[name]] += 1

@@ -12,7 +12,7 @@ from hri_predict.errors import RecordingError
 from hri_predict.recording import open_recording, placed
 from hri_predict.recording.formats import npz
 from hri_predict.recording.formats.npz import read_arrays
-from hri_predict.recording.recording import start_of
+from hri_predict.recording.recording import action_of, start_of
 from hri_predict.settings import Pose
 from hri_predict.skeleton import JOINTS
 
@@ -114,6 +114,103 @@ def test_room_from_source_is_applied(tmp_path: Path) -> None:
 def test_the_person_gets_the_id_asked_for(tmp_path: Path) -> None:
     recording = open_recording(_whole_body(tmp_path / "a.npz", frames=2), person=7)
     assert [p.id for s in recording.scenes for p in s.people] == [7, 7]
+
+
+SETS = {
+    "cmu_tools/62_03": (60.0, "daz23"),
+    "cmu_dance/salsa_01": (60.0, "daz23"),
+    "cmu_subjects/07_03": (120.0, "cmu38"),
+    "cmu_misc/16_01": (120.0, "cmu38_asf"),
+    "beside_robot/RobotHandball_0": (100.0, "marker_clusters9"),
+}
+
+
+@needs_data
+@pytest.mark.parametrize("name", SETS)
+def test_motion_is_z_up_on_its_floor_with_its_own_map_and_its_set_as_action(name: str) -> None:
+    recording = open_recording(DATA / "motion" / f"{name}.npz")
+    assert (recording.rate_hz, recording.joint_map.name) == SETS[name]
+    assert (recording.kind, recording.action) == ("motion", name.split("/")[0])
+    joints, seen = _canonical(recording, 0)  # standing
+    if "beside_robot" in name:  # no joint centre but these; its floor is unknown
+        marked = {"head_top", "l_elbow", "l_wrist", "r_elbow", "r_wrist"}
+        assert {JOINTS[i] for i in np.flatnonzero(seen)} <= marked
+        return
+    feet = joints[[JOINTS.index("l_foot"), JOINTS.index("r_foot")], 2]
+    assert -0.05 < feet.min() < 0.15
+    assert 0.7 < joints[JOINTS.index("waist"), 2] < 1.1
+    assert joints[JOINTS.index("head"), 2] > joints[JOINTS.index("waist"), 2] + 0.3
+
+
+@needs_data
+def test_walking_people_of_motion_face_where_they_go() -> None:
+    """The left hip is at the left of the line of travel."""
+    for path in sorted((DATA / "motion").glob("cmu_subjects/0[78]*.npz")):
+        recording = open_recording(path)
+        first, last = (_canonical(recording, k)[0] for k in (0, -1))
+        ahead = (last - first)[JOINTS.index("waist"), :2]
+        across = (first[JOINTS.index("l_hip")] - first[JOINTS.index("r_hip")])[:2]
+        assert ahead[0] * across[1] - ahead[1] * across[0] > 0, path.name
+
+
+@needs_data
+def test_what_motion_marks_as_invalid_or_as_a_jump_is_unobserved() -> None:
+    for name, key in (("cmu_tools/62_01", "valid"), ("beside_robot/PickPlaceCloseHuman_3", "jump")):
+        path = DATA / "motion" / f"{name}.npz"
+        raw = np.load(path)
+        wrong = (~raw["valid"] | raw["jump"]) | np.isnan(raw["positions"]).any(axis=-1)
+        assert raw[key].any()
+        assert not raw[key].all()
+        seen = np.stack([scene.people[0].observed for scene in open_recording(path).scenes])
+        np.testing.assert_array_equal(seen, ~wrong)
+
+
+def _any_body(path: Path, **more: object) -> Path:
+    arrays: dict[str, object] = {
+        "positions": np.ones((4, 6, 3), dtype=np.float32),
+        "joint_names": np.array(["l_shoulder", "l_elbow", "l_wrist", "r_hip", "r_knee", "waist"]),
+        "parents": np.array([-1, 0, 1, 5, 3, -1]),
+        "fps": np.float32(50),
+    }
+    np.savez(path, **arrays | more)  # type: ignore[arg-type]
+    return path
+
+
+def test_a_body_of_the_users_own_in_the_layout_of_motion_is_read(tmp_path: Path) -> None:
+    (tmp_path / "night").mkdir()
+    path = _any_body(tmp_path / "night" / "a_1.npz", floor_height=np.float32(0.25))
+    recording = open_recording(path)
+    assert (recording.joint_map.name, recording.action) == ("canonical", "night")
+    assert recording.scenes[0].people[0].positions[0].tolist() == [1.0, 1.0, 0.75]
+    assert recording.scenes[0].people[0].observed.all()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"valid": np.ones((4, 5), dtype=bool)}, "'valid' is bool of shape (4, 5); expected"),
+        ({"jump": np.zeros((4, 6))}, "'jump' is float64 of shape (4, 6)"),
+        ({"joint_names": np.array(["a"] * 6)}, "'joint_names' has 1 different names for 6 joints"),
+        ({"joint_names": np.array(list("abcdef"))}, "no joint matches head"),
+        ({"joint_names": np.array(["a", "b"])}, "expected numbers of shape (frames, 2, 3)"),
+        ({"floor_height": np.nan}, "'floor_height' is not one finite number"),
+    ],
+)
+def test_mistakes_in_the_layout_of_motion_are_one_line(tmp_path, change, says) -> None:
+    assert says in _error(_any_body(tmp_path / "a.npz", **change))
+
+
+@pytest.mark.parametrize(
+    ("file", "action"),
+    [
+        ("walking_extra_12.csv", "walking_extra"),
+        ("task1_human2_trial1.csv", "task1_human2_trial1"),
+        ("12.csv", "12"),
+        ("_3.csv", "_3"),
+    ],
+)
+def test_action_is_the_name_without_its_number(file: str, action: str) -> None:
+    assert action_of(Path(file)) == action
 
 
 def _whole_body(path: Path, frames: int, **more: object) -> Path:

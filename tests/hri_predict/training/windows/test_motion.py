@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from hri_predict.datasets.tracks import Track, action_of, read_tracks
+from hri_predict.datasets.tracks import Track, read_tracks
 from hri_predict.errors import ConfigError, HriPredictError, RecordingError
 from hri_predict.predictors.neural.body import BODY, CMU38
 from hri_predict.predictors.neural.network import Shape
@@ -256,6 +256,7 @@ def test_a_recording_of_days_does_not_run_into_the_next(folder):
     stamps = np.arange(0, 2 * 10**9 * 86400, 10**9)
     tracks = [
         Track(
+            action="line",
             name=name,
             stamps_ns=stamps,
             positions=np.full((stamps.size, 1, 3), place),
@@ -301,11 +302,6 @@ def test_weights_that_mean_nothing_are_refused(folder, weights, says):
 def test_a_weight_of_an_action_that_is_not_there_is_told(folder, caplog):
     opened(folder, ["line_*.npz"], ["check_1.npz"], weights={"lien": 5.0})
     assert "no effect for lien; the recordings show" in caplog.text
-
-
-def test_action_is_the_name_without_its_number():
-    assert action_of("walking_extra_12") == "walking_extra"
-    assert action_of("task1_human2_trial1") == "task1_human2_trial1"
 
 
 @pytest.mark.skipif(not DATA.exists(), reason="needs ../shared/data")
