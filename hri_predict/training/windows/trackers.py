@@ -26,11 +26,11 @@ FASTEST_HZ = 60.0
 class TrackerSettings(Settings):
     """How often and how strongly trackers err (``data.trackers:``); shares are of windows."""
 
-    rate: float = Field(0.5, ge=0, le=1, description="share at another capture rate")
+    rate: float = Field(0.35, ge=0, le=1, description="share at another capture rate")
     slowest_hz: float = Field(8.0, ge=5, le=60, description="lowest such rate; the highest is 60")
     dropped: float = Field(0.15, ge=0, le=1, description="share that lose whole captures")
     dropped_most: float = Field(0.3, ge=0, lt=1, description="largest share of captures lost")
-    noise: float = Field(0.4, ge=0, le=1, description="share with noise on every joint")
+    noise: float = Field(0.3, ge=0, le=1, description="share with noise on every joint")
     noise_m: float = Field(0.03, ge=0, le=1, description="its largest standard deviation")
     correlated: float = Field(
         0.5, ge=0, le=1, description="share of noisy windows whose noise is correlated in time"
@@ -39,7 +39,7 @@ class TrackerSettings(Settings):
         0.5, gt=0, le=10, description="its longest time constant (the shortest is a tenth of it)"
     )
     convention: float = Field(
-        0.3, ge=0, le=1, description="share with the joints alone that some tracker delivers"
+        0.25, ge=0, le=1, description="share with the joints alone that some tracker delivers"
     )
 
 
