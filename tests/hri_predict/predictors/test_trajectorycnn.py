@@ -11,6 +11,7 @@ from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
 from hri_predict.predictors.trajectorycnn import (
     PART_ORDER,
+    NestedBlock,
     TrajectoryCNN,
     TrajectoryCNNOptions,
     part_order,
@@ -113,14 +114,15 @@ def test_nested_branches_are_three_a_block_each_inside_the_one_before() -> None:
 
     nested, bare = network(paths="nested"), network(paths="nested", residual=False)
     assert count(nested) - count(bare) == 4 * 3 * (64 * 64 + 64)
-    (block,) = network(**SMALL, paths="nested").eval().encoder
-    for layer in block.layers:
-        for parameter in layer[0].parameters():
-            torch.nn.init.zeros_(parameter)  # what is left goes through the branches alone
+    block = NestedBlock(8, (3, 3), TrajectoryCNNOptions(paths="nested")).eval()
+    layers = [m for m in block.layers.modules() if isinstance(m, torch.nn.Conv2d)]
+    for parameter in (p for layer in layers for p in layer.parameters()):
+        torch.nn.init.zeros_(parameter)  # what is left goes through the branches alone
     given = torch.randn(1, 8, 28, 3)
     outer = block.branches[0](given)
     torch.testing.assert_close(block(given), outer)
-    torch.nn.init.constant_(block.layers[4][0].bias, 1.0)
+    assert layers[4].bias is not None
+    torch.nn.init.constant_(layers[4].bias, 1.0)
     torch.testing.assert_close(block(given), outer + 1.0)
 
 
