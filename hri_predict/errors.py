@@ -20,6 +20,10 @@ class RecordingError(HriPredictError):
     """A recording is missing, truncated, empty, or of an unknown kind."""
 
 
+class UnusableRecordingError(RecordingError):
+    """A recording is whole, but too short or too empty for what is asked; others may do."""
+
+
 class RobotError(HriPredictError):
     """A robot file or its trajectory is wrong: broken chain, missing capsule, joint count."""
 

@@ -18,7 +18,7 @@ from hri_predict.errors import RecordingError
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.base import Predictor, checked
 from hri_predict.recording.opening import open_recording
-from hri_predict.recording.recording import Recording
+from hri_predict.recording.recording import Recording, names_of
 from hri_predict.risk.self_check.past_forecasts import forecast_errors, mean_error
 from hri_predict.risk.zones.human_speed import joint_velocities
 from hri_predict.risk.zones.joint_zones import SETTLED_STEPS
@@ -83,14 +83,22 @@ def score_recordings(
     predictor: Predictor,
     recordings: Sequence[Path | Recording],
     on_recording: Callable[[str], None] = lambda _: None,
+    on_left_out: Callable[[str], None] = lambda _: None,
 ) -> list[Scores]:
-    """Score a predictor on canonical joints.
+    """Score a predictor on canonical joints; recordings without a window are left out.
+
+    Args:
+        predictor: on canonical joints.
+        recordings: files, or recordings in memory.
+        on_recording: called with the name of each recording when it is done.
+        on_left_out: called with one line for each recording that is left out.
 
     Raises:
-        RecordingError: a file cannot be read, is too slow, or has no window.
+        RecordingError: a file cannot be read or is too slow, or no recording has a window.
         PredictorError: the predictor breaks its contract.
     """
     found: list[Scores] = []
+    left_out: list[str] = []
     names = names_of([e.path if isinstance(e, Recording) else e for e in recordings])
     for entry, name in zip(recordings, names, strict=True):
         recording = entry if isinstance(entry, Recording) else open_recording(entry)
@@ -98,31 +106,15 @@ def score_recordings(
         scored = [score_presence(predictor, name, recording.action, p) for p in presences]
         own = [replace(s, digest=recording.digest) for s in scored if s is not None]
         if not own:
-            raise RecordingError(
+            left_out.append(
                 f"recording {recording.path}: nobody is seen for"
-                f" {(SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz:g} s without a break;"
-                f" leave it out"
+                f" {(SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz:g} s without a break"
             )
+            on_left_out(f"{left_out[-1]}; left out")
         found += own
         on_recording(name)
-    return found
-
-
-def names_of(paths: Sequence[Path]) -> list[str]:
-    """Names of recordings: the stem, with as much of the path as makes names unique.
-
-    ``walking_1`` in two folders are two recordings, and two independent units.
-    """
-    distinct = {path.absolute() for path in paths}
-    found = []
-    for path in paths:
-        full = path.absolute()
-        if sum(other.stem == full.stem for other in distinct) == 1:
-            found.append(full.stem)
-            continue
-        ends = ["/".join(full.parts[-count:]) for count in range(1, len(full.parts) + 1)]
-        others = [f"/{other}" for other in distinct - {full}]
-        found.append(next(e for e in ends if not any(o.endswith(f"/{e}") for o in others)))
+    if left_out and not found:
+        raise RecordingError(f"{left_out[0]}, and no other recording is left; give longer ones")
     return found
 
 

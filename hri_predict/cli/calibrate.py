@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +20,7 @@ from hri_predict.cli.common import (
     progress,
     show,
     tell,
+    warn,
     without_effect,
 )
 from hri_predict.datasets.splits import USES
@@ -185,14 +186,20 @@ def _made(made: "Calibration") -> dict[str, Any]:
 
 
 def _scores(
-    *, built: "Predictor", name: str, data: Sequence[Path], split: str | None, default: str
+    *,
+    built: "Predictor",
+    name: str,
+    data: Sequence[Path],
+    split: str | None,
+    default: str,
+    on_left_out: Callable[[str], None] = warn,
 ) -> "list[Scores]":
     from hri_predict.calibration.scores import score_recordings
 
     found = files(data, split, default)
     with progress() as bar:
         task = bar.add_task(f"forecasting, {name}", total=len(found))
-        return score_recordings(built, found, lambda _: bar.advance(task))
+        return score_recordings(built, found, lambda _: bar.advance(task), on_left_out)
 
 
 def _check(
@@ -313,7 +320,14 @@ def _beside(
     built = registry.load("predictors", _BESIDE)(settings)
     return {
         _BESIDE: (
-            _scores(built=built, name=_BESIDE, data=data, split=split, default="test"),
+            _scores(
+                built=built,
+                name=_BESIDE,
+                data=data,
+                split=split,
+                default="test",
+                on_left_out=lambda _: None,  # said once
+            ),
             load_calibration(path),
             built,
         )

@@ -215,6 +215,11 @@ def tell(files: Sequence[Path]) -> None:
     print("written: " + ", ".join(map(str, files)), file=sys.stderr)
 
 
+def warn(line: str) -> None:
+    """Tell on standard error what the user should know, and go on."""
+    print(f"warning: {line}", file=sys.stderr)
+
+
 def command() -> str:
     """The command line as the user gave it, for the report."""
     return shlex.join(["hri-predict", *sys.argv[1:]])

@@ -20,6 +20,7 @@ from hri_predict.cli.common import (
     progress,
     show,
     tell,
+    warn,
     without_effect,
 )
 from hri_predict.datasets.splits import USES
@@ -27,6 +28,7 @@ from hri_predict.errors import ConfigError
 
 if TYPE_CHECKING:  # torch takes seconds to import, which the other commands need not wait for
     from hri_predict.evaluation.benchmark import Forecaster, Protocol
+    from hri_predict.evaluation.windows import Motion
     from hri_predict.predictors.base import Predictor
     from hri_predict.predictors.neural.weights import LoadedWeights
 
@@ -242,14 +244,12 @@ def _real(
     from hri_predict.datasets.corruption import standard
     from hri_predict.evaluation import report
     from hri_predict.evaluation.recordings import baselines, judge_all
-    from hri_predict.evaluation.windows import origins, read_motions
+    from hri_predict.evaluation.windows import origins
 
     own = {name: _built(name, weights) for name, weights in asked.items()}
     predictors = {**own, **baselines()}
-    motions = read_motions(files(data, split))
+    motions = _motions(files(data, split))
     windows = sum(len(origins(motion)[0]) for motion in motions)
-    if windows == 0:
-        raise ConfigError("--data: no recording is long enough to evaluate; give longer ones")
     conditions = (None, *(standard() if disturb else ()))
     with progress() as bar:
         task = bar.add_task("judging", total=windows * len(conditions))
@@ -271,6 +271,23 @@ def _real(
     if disturb:
         tables.append(report.corruption_table(results))
     show(tables, [])
+
+
+def _motions(paths: Sequence[Path]) -> "list[Motion]":
+    """The motions of all recordings; a recording without a window is named and left out."""
+    from hri_predict.evaluation.windows import HORIZONS_MS, origins, read_motions
+
+    found, left_out = [], []
+    for path in paths:
+        own = [motion for motion in read_motions([path]) if len(origins(motion)[0])]
+        found += own
+        if not own:
+            left_out.append(path)
+    if not found:
+        raise ConfigError("--data: no recording is long enough to evaluate; give longer ones")
+    for path in left_out:
+        warn(f"recording {path}: nobody is seen long enough for {HORIZONS_MS[0]} ms; left out")
+    return found
 
 
 def _built(predictor: str, weights: Path | None) -> "Predictor":

@@ -84,6 +84,24 @@ def action_of(path: Path) -> str:
     return stem if stem and number.isdigit() else path.stem
 
 
+def names_of(paths: Sequence[Path]) -> list[str]:
+    """Names of recordings: the stem, with as much of the path as makes names unique.
+
+    ``walking_1`` in two folders are two recordings, and two independent units.
+    """
+    distinct = {path.absolute() for path in paths}
+    found = []
+    for path in paths:
+        full = path.absolute()
+        if sum(other.stem == full.stem for other in distinct) == 1:
+            found.append(full.stem)
+            continue
+        ends = ["/".join(full.parts[-count:]) for count in range(1, len(full.parts) + 1)]
+        others = [f"/{other}" for other in distinct - {full}]
+        found.append(next(e for e in ends if not any(o.endswith(f"/{e}") for o in others)))
+    return found
+
+
 def check_rate(path: Path, what: str, rate_hz: float) -> None:
     """Refuse a rate at which nobody records people.
 

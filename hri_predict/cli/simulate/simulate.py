@@ -10,8 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
-from hri_predict.cli.common import need_plots, progress, recordings
+from hri_predict.cli.common import files, need_plots, one_of, progress
 from hri_predict.cli.simulate.occlude import occluded
+from hri_predict.datasets.splits import USES
 from hri_predict.errors import ConfigError
 from hri_predict.peers import OcclusionRequest, SimulationReport, SimulationRequest
 from hri_predict.run import config as configuration
@@ -49,10 +50,13 @@ def simulate(
     data: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Folder of the data pack (its test recordings), other recordings, or "
-            "'procedural'. Repeatable.",
+            help="Folder of the data pack, other recordings, or 'procedural'. Repeatable.",
             show_default="../shared/data",
         ),
+    ] = None,
+    split: Annotated[
+        str | None,
+        typer.Option(help="Split of the data pack: test, test_motion, ...", show_default="test"),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, max=256, help="Number of processes.")] = 2,
     out: Annotated[
@@ -124,7 +128,7 @@ def simulate(
         predictors=_each_once("--predictor", predictor),
         modes=_each_once("--mode", mode),
         coverages=tuple(coverage or ()),
-        motions=_motions(data or [Path("../shared/data")]),
+        motions=_motions(data or [Path("../shared/data")], split),
         episodes=episodes,
         seed=seed,
         people=people,
@@ -159,17 +163,18 @@ def _one(flag: str, names: list[str] | None) -> str | None:
     return names[0] if names else None
 
 
-def _motions(data: list[Path]) -> tuple[str, ...]:
+def _motions(data: list[Path], split: str | None) -> tuple[str, ...]:
     """Names of all motions, each once."""
-    found: list[str] = []
-    for entry in data:
-        if str(entry) == _PROCEDURAL:
-            found += [f"{_PROCEDURAL}:{seed}" for seed in range(_SCRIPTS)]
-        else:
-            found += [str(path.resolve()) for path in recordings(entry, "test")]
-    for name in found:
-        if found.count(name) > 1:
-            raise ConfigError(f"--data: {name} is named twice and would count double; name it once")
+    if split is not None:
+        one_of("--split", split, USES)
+    recorded = [entry for entry in data if str(entry) != _PROCEDURAL]
+    if len(data) - len(recorded) > 1:
+        raise ConfigError(f"--data: {_PROCEDURAL} is named twice; name it once")
+    if split is not None and not recorded:
+        raise ConfigError(f"--split {split}: has no effect on {_PROCEDURAL}; leave it out")
+    found = [str(path.resolve()) for path in files(recorded, split)]
+    if len(recorded) < len(data):
+        found += [f"{_PROCEDURAL}:{seed}" for seed in range(_SCRIPTS)]
     return tuple(found)
 
 

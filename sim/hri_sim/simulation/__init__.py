@@ -1,6 +1,7 @@
 """Thousands of closed-loop episodes: ``hri-predict simulate``."""
 
 import hashlib
+import logging
 import multiprocessing
 import os
 import signal
@@ -8,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +17,10 @@ import numpy as np
 
 import hri_predict
 import hri_sim
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, UnusableRecordingError
 from hri_predict.files import data_path
 from hri_predict.peers import SimulationReport, SimulationRequest
+from hri_predict.recording.recording import names_of
 from hri_sim.simulation.approach import together
 from hri_sim.simulation.cell import Cell, variants
 from hri_sim.simulation.motion import load_motion
@@ -28,6 +31,8 @@ from hri_sim.simulation.store import Store
 from hri_sim.simulation.work import ALONE, Block, Plan, blocks, episodes, run_block
 
 __all__ = ["Result", "report", "run", "simulate"]
+
+log = logging.getLogger(__name__)
 
 _DECIDING = (".py", ".yaml", ".json", ".safetensors")
 CHECKED_SHARE = 0.02
@@ -54,7 +59,7 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
         config = plan.loaded(name)
         cell = Cell(config)
         variants(config, plan.modes, plan.coverages)
-    _check_motions(plan, cell)
+    plan, left_out = _usable(plan, cell)
     store = Store(request.out, _decided_by(plan), request.resume)
     todo = [block for block in blocks(plan) if block.key not in store.done]
     total = plan.episodes * len(plan.predictors)
@@ -64,7 +69,7 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
         store.add(block.key, rows)
         done += len(episodes(plan, block))
         progress(done, total)
-    return _result(plan, store)
+    return _result(plan, store, left_out)
 
 
 def _plan(request: SimulationRequest) -> Plan:
@@ -94,7 +99,7 @@ def _decided_by(plan: Plan) -> dict[str, Any]:
         "predictors": plan.predictors,
         "modes": plan.modes,
         "coverages": plan.coverages,
-        "motions": [Path(name).name for name in plan.motions],
+        "motions": names_of([Path(name) for name in plan.motions]),
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
@@ -113,20 +118,36 @@ def _code() -> str:
     return digest.hexdigest()
 
 
-def _check_motions(plan: Plan, cell: Cell) -> None:
-    """Refuse unusable recordings now, not after minutes."""
+def _usable(plan: Plan, cell: Cell) -> tuple[Plan, list[str]]:
+    """The plan with the recordings that can be played, and a line for each of the others.
+
+    Raises:
+        HriPredictError: a recording cannot be read, or none is left.
+    """
     base_dir, rate_hz = cell.config.base_dir, cell.source.rate_hz
-    motions = [load_motion(name, rate_hz, base_dir) for name in plan.motions]
-    for index, motion in enumerate(motions):
-        draw(
-            seed=plan.seed,
-            index=index,
-            motions=[motion],
-            workspace=cell.workspace,
-            lead_in_s=cell.source.lead_in_s,
-        )
+    motions, left_out = [], []
+    names = names_of([Path(name) for name in plan.motions])
+    for index, (name, short) in enumerate(zip(plan.motions, names, strict=True)):
+        try:
+            motion = load_motion(name, rate_hz, base_dir)
+            draw(
+                seed=plan.seed,
+                index=index,
+                motions=[motion],
+                workspace=cell.workspace,
+                lead_in_s=cell.source.lead_in_s,
+            )
+        except UnusableRecordingError as error:
+            why = str(error).removesuffix("; leave it out")
+            log.warning("%s; left out", why)
+            left_out.append(why.replace(name, short))  # a report needs no folder of one machine
+        else:
+            motions.append(motion)
+    if not motions:
+        raise ConfigError(f"--data: no recording is left: {left_out[0]}; give others")
     if plan.people > 1:
         together(motions)
+    return replace(plan, motions=tuple(motion.name for motion in motions)), left_out
 
 
 def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Block, dict[str, Any]]]:
@@ -171,7 +192,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _result(plan: Plan, store: Store) -> Result:
+def _result(plan: Plan, store: Store, left_out: Sequence[str]) -> Result:
     results, predictions, checks, disagreements = [], {}, 0, []
     alone: Judged | None = None
     for number, predictor in enumerate(plan.predictors):
@@ -198,7 +219,7 @@ def _result(plan: Plan, store: Store) -> Result:
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
-        "recordings": [Path(name).stem for name in plan.motions],
+        "recordings": names_of([Path(name) for name in plan.motions]),
         "folders": sorted({"/".join(Path(name).parts[-3:-1]) for name in plan.motions} - {""}),
     }
     return Result(
@@ -208,6 +229,7 @@ def _result(plan: Plan, store: Store) -> Result:
         checks=checks,
         disagreements=disagreements,
         asked=asked,
+        left_out=left_out,
     )
 
 

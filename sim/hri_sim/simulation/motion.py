@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, UnusableRecordingError
 from hri_predict.skeleton import JOINTS
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.people.script import PersonSettings, Timeline
@@ -54,7 +54,8 @@ def load_motion(name: str, rate_hz: float, base_dir: Path | None = None) -> Moti
 
     Raises:
         RecordingError: it cannot be read.
-        ConfigError: it does not hold exactly one person's motion of one second or more.
+        UnusableRecordingError: it does not hold one second or more of a person's motion.
+        ConfigError: it is no motion file.
     """
     if name.startswith(PROCEDURAL + ":"):
         return _procedural(name, rate_hz)
@@ -86,7 +87,7 @@ def _collected(name: str, source: RecordingSource | ProceduralSource) -> Motion:
         positions.append(np.where(seen[:, None], joints, np.nan))
         observed.append(seen)
     if not stamps or (stamps[-1] - stamps[0]) * 1e-9 < _SHORTEST_S or not observed[0].any():
-        raise ConfigError(
+        raise UnusableRecordingError(
             f"recording {name}: too short, or nobody is in view at its start; an approach needs "
             f"{_SHORTEST_S:g} s of a person; leave it out"
         )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError
+from hri_predict.errors import UnusableRecordingError
 from hri_predict.geometry import Capsules, capsule_distance, transform
 from hri_predict.robots.model import RobotModel
 from hri_predict.robots.trajectory import Trajectory
@@ -94,7 +94,7 @@ def draw(
     """Draw scenario number ``index`` of ``seed`` with these motions.
 
     Raises:
-        ConfigError: no place lets a motion pass through a workspace.
+        UnusableRecordingError: no place lets a motion pass through a workspace.
     """
     rng = np.random.default_rng([seed, index])
     phase_s = float(rng.random()) * workspace.cycle_s
@@ -129,7 +129,7 @@ def _place(
         if start_m >= ENTER_M:
             break
     if best is None or best[1] < _FREE_M:
-        raise ConfigError(
+        raise UnusableRecordingError(
             f"recording {motion.name}: cannot be placed so that it passes through the robot's "
             f"workspace and starts outside it; leave it out"
         )

@@ -9,7 +9,6 @@ import pytest
 from hri_predict.calibration.scores import (
     HISTORY_STEPS,
     along,
-    names_of,
     presences_of,
     score_recordings,
     units,
@@ -23,6 +22,7 @@ from hri_predict.predictors.baselines import (
     ZeroVelocity,
     ZeroVelocitySettings,
 )
+from hri_predict.recording.recording import names_of
 from hri_predict.risk.zones.joint_zones import SETTLED_STEPS
 from hri_predict.scene import Scene
 from hri_predict.skeleton import CANONICAL, JOINTS

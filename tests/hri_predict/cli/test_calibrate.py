@@ -221,8 +221,16 @@ def test_too_few_recordings_are_refused(cli, folder, tmp_path):
     assert not (tmp_path / "cv.json").exists()
 
 
-def test_a_recording_that_is_too_short_is_named(cli, folder, tmp_path):
-    walking(tmp_path / "glimpse_1.npz", 9, frames=20)
-    status, _, err = cli(*CV, "--data", folder, "--data", tmp_path / "glimpse_1.npz")
+def test_a_recording_that_is_too_short_is_named_and_left_out(cli, folder, tmp_path):
+    short = tmp_path / "glimpse_1.npz"
+    walking(short, 9, frames=20)
+    out = tmp_path / "cv.json"
+    status, _, err = cli(*CV, "--data", folder, "--data", short, "--out", out)
+    assert status == 0, err
+    assert err.splitlines()[0] == (
+        f"warning: recording {short}: nobody is seen for 0.72 s without a break; left out"
+    )
+    assert "glimpse_1" not in [r.name for r in load_calibration(out).recordings]
+    status, _, err = cli(*CV, "--data", short, "--out", out)
     assert status == 2
-    assert "glimpse_1.npz" in err
+    assert "no other recording is left; give longer ones" in err

@@ -240,6 +240,22 @@ def test_several_predictors_are_judged_on_the_same_windows(cli, walk, tmp_path):
     assert "| constant_velocity |" in markdown
 
 
+def test_a_recording_without_a_window_is_named_and_left_out(cli, walk, tmp_path):
+    short = tmp_path / "glimpse_1.npz"
+    positions = np.zeros((30, 38, 3), dtype=np.float32)
+    np.savez(short, positions_world=positions, fps=np.float32(120))
+    asked = ["--predictor", "zero_velocity"]
+    status, text, error = cli("--data", walk, "--data", short, *asked)
+    assert status == 0, error
+    assert error == (
+        f"warning: recording {short}: nobody is seen long enough for 120 ms; left out\n"
+    )
+    assert "glimpse" not in text
+    status, _, error = cli("--data", short, *asked)
+    assert (status, len(error.splitlines())) == (2, 1)
+    assert "no recording is long enough" in error
+
+
 def test_a_split_of_what_has_none_and_a_recording_twice_are_refused(cli, walk, tmp_path):
     for entry in (walk, tmp_path):
         status, _, error = cli("--data", entry, "--split", "fit", "--predictor", "zero_velocity")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, UnusableRecordingError
 from hri_predict.skeleton import JOINTS
 from hri_sim.simulation.motion import load_motion
 
@@ -46,5 +46,5 @@ def test_what_cannot_be_placed_is_refused_in_one_line(name, message):
 def test_a_recording_shorter_than_a_second_is_refused(tmp_path):
     path = tmp_path / "short.npz"
     np.savez(path, positions=np.ones((20, 6, 3), np.float32), fps=np.float32(30))
-    with pytest.raises(ConfigError, match="too short"):
+    with pytest.raises(UnusableRecordingError, match="too short"):
         load_motion(str(path), 30.0)

@@ -1,7 +1,10 @@
 """Simulations: every approach once, the same for the same seed, and resumed without a trace."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hri_predict.errors import ConfigError
@@ -73,6 +76,44 @@ def test_a_simulation_reproduces_and_resumes_to_the_same_table(request_of, tmp_p
     assert text(simulate(request_of(), lambda *_: None)) == text(whole)
     other = simulate(request_of(seed=1), lambda *_: None)
     assert text(other) != text(whole)
+
+
+@pytest.fixture
+def glimpse(tmp_path):
+    """A recording of two thirds of a second, which is too short for an approach."""
+    path = tmp_path / "glimpse.npz"
+    np.savez(path, positions=np.ones((20, 6, 3), np.float32), fps=np.float32(30))
+    return str(path)
+
+
+def test_a_recording_that_is_too_short_is_left_out_and_told(request_of, glimpse, caplog):
+    motions = (glimpse, *request_of().motions)
+    told = report(simulate(request_of(motions=motions), lambda *_: None), None)
+    data = json.loads(told.json)
+    assert len(data["asked"]["recordings"]) == 2
+    (line,) = data["left_out"]
+    assert line.startswith("recording glimpse: too short")
+    assert f"Left out: {line}." in told.notes
+    assert "Left out: 1 recordings, which are too short or empty." in told.notes
+    assert f"recording {glimpse}: too short" in caplog.text
+
+
+def test_a_run_of_which_no_recording_is_left_is_refused(request_of, glimpse):
+    with pytest.raises(
+        ConfigError, match=r"no recording is left: .*glimpse.*; give others"
+    ) as told:
+        simulate(request_of(motions=(glimpse,)), lambda *_: None)
+    assert "\n" not in str(told.value)
+
+
+def test_two_recordings_of_one_name_in_two_folders_are_two(request_of, tmp_path):
+    first, _ = request_of().motions
+    (tmp_path / "second").mkdir()
+    again = tmp_path / "second" / Path(first).name
+    again.write_bytes(Path(first).read_bytes())
+    data = json.loads(text(simulate(request_of(motions=(first, str(again))), lambda *_: None)))
+    assert len(set(data["asked"]["recordings"])) == 2
+    assert set(data["results"][0]["by_recording"]) == set(data["asked"]["recordings"])
 
 
 def test_unknown_modes_and_coverages_are_refused_before_anything_starts(request_of, tmp_path):

@@ -35,6 +35,7 @@ class Result:
         checks: number of episodes repeated through the whole node.
         disagreements: one line for each of them with another result.
         asked: everything that decides the results, by name.
+        left_out: one line for each recording that could not be played.
     """
 
     results: Sequence[Judged]
@@ -43,6 +44,7 @@ class Result:
     checks: int
     disagreements: Sequence[str]
     asked: Mapping[str, Any]
+    left_out: Sequence[str] = ()
 
 
 def report(result: Result, out: Path | None) -> SimulationReport:
@@ -59,6 +61,9 @@ def report(result: Result, out: Path | None) -> SimulationReport:
         f"stops within {TOLERANCE_S:g} s, smallest separation within {TOLERANCE_M:g} m)."
     )
     said.append(asked_for(result.asked))
+    if result.left_out:
+        said.append(f"Left out: {len(result.left_out)} recordings, which are too short or empty.")
+        said += [f"Left out: {line}." for line in result.left_out]
     said += [f"Disagrees: {line}" for line in result.disagreements]
     text = json.dumps(_data(result, said), indent=1)
     files = []
@@ -103,6 +108,7 @@ def _data(result: Result, said: Sequence[str]) -> dict[str, Any]:
             name: as_json(predicted(rows)) for name, rows in result.predictions.items()
         },
         "whole_node": {"episodes": result.checks, "disagreements": list(result.disagreements)},
+        "left_out": list(result.left_out),
         "notes": list(said),
     }
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hri_predict.recording.recording import names_of
 from hri_sim.simulation.cell import FOREKNOWN
 from hri_sim.simulation.results.outcome import HORIZON_S, NEAR_M
 from hri_sim.simulation.results.statistics import Estimate, ratio
@@ -135,8 +136,10 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
 def _by_recording(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     """Return each recording's sums: a long recording weighs more in every rate."""
     found: dict[str, dict[str, float]] = {}
+    motions = sorted({str(row["motion"]) for row in rows})
+    names = dict(zip(motions, names_of([Path(m) for m in motions]), strict=True))
     for row in rows:
-        sums = found.setdefault(Path(row["motion"]).stem, {"approaches": 0})
+        sums = found.setdefault(names[row["motion"]], {"approaches": 0})
         sums["approaches"] += 1
         for key in _SUMMED:
             sums[key] = sums.get(key, 0) + row[key]
