@@ -27,6 +27,10 @@ ATTRIBUTION = (
     "The data used in this project was obtained from mocap.cs.cmu.edu. "
     "The database was created with funding from NSF EIA-0196217."
 )
+_MORE_DATA = (
+    "People beside a robot: JakobThumm/human-robot-animations, MIT licence. Arms at assembly: "
+    "Human_Assembly_Data, Intelligent Control Lab, MIT licence."
+)
 _OF_ONE_MACHINE = {"out", "initial_weights", "root"}  # keys of a training configuration
 _LATENCY_CALLS = 50
 
@@ -150,9 +154,12 @@ def _origin(header: Header) -> str:
     refit = isinstance(data, Mapping) and data.get("refit")
     lists = "splits `fit` and `validation`" if refit else "split `fit`"
     text = yaml.safe_dump(_portable(config), sort_keys=False) if config else "not known\n"
+    tuned = isinstance(config, Mapping) and config.get("initial_weights") is not None
+    began = " Training began with earlier weights of this predictor." if tuned else ""
     return (
-        f"## Data\n\nThe recordings of the {lists} (configs/training/splits.yaml) of "
-        f"CMU-Mocap. {ATTRIBUTION}\n\n## Configuration\n\n```yaml\n{text}```\n"
+        f"## Data\n\nThe recordings of the {lists} (configs/training/splits.yaml): CMU-Mocap, "
+        f"people beside a robot, arms at assembly.{began} {ATTRIBUTION} {_MORE_DATA}\n\n"
+        f"## Configuration\n\n```yaml\n{text}```\n"
     )
 
 
