@@ -157,9 +157,11 @@ def _origin(header: Header) -> str:
     refit = isinstance(data, Mapping) and data.get("refit")
     lists = "splits `fit` and `validation`" if refit else "split `fit`"
     text = yaml.safe_dump(_portable(config), sort_keys=False) if config else "not known\n"
+    tuned = isinstance(config, Mapping) and config.get("initial_weights") is not None
+    began = " Training began with earlier weights of this predictor." if tuned else ""
     return (
         f"## Data\n\nThe recordings of the {lists} (configs/training/splits.yaml, version "
-        f"{VERSION}) of the data pack. {ATTRIBUTION} {SOURCES}\n\n"
+        f"{VERSION}) of the data pack.{began} {ATTRIBUTION} {SOURCES}\n\n"
         f"## Configuration\n\n```yaml\n{text}```\n"
     )
 

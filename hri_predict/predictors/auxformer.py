@@ -19,6 +19,12 @@ Where this differs from the paper, and why:
 - Heads return the difference from the filled-in input (for the future: from its last pose), so an
   untrained network predicts zero velocity. The encoder reads a coordinate and its difference from
   that last pose. The paper's heads return coordinates, and its encoder reads coordinates.
+- ``velocity: true`` gives each token its joint's step from the frame before, too; zero where either
+  is hidden, so that nothing hidden is read. The paper does not print this; the authors' code has it
+  (``concat_vel``, https://github.com/MediaBrain-SJTU/AuxFormer).
+- Attention's products are divided by the square root of F, the width of all features, as printed
+  in section 4.2, with ``scale: features``; by that of a head's width, as is usual, by default. The
+  shipped weights were trained with the defaults.
 - For speed, ``future_stride`` steps of the future share a token whose head predicts them all. The
   auxiliary tasks leave the future out and use half of each batch. ``future_stride: 1``,
   ``auxiliary_future: true`` and ``auxiliary_share: 1`` give the paper's version.
@@ -56,6 +62,10 @@ class AuxFormerOptions(NetworkOptions):
     future_stride: int = Field(
         5, ge=1, le=1000, description="future steps per token; the paper's is 1"
     )
+    scale: Literal["head", "features"] = Field(
+        "head", description="width whose root divides attention's products; the paper's is features"
+    )
+    velocity: bool = Field(False, description="tokens also hold their joint's last step")
     observed_attention: bool = Field(True, description="Table 7: false keeps only full attention")
     order: Literal["iterative", "separate"] = Field(
         "iterative", description="Table 7: separate has all observed-only attention come first"
@@ -84,9 +94,11 @@ class AuxFormerOptions(NetworkOptions):
 class Attention(nn.Module):
     """Mask-aware attention and FFN with a residual (section 4.2)."""
 
-    def __init__(self, features: int, heads: int, hidden: int, over: Literal["joints", "steps"]):
+    def __init__(self, options: AuxFormerOptions, over: Literal["joints", "steps"]) -> None:
         super().__init__()
-        self.heads, self.over = heads, over
+        features, hidden = options.features, options.hidden
+        self.heads, self.over = options.heads, over
+        self.scale = features**-0.5 if options.scale == "features" else None
         self.norm = nn.LayerNorm(features)
         self.qkv = nn.Linear(features, 3 * features)
         self.ffn = nn.Sequential(
@@ -96,11 +108,11 @@ class Attention(nn.Module):
     def forward(self, tokens: Tensor, observed: Tensor | None) -> Tensor:
         """Update tokens (N, T, J, F) by attention to those that are ``observed`` (N, T, J), or all.
 
-        H <- H + FFN(heads of softmax(Q K' / sqrt(F / heads)) V), the softmax over observed keys.
+        H <- H + FFN(heads of softmax(Q K' / sqrt(width)) V), the softmax over observed keys.
         """
         q, k, v = self._split(self.qkv(self.norm(tokens)))
         keys = None if observed is None else self._keys(observed)
-        mixed = functional.scaled_dot_product_attention(q, k, v, attn_mask=keys)
+        mixed = functional.scaled_dot_product_attention(q, k, v, attn_mask=keys, scale=self.scale)
         change = self.ffn(mixed.transpose(1, 2).reshape(tokens.shape))
         if observed is not None:
             change = change * observed[..., None]
@@ -139,7 +151,7 @@ class AuxFormer(Network):
         self.options = options
         size, stride = options.features, options.future_stride
         self.future_tokens = -(-shape.horizon_steps // stride)
-        self.coordinate = nn.Linear(6, size)  # Eq. 2a
+        self.coordinate = nn.Linear(9 if options.velocity else 6, size)  # Eq. 2a
         self.joint = _dictionary(shape.joints, size)  # Eq. 2b
         self.step = _dictionary(shape.history_steps + self.future_tokens, 1, size)
         self.hidden = _dictionary(size)
@@ -238,8 +250,13 @@ class AuxFormer(Network):
         Observed-only attention leaves future tokens as they are, so it is not computed for them.
         """
         past = filled.shape[1]
-        coordinates = torch.cat([filled, filled - filled[:, -1:]], -1) * _PER_METRE
         seen = observed[..., None]
+        parts = [filled, filled - filled[:, -1:]]
+        if self.options.velocity:
+            both = functional.pad(seen[:, 1:] & seen[:, :-1], (0, 0, 0, 0, 1, 0))
+            step = functional.pad(filled.diff(dim=1), (0, 0, 0, 0, 1, 0))
+            parts.append(torch.where(both, step, 0.0))
+        coordinates = torch.cat(parts, -1) * _PER_METRE
         places = self.step + self.joint
         tokens = torch.where(seen, self.coordinate(coordinates), self.hidden) + places[:past]
         if future:
@@ -281,9 +298,8 @@ class _Layer(nn.Module):
 
     def __init__(self, options: AuxFormerOptions) -> None:
         super().__init__()
-        sizes = options.features, options.heads, options.hidden
-        self.spatial = Attention(*sizes, over="joints")
-        self.temporal = Attention(*sizes, over="steps")
+        self.spatial = Attention(options, over="joints")
+        self.temporal = Attention(options, over="steps")
 
     def forward(self, tokens: Tensor, observed: Tensor | None) -> Tensor:
         return cast(Tensor, self.temporal(self.spatial(tokens, observed), observed))

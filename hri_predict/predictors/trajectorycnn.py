@@ -10,9 +10,16 @@ Where this differs from the paper, or the paper leaves it open:
 - The input is the frames' displacements from the last pose, and the last pose itself
   (``relative: true``). This is an invertible linear change of the paper's raw positions before a
   linear layer: the same network, but it trains faster. Lengths are in decimetres inside.
-- The text does not say clearly where the 1x1 branches leave and join. Here they go around the
-  second and third layer, and around the fourth and fifth layer, of each block.
-- The paper does not give the dropout rate.
+- The text does not say where the 1x1 branches leave and join. ``paths: nested`` has the three of
+  the authors' code (https://github.com/lily2lab/TrajectoryCNN, layers/TrajBlock.py), each inside
+  the one before: around the block, from layer 1 to the input of layer 5, from layer 2 to that of
+  layer 4; each with its own LeakyReLU, as after the trajectory space. ``paths: pairs`` is an older
+  reading: around layers 2 and 3, and around 4 and 5; the shipped weights were trained with it.
+- The paper does not give LeakyReLU's slope. The authors' code has TensorFlow's 0.2; the default is
+  PyTorch's 0.01, again that of the shipped weights.
+- The paper does not give the dropout rate. (The authors' code has 0.25 for CMU.)
+- The authors' code trains on each batch a second time, reversed in time: ``data.reverse: 0.5`` of
+  the benchmark, ``data.augment.reverse`` of recordings. The paper does not say so.
 - Eq. 5 prints a squared norm but is called, and evaluated as, MPJPE; here the loss is MPJPE.
 """
 
@@ -21,6 +28,7 @@ from typing import Literal
 import torch
 from pydantic import Field
 from torch import Tensor, nn
+from torch.nn import functional
 
 from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, Window, last_pose
 from hri_predict.predictors.neural.predictor import NeuralPredictor
@@ -43,6 +51,8 @@ class TrajectoryCNNOptions(NetworkOptions):
         layout: Table VII: ``trajectory`` has the frames as channels; ``pose`` (w/o GTC) has the
             frames as width, the joints as height, the coordinates as channels.
         residual: Table VIII: use the 1x1 branches of the blocks; false is "w/o DLG".
+        paths: where the branches go: the three ``nested`` ones, or around two ``pairs`` of layers.
+        slope: of LeakyReLU below zero.
         relative: feed displacements from the last pose, not raw positions.
     """
 
@@ -52,6 +62,8 @@ class TrajectoryCNNOptions(NetworkOptions):
     kernel: Literal["3x3", "1x3", "1x1"] = "3x3"
     layout: Literal["trajectory", "pose"] = "trajectory"
     residual: bool = True
+    paths: Literal["pairs", "nested"] = "pairs"
+    slope: float = Field(0.01, ge=0, le=1)
     relative: bool = True
 
 
@@ -75,15 +87,15 @@ class TrajectoryCNN(Network):
         else:
             inputs, outputs = 4, 3  # coordinates and the mask; coordinates
         width = options.channels
+        block = NestedBlock if options.paths == "nested" else TrajectoryBlock
         self.trajectory_space = _convolution(inputs, width)  # Eq. 1
         self.encoder = nn.Sequential(  # Eq. 3
-            *(
-                TrajectoryBlock(width, kernel, options.dropout, options.residual)
-                for _ in range(options.blocks)
-            )
+            *(block(width, kernel, options) for _ in range(options.blocks))
         )
         self.decoder = nn.Sequential(  # Eq. 4: a layer over local joints, then over single points
-            _convolution(width, outputs, kernel), nn.LeakyReLU(), _convolution(outputs, outputs)
+            _convolution(width, outputs, kernel),
+            nn.LeakyReLU(options.slope),
+            _convolution(outputs, outputs),
         )
 
     def forward(self, window: Window) -> Tensor:
@@ -120,7 +132,10 @@ class TrajectoryCNN(Network):
     def _convolve(self, image: Tensor) -> Tensor:
         # Channels last is nearly twice as fast on a CPU.
         image = image.contiguous(memory_format=torch.channels_last)
-        decoded: Tensor = self.decoder(self.encoder(self.trajectory_space(image)))
+        space = self.trajectory_space(image)
+        if self.options.paths == "nested":
+            space = functional.leaky_relu(space, self.options.slope)
+        decoded: Tensor = self.decoder(self.encoder(space))
         return decoded
 
 
@@ -131,14 +146,11 @@ class TrajectoryBlock(nn.Module):
     local-global features).
     """
 
-    def __init__(self, width: int, kernel: tuple[int, int], dropout: float, residual: bool) -> None:
+    def __init__(self, width: int, kernel: tuple[int, int], options: TrajectoryCNNOptions) -> None:
         super().__init__()
-        self.layers = nn.ModuleList(
-            nn.Sequential(_convolution(width, width, kernel), nn.LeakyReLU(), nn.Dropout(dropout))
-            for _ in range(_LAYERS)
-        )
+        self.layers = _layers(width, kernel, options)
         self.branches = nn.ModuleList(
-            _convolution(width, width) for _ in range((_LAYERS - 1) // 2 if residual else 0)
+            _convolution(width, width) for _ in range((_LAYERS - 1) // 2 if options.residual else 0)
         )
 
     def forward(self, features: Tensor) -> Tensor:
@@ -151,6 +163,47 @@ class TrajectoryBlock(nn.Module):
             if self.branches:
                 features = features + self.branches[i // 2](lower)
         return features
+
+
+class NestedBlock(nn.Module):
+    """The same with the three nested branches of the authors' code."""
+
+    def __init__(self, width: int, kernel: tuple[int, int], options: TrajectoryCNNOptions) -> None:
+        super().__init__()
+        self.layers = _layers(width, kernel, options)
+        self.branches = nn.ModuleList(
+            nn.Sequential(_convolution(width, width), nn.LeakyReLU(options.slope))
+            for _ in range(_LAYERS // 2 + 1 if options.residual else 0)
+        )
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Map (B, C, J, W) to the same shape."""
+        lower = [features]
+        for layer in self.layers[:2]:
+            lower.append(layer(lower[-1]))
+        features = self.layers[2](lower[-1])
+        for layer in self.layers[3:]:
+            features = layer(self._joined(features, lower))
+        return self._joined(features, lower)
+
+    def _joined(self, features: Tensor, lower: list[Tensor]) -> Tensor:
+        """The newest of the branches that are still open joins: the innermost first."""
+        below = lower.pop()
+        if not self.branches:
+            return features
+        joined: Tensor = features + self.branches[len(lower)](below)
+        return joined
+
+
+def _layers(width: int, kernel: tuple[int, int], options: TrajectoryCNNOptions) -> nn.ModuleList:
+    return nn.ModuleList(
+        nn.Sequential(
+            _convolution(width, width, kernel),
+            nn.LeakyReLU(options.slope),
+            nn.Dropout(options.dropout),
+        )
+        for _ in range(_LAYERS)
+    )
 
 
 def _convolution(inputs: int, outputs: int, kernel: tuple[int, int] = (1, 1)) -> nn.Conv2d:

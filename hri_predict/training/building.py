@@ -6,7 +6,12 @@ import torch
 
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Network, Shape, network_class_of
+from hri_predict.predictors.neural.network import (
+    Network,
+    NetworkOptions,
+    Shape,
+    network_class_of,
+)
 from hri_predict.predictors.neural.weights import load_weights
 from hri_predict.settings import validated
 from hri_predict.training.config import TrainingConfig
@@ -68,14 +73,27 @@ def build_network(config: TrainingConfig, source: SampleSource) -> Network:
 def _start_from(network: Network, path: Path) -> None:
     """Copy the weights in ``path``, their rest pose included, into ``network``."""
     given = load_weights(path).network
-    ours = (type(network), network.shape, network.options)
-    if (type(given), given.shape, given.options) != ours:
+    if (type(given), given.shape) != (type(network), network.shape) or not _continues(
+        given.options, network.options
+    ):
         raise ConfigError(
             f"initial_weights {path}: have another network, shape or options; train with the "
             f"predictor, shape and options that its card states"
         )
     missing = network.load_state_dict(given.state_dict(), strict=False).missing_keys
     critic = {id(p) for p in network.critic_parameters()}
+    grows = any(
+        getattr(given.options, k) != getattr(network.options, k) for k in given.options.added
+    )
     for name in missing:  # an adversary is not shipped; it starts with fresh weights
-        if id(network.get_parameter(name)) not in critic:
+        if id(network.get_parameter(name)) not in critic and not grows:
             raise ConfigError(f"initial_weights {path}: lacks '{name}'; train anew without it")
+
+
+def _continues(given: NetworkOptions, ours: NetworkOptions) -> bool:
+    """Whether weights trained with ``given`` mean the same in a network with ``ours``."""
+    defaults = type(ours)()
+    free = {name: getattr(defaults, name) for name in ours.training}
+    if all(getattr(given, name) == getattr(defaults, name) for name in ours.added):
+        free |= {name: getattr(defaults, name) for name in ours.added}
+    return given.model_copy(update=free) == ours.model_copy(update=free)

@@ -29,8 +29,8 @@ class TrainSettings(Settings):
         1e-4, gt=0, description="learning rate of an adversary, if any"
     )
     weight_decay: float = Field(0.01, ge=0)
-    warmup_steps: int = Field(
-        200, ge=0, le=10**9, description="steps over which the learning rate rises"
+    warmup: float = Field(
+        0.05, ge=0, le=0.05, description="share of the run's steps in which the learning rate rises"
     )
     schedule: Literal["cosine", "constant"] = "cosine"
     ema_decay: float = Field(
@@ -77,6 +77,11 @@ class TrainSettings(Settings):
     def total_steps(self) -> int:
         """Steps of the whole schedule."""
         return self.epochs * self.steps_per_epoch
+
+    @property
+    def warmup_steps(self) -> float:
+        """Steps over which the learning rate rises: a share, so that a short run has its peak."""
+        return self.warmup * self.total_steps
 
 
 class TrainingConfig(Settings):

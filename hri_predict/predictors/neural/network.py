@@ -67,7 +67,15 @@ class Target:
 
 
 class NetworkOptions(Settings):
-    """Sizes and switches of a network (``options:`` of a training configuration)."""
+    """Sizes and switches of a network (``options:`` of a training configuration).
+
+    Attributes:
+        added: options that only add parts: weights without these may start a training with them.
+        training: options that change no weight's shape or meaning, only how they are trained.
+    """
+
+    added: ClassVar[tuple[str, ...]] = ()
+    training: ClassVar[tuple[str, ...]] = ()
 
 
 class Network(nn.Module):

@@ -17,6 +17,9 @@ Where this differs from the paper, or the paper leaves it open:
 - Besides momentum the operator reads, per joint, whether it was observed and where it is relative
   to the pelvis: momentum alone does not determine the pose.
 - The output is a change to the last momentum, which fades by a learnt factor per step.
+- The first momentum and the last pose may be filtered from the last frames, and the whole change
+  gated (``start_frames``, ``gate``; see ``start``). The paper's first momentum is the difference of
+  the last two frames (``start_frames: 0``).
 - Errors in momentum (Eqs. 10-11) are means over joints and channels, magnitudes in m/s. MPJPE is
   added, because evaluations measure it and it weighs angles by how far they move a joint. A weight
   of zero leaves either out.
@@ -30,11 +33,11 @@ observation. A mask channel marks each momentum with an unobserved end.
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal, Self
 
 import torch
 import torch.nn.functional as F
-from pydantic import Field
+from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from hri_predict.predictors.aggregation import aggregate
@@ -50,12 +53,15 @@ from hri_predict.predictors.neural.network import (
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor, NeuralSettings
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
+from hri_predict.predictors.sinn.start import Start, gated
 from hri_predict.predictors.sinn.symplectic import (
     Critic,
     Operator,
     Representation,
     momentum_error,
 )
+
+_START_UNITS = 64  # as many as suffice for a few numbers of one joint
 
 
 class SINNOptions(NetworkOptions):
@@ -69,6 +75,9 @@ class SINNOptions(NetworkOptions):
         splitting: Eq. 3 by ``direction``; by ``joint`` as well; or ``none``, one GRU for all.
         shared: use one GRU for all three directions, not one for each.
         pose: feed joints relative to the pelvis, in that ``direction``, in ``all``, or not.
+        start_frames: frames from which the first momentum and the last pose are filtered; 0: the
+            paper's difference of the last two.
+        gate: with ``start_frames``: scale each joint's change by a gate on its recent motion.
         pretraining: share of the training in which the operator alone learns (L_so).
         momentum_weight: weight of L_so and L_g.
         position_weight: weight of the MPJPE, per metre, in both stages.
@@ -84,12 +93,30 @@ class SINNOptions(NetworkOptions):
     splitting: Literal["direction", "joint", "none"] = "direction"
     shared: bool = True
     pose: Literal["none", "direction", "all"] = "all"
+    start_frames: int = Field(0, ge=0, le=25)
+    gate: bool = False
     pretraining: float = Field(0.4, ge=0, le=1)
     momentum_weight: float = Field(0.2, ge=0)
     position_weight: float = Field(1.0, ge=0)
     adversarial_weight: float = Field(1e-4, ge=0)
     critic_steps: int = Field(25, ge=1, le=1000)
     gradient_penalty: float = Field(10.0, ge=0)
+
+    added: ClassVar[tuple[str, ...]] = ("start_frames", "gate")
+    training: ClassVar[tuple[str, ...]] = (
+        "pretraining", "momentum_weight", "position_weight", "adversarial_weight",
+        "gradient_penalty",
+    )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _start_fits(self) -> Self:
+        if self.start_frames == 1:
+            raise ValueError("start_frames 1: one frame has no velocity; use 0, or 2 or more")
+        if self.start_frames and self.representation == "position":
+            raise ValueError("start_frames: positions have no first velocity; use 0")
+        if self.gate and not self.start_frames:
+            raise ValueError("gate: reads the last frames; give start_frames (7)")
+        return self
 
 
 class SINN(Network):
@@ -112,25 +139,37 @@ class SINN(Network):
             shared=options.shared,
             pose=options.pose,
         )
+        frames = min(options.start_frames, shape.history_steps)
+        self.start = (
+            Start(shape.joints, frames, _START_UNITS, options.gate) if frames >= 2 else None
+        )
         per_step = shape.joints * (2 + self.representation.channels)
         self.critic = Critic(options.critic_steps * per_step, options.hidden)
-        self._rolled: tuple[Window, Tensor, Tensor] | None = None
+        self._rolled: tuple[Window, Tensor, Tensor, Tensor] | None = None
 
     def forward(self, window: Window) -> Tensor:
         """Predict (B, H, J, 3) metres in the body frame, integrated from the last pose."""
         return self._roll(window, self.shape.horizon_steps)[0]
 
-    def _roll(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor]:
-        """Positions (B, H, J, 3) and what they were integrated from, (B, H, J, 3, C)."""
+    def _roll(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
+        """Positions (B, H, J, 3); their momenta (B, H, J, 3, C); the pose they start from."""
         zetas: list[Tensor] = []
+        first, logits, last = None, None, last_pose(window)
+        if self.start is not None:
+            last, velocity, logits = self.start(window, self.shape.rate_hz)
+            first = self.representation.of_velocity(velocity)
+            window = Window(torch.cat([window.positions[:, :-1], last], 1), window.observed)
 
         def operate(current: Window) -> Tensor:
             read = self.representation.read(current)
-            zetas.append(self.operator(read, current.observed, self._pose(current)))
+            begin = None if zetas else first
+            zetas.append(self.operator(read, current.observed, self._pose(current), begin))
             return self.representation.integrate(last_pose(current), zetas[-1])
 
         positions = aggregate(operate, window, horizon_steps)
-        return positions, torch.cat(zetas, 1)[:, :horizon_steps]
+        if logits is not None:
+            positions = gated(last, positions, logits)
+        return positions, torch.cat(zetas, 1)[:, :horizon_steps], last
 
     def _pose(self, window: Window) -> Tensor:
         if self.shape.framed:
@@ -143,8 +182,8 @@ class SINN(Network):
         pretraining = progress < self.options.pretraining
         if pretraining:
             window, target = self._anywhere(window, target, progress)
-        positions, zeta = self._rolled_out(window, target.positions.shape[1])
-        truth, known = self._truth(window, target)
+        positions, zeta, last = self._rolled_out(window, target.positions.shape[1])
+        truth, known = self._truth(window, last, target)
         # Eq. 10, later Eq. 11
         loss = self.options.momentum_weight * momentum_error(zeta, truth, known, not pretraining)
         loss = loss + self.options.position_weight * mpjpe(positions, target)
@@ -157,9 +196,9 @@ class SINN(Network):
         """L_c (Eq. 12) with a gradient penalty; ``None`` while the operator alone learns."""
         if progress < self.options.pretraining or self.options.adversarial_weight == 0:
             return None
-        positions, zeta = self._roll(window, target.positions.shape[1])
-        self._rolled = (window, positions, zeta)
-        truth, known = self._truth(window, target)
+        positions, zeta, last = self._roll(window, target.positions.shape[1])
+        self._rolled = (window, positions, zeta, last)
+        truth, known = self._truth(window, last, target)
         return self.critic.loss(
             self._motion(truth, known),
             self._motion(zeta.detach(), known),
@@ -171,11 +210,11 @@ class SINN(Network):
         """Yield the parameters of the critic."""
         return self.critic.parameters()
 
-    def _rolled_out(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor]:
+    def _rolled_out(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
         """``_roll``, or the rollout that ``critic_loss`` has already made for this window."""
         rolled, self._rolled = self._rolled, None
         if rolled is not None and rolled[0] is window:
-            return rolled[1], rolled[2]
+            return rolled[1:]
         return self._roll(window, horizon_steps)
 
     def _anywhere(self, window: Window, target: Target, progress: float) -> tuple[Window, Target]:
@@ -197,9 +236,9 @@ class SINN(Network):
             Target(positions[:, ahead], observed[:, ahead]),
         )
 
-    def _truth(self, window: Window, target: Target) -> tuple[Tensor, Tensor]:
-        """The true values to integrate the prediction from, and (B, H, J) where they are known."""
-        truth = self.representation.truth(last_pose(window), target.positions)
+    def _truth(self, window: Window, last: Tensor, target: Target) -> tuple[Tensor, Tensor]:
+        """The true momenta from the pose ``last`` on, and (B, H, J) where they are known."""
+        truth = self.representation.truth(last.detach(), target.positions)
         before = torch.cat([window.observed[:, -1:], target.observed[:, :-1]], 1)
         return truth, target.observed & before
 

@@ -58,13 +58,13 @@ class Representation(nn.Module):
         """(B, T, J, 3, C) of a window."""
         if self.kind == "position":
             return (window.positions - window.positions[:, -1:])[..., None] * 10.0
-        return self._of(differences(window.positions) * self.rate_hz)
+        return self.of_velocity(differences(window.positions) * self.rate_hz)
 
     def truth(self, last: Tensor, positions: Tensor) -> Tensor:
         """(B, H, J, 3, C) of the steps that follow ``last`` (B, 1, J, 3)."""
         if self.kind == "position":
             return (positions - last)[..., None] * 10.0
-        return self._of(torch.cat([last, positions], 1).diff(dim=1) * self.rate_hz)
+        return self.of_velocity(torch.cat([last, positions], 1).diff(dim=1) * self.rate_hz)
 
     def integrate(self, last: Tensor, zeta: Tensor) -> Tensor:
         """Rec: positions (B, t, J, 3) that follow ``last`` (B, 1, J, 3)."""
@@ -79,7 +79,8 @@ class Representation(nn.Module):
             return torch.cat([zeta[..., 0].mean(-1, keepdim=True), zeta[..., 1]], -1)
         return zeta[..., 0]
 
-    def _of(self, v: Tensor) -> Tensor:
+    def of_velocity(self, v: Tensor) -> Tensor:
+        """(..., 3, C) of velocities (..., 3) m/s, unless the kind is ``position``."""
         return momentum(v) if self.kind == "symplectic" else v[..., None]
 
 
@@ -127,8 +128,13 @@ class Operator(nn.Module):
             nn.init.zeros_(parameter)  # an untrained operator continues the last momentum
         self.carry = nn.Parameter(torch.ones(steps, 1, 1, channels))
 
-    def forward(self, zeta: Tensor, observed: Tensor, pose: Tensor) -> Tensor:
-        """Predict (B, t, J, 3, C) from (B, T, J, 3, C), (B, T, J) and poses (B, T, J, 3), m."""
+    def forward(
+        self, zeta: Tensor, observed: Tensor, pose: Tensor, first: Tensor | None = None
+    ) -> Tensor:
+        """Predict (B, t, J, 3, C) from (B, T, J, 3, C), (B, T, J) and poses (B, T, J, 3), m.
+
+        ``first`` (B, 1, J, 3, C) is carried on instead of the last of ``zeta``.
+        """
         both = observed & F.pad(observed[:, :-1], (0, 0, 1, 0))
         mask = both.to(zeta.dtype)[..., None]
         sequences = [self._sequence(zeta, mask, pose, i) for i in range(self.directions)]
@@ -149,7 +155,7 @@ class Operator(nn.Module):
                 self.directions, batch, self.steps, self.joints, width, self.channels
             )
             change = change.permute(1, 2, 3, 0, 4, 5).flatten(3, 4)
-        return zeta[:, -1:] * self.carry + change
+        return (zeta[:, -1:] if first is None else first) * self.carry + change
 
     def _sequence(self, zeta: Tensor, mask: Tensor, pose: Tensor, direction: int) -> Tensor:
         """The input of a direction's GRU: (T, B or B*J, features)."""

@@ -2,16 +2,18 @@
 
 All windows of stride 1 of every train file, as in the papers. But 70 % of them belong to two
 actions, while the benchmark's mean weighs actions equally, so batches may draw the action first.
-Nothing is augmented, and the pack's ``walking_extra`` is not used.
+The pack's ``walking_extra`` is not used. Nothing is augmented unless ``reverse`` or ``mirror`` say
+so: not all papers do.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import Field, model_validator
 from torch import Tensor
 
 from hri_predict.arrays import Floats
@@ -49,6 +51,16 @@ class BenchmarkData(Settings):
     )
     balanced: bool = Field(True, description="draw the action first, then a window of it")
     validation_windows: int = Field(64, ge=1, description="number per action, evenly spread")
+    reverse: float = Field(
+        0.0, ge=0, le=1, description="share of fitted windows played backwards; papers do or do not"
+    )
+    mirror: float = Field(0.0, ge=0, le=1, description="share mirrored; positions alone")
+
+    @model_validator(mode="after")
+    def _positions_are_mirrored(self) -> Self:
+        if self.mirror and self.space == "rotations":
+            raise ValueError("mirror: rotations cannot be mirrored here; use 0")
+        return self
 
 
 class BenchmarkSamples:
@@ -121,7 +133,16 @@ class BenchmarkSamples:
         weights = (self._counts > 0) if self._data.balanced else self._counts
         actions = rng.choice(len(weights), size, p=weights / weights.sum())
         chosen = [self._fit.starts[a][rng.integers(self._counts[a])] for a in actions]
-        return self._fit.samples(np.array(chosen), actions)
+        samples = self._fit.samples(np.array(chosen), actions)
+        if not (self._data.reverse or self._data.mirror):  # draws as it did before there were these
+            return samples
+        whole = torch.cat([samples.history, samples.future], 1)
+        backwards = torch.from_numpy(rng.random(size) < self._data.reverse)
+        whole[backwards] = whole[backwards].flip(1)
+        mirrored = torch.from_numpy(rng.random(size) < self._data.mirror)
+        whole[mirrored] = _mirrored(whole[mirrored])
+        steps = self.shape.history_steps
+        return replace(samples, history=whole[:, :steps], future=whole[:, steps:])
 
     def validation(self) -> Iterator[Samples]:
         """Yield windows of the validation recordings, evenly spread over each action."""
@@ -174,6 +195,14 @@ class _Windows:
             known=torch.ones(future.shape[:3], dtype=torch.bool),
             actions=torch.from_numpy(np.asarray(actions)),
         )
+
+
+def _mirrored(positions: Tensor) -> Tensor:
+    """Left and right of ``CMU25`` exchanged: (..., 25, 3), y to the left."""
+    order = torch.arange(len(CMU25.joints))
+    for left, right in CMU25.left_right_pairs:
+        order[left], order[right] = right, left
+    return positions[..., order, :] * positions.new_tensor([1.0, -1.0, 1.0])
 
 
 def model_values(clip: Clip, space: str) -> Floats:

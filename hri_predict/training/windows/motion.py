@@ -1,4 +1,8 @@
-"""Training windows in true seconds and metres, cut from recordings at every phase."""
+"""Training windows in true seconds and metres, cut from recordings at every phase.
+
+A window is what the node would have had: it ends at a capture, and nothing captured later is in
+its history.
+"""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -22,7 +26,17 @@ from hri_predict.predictors.neural.body_frame import body_frame
 from hri_predict.predictors.neural.network import Shape
 from hri_predict.settings import MAX_COORDINATE_M, Settings
 from hri_predict.training.windows.augment import AugmentSettings, disturb, move
+from hri_predict.training.windows.bodies import BodySettings, draw_bodies
+from hri_predict.training.windows.clips import Clips
+from hri_predict.training.windows.played import Played
 from hri_predict.training.windows.samples import Samples
+from hri_predict.training.windows.trackers import (
+    TrackerSettings,
+    draw_lost,
+    draw_noise,
+    draw_periods,
+    hide_by_convention,
+)
 
 log = logging.getLogger(__name__)
 
@@ -85,6 +99,8 @@ class DataSettings(RecordingsSettings):
         description="how often an action is drawn, relative to others; 1 where not named",
     )
     augment: AugmentSettings = Field(default_factory=AugmentSettings)
+    bodies: BodySettings = Field(default_factory=BodySettings)
+    trackers: TrackerSettings = Field(default_factory=TrackerSettings)
     refit: bool = Field(
         False, description="also fit the validation recordings, once the epoch has been chosen"
     )
@@ -110,7 +126,8 @@ class MotionSamples:
             (fit + validation, []) if settings.refit else (fit, validation)
         )
         self.actions = tuple(sorted({t.action for t in (*self._tracks, *self._validation)}))
-        self._clips = _Clips(self._tracks)
+        self._clips = Clips(self._tracks)
+        self._checks: list[Samples] | None = None
         self._cumulative = np.cumsum(self._shares())
         if not settings.refit and next(self.validation(), None) is None:
             raise ConfigError(
@@ -197,17 +214,53 @@ class MotionSamples:
         return ((placed * seen[..., None]).sum((0, 1)) / count).float()
 
     def batch(self, rng: np.random.Generator, size: int) -> Samples:
-        """Draw windows: action, recording, phase and speed at random, then augment."""
-        augment, rate = self._settings.augment, self.shape.rate_hz
+        """Draw windows: action, recording, phase, speed, body and tracker at random."""
+        settings, augment, clips = self._settings, self._settings.augment, self._clips
         chosen = np.searchsorted(self._cumulative, rng.random(size), side="right")
         chosen = np.minimum(chosen, len(self._tracks) - 1)
-        first, last = self._clips.first_s[chosen], self._clips.last_s[chosen]
         speed = np.exp(rng.uniform(-1, 1, size) * np.log1p(augment.warp))
         # recordings show people on the move; near a robot they often sit or stand
         speed *= np.where(rng.random(size) < augment.slow, rng.random(size), 1.0)
         backwards = rng.random(size) < augment.reverse
+        origin = self._origins(rng, chosen, speed, backwards)
+        played = Played(
+            chosen=chosen,
+            origin=origin,
+            speed=np.where(backwards, -speed, speed),
+            period_s=draw_periods(settings.trackers, rng, clips.period_s[chosen] / speed),
+        )
+        times, captured, seen = played.captures(clips, self.shape)
+        ahead, known = played.future(clips, self.shape)
+        positions, observed = np.concatenate([captured, ahead], 1), np.concatenate([seen, known], 1)
+        positions = draw_bodies(settings.bodies, rng, size).worn(positions, observed)
+        positions, observed = move(augment, rng, positions, observed)
+        newest = times.shape[1]
+        captured, seen = positions[:, :newest], observed[:, :newest]
+        captured = captured + draw_noise(settings.trackers, rng, times, captured.shape[2])
+        seen = seen & ~draw_lost(settings.trackers, rng, size, newest)[..., None]
+        history, held = played.resampled(times, captured, seen, self.shape)
+        hide_by_convention(settings.trackers, rng, held)
+        disturb(augment, rng, history, held)
+        known = observed[:, newest:]
+        return self._samples(
+            history=np.where(held[..., None], history, np.float32(0)),
+            observed=held,
+            future=np.where(known[..., None], positions[:, newest:], np.float32(0)),
+            known=known,
+            chosen=chosen,
+        )
+
+    def _origins(
+        self,
+        rng: np.random.Generator,
+        chosen: NDArray[np.intp],
+        speed: NDArray[np.float64],
+        backwards: Bools,
+    ) -> NDArray[np.intp]:
+        """(B,) captures with some steps of history before, and of future behind them."""
+        first, last = self._clips.first_s[chosen], self._clips.last_s[chosen]
         before, after = (
-            np.where(backwards, reversed_, usual) / rate * speed
+            np.where(backwards, reversed_, usual) / self.shape.rate_hz * speed
             for usual, reversed_ in (
                 (_LEAST_HISTORY, _LEAST_FUTURE),
                 (_LEAST_FUTURE, _LEAST_HISTORY),
@@ -215,56 +268,45 @@ class MotionSamples:
         )
         begin = first + before
         end = np.maximum(begin, last - after)
-        origin = begin + rng.random(size) * (end - begin)
-        direction = np.where(backwards, -1.0, 1.0)
-        positions, observed = self._cut(chosen, origin, direction * speed / rate)
-        positions, observed = move(augment, rng, positions, observed)
-        steps = self.shape.history_steps
-        history, seen = positions[:, :steps].copy(), observed[:, :steps].copy()
-        disturb(augment, rng, history, seen)
-        return self._samples(
-            history=history,
-            observed=seen,
-            future=positions[:, steps:],
-            known=observed[:, steps:],
-            chosen=chosen,
-        )
+        return self._clips.capture_at(begin + rng.random(len(chosen)) * (end - begin))
 
     def validation(self) -> Iterator[Samples]:
         """Yield every second step of every validation recording, unaugmented; a refit has none."""
         if not self._validation:
             return
-        clips, rate = _Clips(self._validation), self.shape.rate_hz
+        if self._checks is None:
+            self._checks = list(self._cut_validation())
+        yield from self._checks
+
+    def _cut_validation(self) -> Iterator[Samples]:
+        clips, rate = Clips(self._validation), self.shape.rate_hz
         chosen, origins = [], []
         for k in range(len(self._validation)):
             begin = clips.first_s[k] + (ORIGIN_STEPS - 1) / rate  # and see _least_validation_s
             times = np.arange(begin, clips.last_s[k] - _LEAST_FUTURE / rate + 1e-9, 2 / rate)
-            chosen.append(np.full(times.size, k))
-            origins.append(times)
-        which, when = np.concatenate(chosen), np.concatenate(origins)
-        steps = self.shape.history_steps
+            captures = np.unique(clips.capture_at(times))
+            chosen.append(np.full(captures.size, k))
+            origins.append(captures)
+        which, where = np.concatenate(chosen), np.concatenate(origins)
         for at in range(0, which.size, _VALIDATION_BATCH):
             part = slice(at, at + _VALIDATION_BATCH)
-            step_s = np.full(which[part].size, 1 / rate)
-            positions, observed = self._cut(which[part], when[part], step_s, clips)
+            own = which[part]
+            played = Played(
+                chosen=own,
+                origin=where[part],
+                speed=np.ones(own.size),
+                period_s=clips.period_s[own],
+            )
+            history, observed = played.resampled(*played.captures(clips, self.shape), self.shape)
+            future, known = played.future(clips, self.shape)
             yield self._samples(
-                history=positions[:, :steps],
-                observed=observed[:, :steps],
-                future=positions[:, steps:],
-                known=observed[:, steps:],
-                chosen=which[part],
+                history=np.where(observed[..., None], history, np.float32(0)),
+                observed=observed,
+                future=future,
+                known=known,
+                chosen=own,
                 tracks=self._validation,
             )
-
-    def _cut(
-        self,
-        chosen: NDArray[np.intp],
-        origin_s: NDArray[np.float64],
-        step_s: NDArray[np.float64],
-        clips: "_Clips | None" = None,
-    ) -> tuple[NDArray[np.float32], Bools]:
-        steps = np.arange(1 - self.shape.history_steps, self.shape.horizon_steps + 1)
-        return (clips or self._clips).at(chosen, origin_s[:, None] + steps * step_s[:, None])
 
     def _samples(
         self,
@@ -284,47 +326,6 @@ class MotionSamples:
         return Samples(
             history=past, observed=seen, future=ahead, known=sure, actions=torch.tensor(actions)
         )
-
-
-class _Clips:
-    """All tracks in one array, read at any times by linear interpolation."""
-
-    def __init__(self, tracks: Sequence[Track]) -> None:
-        self.positions = np.concatenate([t.positions for t in tracks]).astype(np.float32)
-        self.observed = np.concatenate([t.observed for t in tracks])
-        lengths = np.array([len(t.stamps_ns) for t in tracks])
-        self._begin = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-        self._last = self._begin + lengths - 1
-        self._max_gap_s = np.array([t.max_gap_s for t in tracks])
-        own = [(t.stamps_ns - t.stamps_ns[0]) * 1e-9 for t in tracks]
-        # every track starts a day (or the longest track's length) after the one before it, so that
-        # one search finds frames in all of them
-        apart_s = max(86400.0, 1.0 + max(s[-1] for s in own))
-        self.first_s = np.arange(len(tracks)) * apart_s
-        self._stamps = np.concatenate([s + f for s, f in zip(own, self.first_s, strict=True)])
-        self.last_s = self._stamps[self._last]
-
-    def at(
-        self, chosen: NDArray[np.intp], times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float32], Bools]:
-        """(B, S, J, 3) positions at (B, S) times, and (B, S, J) whether they are observed."""
-        after = np.searchsorted(self._stamps, times.ravel(), side="right").reshape(times.shape)
-        low, high = self._begin[chosen][:, None], self._last[chosen][:, None]
-        inside = (times >= self._stamps[low] - 1e-9) & (times <= self._stamps[high] + 1e-9)
-        before = np.clip(after - 1, low, high)
-        after = np.clip(after, low, high)
-        gap = self._stamps[after] - self._stamps[before]
-        weight = np.clip((times - self._stamps[before]) / np.where(gap > 0, gap, 1.0), 0, 1)
-        near = np.where(weight < 0.5, before, after)
-        share = weight.astype(np.float32)[..., None, None]
-        start = self.positions.take(before, axis=0)
-        positions = start + share * (self.positions.take(after, axis=0) - start)
-        seen = self.observed.take(before, axis=0) & self.observed.take(after, axis=0)
-        on_frame = np.abs(times - self._stamps[near]) < 1e-6
-        seen = np.where(on_frame[..., None], self.observed.take(near, axis=0), seen)
-        adjacent = gap <= self._max_gap_s[chosen][:, None]
-        seen &= (inside & (adjacent | on_frame))[..., None]
-        return np.where(seen[..., None], positions, np.float32(0)), seen
 
 
 def _span_s(track: Track) -> float:

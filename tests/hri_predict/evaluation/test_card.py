@@ -162,3 +162,13 @@ def test_the_command_writes_both_files_and_tells_mistakes_in_one_line(
     assert all(line.startswith("error: ") for line in lines)
     assert "real.json: cannot be read" in lines[0]
     assert "there is no such file" in lines[1]
+
+
+def test_a_card_says_where_training_began(tmp_path, weights):
+    assert "earlier weights" not in card_of(weights, None, None)
+    loaded = load_weights(weights)
+    card = loaded.card | {"config": CONFIG | {"initial_weights": "/somebody/s/runs/old"}}
+    save_weights(weights, loaded.method, loaded.network, card)
+    text = card_of(weights, None, None)
+    assert "Training began with earlier weights of this predictor." in text
+    assert "somebody" not in text

@@ -1,5 +1,7 @@
 """AuxFormer: what it reads, what it ignores, and every switch."""
 
+from typing import Literal
+
 import pytest
 import torch
 
@@ -59,6 +61,12 @@ def test_untrained_it_predicts_zero_velocity() -> None:
     window = _window(2, missing=0.0)
     network = AuxFormer(SHAPE, AuxFormerOptions.model_validate(SMALL))
     assert torch.equal(network(window), window.positions[:, -1:].expand(-1, HORIZON, -1, -1))
+
+
+def test_with_velocity_no_hidden_value_is_read() -> None:
+    network, window = _network(velocity=True), _window(3)
+    assert network.coordinate.in_features == 9
+    assert torch.equal(network(window), network(_scrambled(window)))
 
 
 def test_unobserved_values_do_not_matter_at_all() -> None:
@@ -134,7 +142,8 @@ def test_attention_is_a_mean_over_observed_keys(over: str) -> None:
 def _transparent(over: str) -> Attention:
     """Attention with random queries and keys whose values and FFN pass features on."""
     torch.manual_seed(3)
-    attention = Attention(8, 2, 8, over="joints" if over == "joints" else "steps")
+    options = AuxFormerOptions(features=8, heads=2, hidden=8)
+    attention = Attention(options, over="joints" if over == "joints" else "steps")
     attention.add_module("norm", torch.nn.Identity())  # it would erase constants
     with torch.no_grad():
         attention.qkv.weight.view(2, 3, 4, 8)[:, 2] = torch.eye(8).view(2, 4, 8)
@@ -144,11 +153,15 @@ def _transparent(over: str) -> Attention:
     return attention
 
 
+@pytest.mark.parametrize(("scale", "width"), [("head", 4), ("features", 8)])
 @pytest.mark.parametrize("over", ["joints", "steps"])
-def test_attention_equals_its_equation(over: str) -> None:
+def test_attention_equals_its_equation(
+    over: str, scale: Literal["head", "features"], width: int
+) -> None:
     """Against loops over heads and places (section 4.2, softmax over observed keys)."""
     torch.manual_seed(4)
-    attention = Attention(8, 2, 16, over="joints" if over == "joints" else "steps")
+    options = AuxFormerOptions(features=8, heads=2, hidden=16, scale=scale)
+    attention = Attention(options, over="joints" if over == "joints" else "steps")
     tokens, observed = torch.randn(2, 3, 4, 8), torch.rand(2, 3, 4) > 0.4
     expected = tokens.clone()
     q, k, v = attention.qkv(attention.norm(tokens)).view(2, 3, 4, 2, 3, 4).unbind(4)
@@ -157,7 +170,7 @@ def test_attention_equals_its_equation(over: str) -> None:
         seen = observed[row]
         heads = []
         for h in range(2):
-            scores = k[row][seen][:, h] @ q[n, t, j, h] / 4**0.5
+            scores = k[row][seen][:, h] @ q[n, t, j, h] / width**0.5
             heads.append(scores.softmax(0) @ v[row][seen][:, h])
         expected[n, t, j] += attention.ffn(torch.cat(heads))
     torch.testing.assert_close(attention(tokens, observed), expected, atol=1e-5, rtol=0)

@@ -11,6 +11,7 @@ from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
 from hri_predict.predictors.trajectorycnn import (
     PART_ORDER,
+    NestedBlock,
     TrajectoryCNN,
     TrajectoryCNNOptions,
     part_order,
@@ -107,6 +108,24 @@ def test_residual_branches_are_two_point_wise_convolutions_a_block() -> None:
     assert count(network()) - count(network(residual=False)) == 4 * 2 * (64 * 64 + 64)
 
 
+def test_nested_branches_are_three_a_block_each_inside_the_one_before() -> None:
+    def count(net: TrajectoryCNN) -> int:
+        return sum(p.numel() for p in net.parameters())
+
+    nested, bare = network(paths="nested"), network(paths="nested", residual=False)
+    assert count(nested) - count(bare) == 4 * 3 * (64 * 64 + 64)
+    block = NestedBlock(8, (3, 3), TrajectoryCNNOptions(paths="nested")).eval()
+    layers = [m for m in block.layers.modules() if isinstance(m, torch.nn.Conv2d)]
+    for parameter in (p for layer in layers for p in layer.parameters()):
+        torch.nn.init.zeros_(parameter)  # what is left goes through the branches alone
+    given = torch.randn(1, 8, 28, 3)
+    outer = block.branches[0](given)
+    torch.testing.assert_close(block(given), outer)
+    assert layers[4].bias is not None
+    torch.nn.init.constant_(layers[4].bias, 1.0)
+    torch.testing.assert_close(block(given), outer + 1.0)
+
+
 def test_displacements_feed_the_same_network_as_raw_positions() -> None:
     raw, relative = network(**SMALL, relative=False).eval(), network(**SMALL).eval()
     relative.load_state_dict(raw.state_dict())
@@ -145,6 +164,8 @@ def test_pose_layout_takes_any_history(steps: int) -> None:
         {"residual": False},
         {"relative": False},
         {"dropout": 0.5},
+        {"paths": "nested", "slope": 0.2},
+        {"paths": "nested", "residual": False},
     ],
 )
 def test_every_switch_takes_a_step(options: dict[str, Any]) -> None:

@@ -125,7 +125,7 @@ class Watcher:
 
 def make_config(out, options=None, **train):
     settings = {"epochs": 4, "windows_per_epoch": 64, "batch": 16, "learning_rate": 0.02,
-                "warmup_steps": 2}  # fmt: skip
+                "warmup": 0.05}  # fmt: skip
     return TrainingConfig.model_validate(
         {
             "predictor": "small", "judgement": "real", "out": out, "options": options or {},

@@ -2,6 +2,8 @@
 
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from torch import nn
 
 from hri_predict.predictors.neural.body import BODY
@@ -60,21 +62,28 @@ def test_without_a_decay_nothing_is_averaged():
 
 
 def test_the_learning_rate_rises_then_falls_along_a_cosine():
-    chosen = settings(warmup_steps=4)  # 16 steps
-    factors = [learning_rate_factor(n, chosen) for n in range(16)]
+    chosen = settings(warmup=0.05, epochs=20)  # 80 steps, 4 of them to warm up
+    factors = [learning_rate_factor(n, chosen) for n in range(80)]
     assert factors[0] == pytest.approx(0.2)
-    assert factors[8] == pytest.approx(0.5)
+    assert factors[40] == pytest.approx(0.5)
     assert factors[4:] == sorted(factors[4:], reverse=True)
     assert 0 < factors[-1] < 0.02
-    steady = settings(warmup_steps=0, schedule="constant")
+    steady = settings(warmup=0, schedule="constant")
     assert {learning_rate_factor(n, steady) for n in range(16)} == {1.0}
+
+
+@given(epochs=st.integers(1, 200), share=st.floats(0, 0.05))
+def test_a_run_of_any_length_reaches_its_learning_rate(epochs, share):
+    chosen = settings(epochs=epochs, warmup=share)
+    highest = max(learning_rate_factor(n, chosen) for n in range(chosen.total_steps))
+    assert highest > 0.7  # the shortest run warms up for a fifth of a step
 
 
 def test_gradients_are_clipped():
     def moved(clip_norm):
         torch.manual_seed(0)
         network = Line()
-        chosen = settings(clip_norm=clip_norm, warmup_steps=0)
+        chosen = settings(clip_norm=clip_norm, warmup=0)
         optimisation = Optimisation(network, chosen, Processes())
         window, target = batch()
         optimisation.step(window, target, 1.0, 0)

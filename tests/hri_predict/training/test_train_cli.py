@@ -8,13 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import yaml
 
 from hri_predict.cli import main
+from hri_predict.errors import ConfigError
 from hri_predict.files import data_path
-from hri_predict.predictors.neural.network import network_class_of
-from hri_predict.predictors.neural.weights import load_weights
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import Shape, network_class_of
+from hri_predict.predictors.neural.weights import load_weights, save_weights
+from hri_predict.predictors.sinn.model import SINN, SINNOptions
 from hri_predict.training import building
+from hri_predict.training.building import build_network, open_samples
 from hri_predict.training.config import TrainingConfig, load_training_config
 from hri_predict.training.windows.motion import MotionSamples
 
@@ -112,6 +117,33 @@ def test_it_starts_from_given_weights(cli, config, tmp_path):
     status, _, err = cli(config, *changes, "--set", "options.channels=8", "--out", tmp_path / "c")
     assert status == 2
     assert "have another network, shape or options" in err
+
+
+def test_weights_without_an_added_part_start_a_network_with_it(tmp_path):
+    shape = Shape(skeleton=BODY, history_steps=8, horizon_steps=5, rate_hz=25.0)
+    small = {"hidden": 8, "critic_steps": 5}
+    given = tmp_path / "sinn.safetensors"
+    save_weights(given, "sinn", SINN(shape, SINNOptions.model_validate(small)), {})
+    write_walk(tmp_path, "walk_9", 300)
+    write_walk(tmp_path, "check_1", 300)
+
+    def built(**options):
+        config = TrainingConfig.model_validate({
+            "predictor": "sinn", "judgement": "real", "out": tmp_path / "run",
+            "shape": {"history_steps": 8, "horizon_steps": 5}, "options": small | options,
+            "data": {"root": tmp_path, "fit": ["walk_9.npz"], "validation": ["check_1.npz"]},
+            "initial_weights": given,
+        })  # fmt: skip
+        return build_network(config, open_samples(config)).state_dict()
+
+    old = load_weights(given).network.state_dict()
+    new = built(start_frames=7, gate=True, pretraining=0.0)
+    assert new.keys() > old.keys()
+    for name, value in old.items():
+        if not name.startswith("critic"):
+            torch.testing.assert_close(new[name], value)
+    with pytest.raises(ConfigError, match="have another network, shape or options"):
+        built(pose="none")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

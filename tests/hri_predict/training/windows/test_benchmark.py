@@ -8,8 +8,9 @@ import torch
 import yaml
 
 from hri_predict.datasets.cmu_benchmark import from_model, read_clip, to_model
-from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.errors import ConfigError, HriPredictError, RecordingError
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
+from hri_predict.settings import validated
 from hri_predict.training.provenance import fingerprint
 from hri_predict.training.windows.benchmark import (
     BenchmarkData,
@@ -110,6 +111,31 @@ def test_positions_are_the_benchmarks_in_metres_with_z_up(pack):
         np.testing.assert_array_equal(window, expected[start : start + 35])
     np.testing.assert_allclose(from_model(to_model(mm)), mm)
     assert opened(pack, history=5, horizon=10, space="rotations").shape.skeleton is CMU38
+
+
+def windows_of(source, seed=3):
+    batch = source.batch(np.random.default_rng(seed), 16)
+    return torch.cat([batch.history, batch.future], 1)
+
+
+def test_reversed_and_mirrored_windows_are_the_drawn_ones(pack):
+    plain = windows_of(opened(pack))
+    assert torch.equal(windows_of(opened(pack, reverse=1.0)), plain.flip(1))
+    mirrored = windows_of(opened(pack, mirror=1.0))
+    pairs = CMU25.left_right_pairs
+    assert len(pairs) == 10
+    for left, right in pairs:
+        for one, other in ((left, right), (right, left)):
+            flipped = plain[:, :, one] * torch.tensor([1.0, -1.0, 1.0])
+            assert torch.equal(mirrored[:, :, other], flipped)
+    some = windows_of(opened(pack, reverse=0.5))
+    same = (some == plain).all((1, 2, 3)).float().mean()
+    assert 0.1 < same < 0.9  # 16 draws of one half
+
+
+def test_rotations_are_not_mirrored(pack):
+    with pytest.raises(HriPredictError, match="rotations cannot be mirrored"):
+        validated(BenchmarkData, {"root": pack, "space": "rotations", "mirror": 0.5}, "data")
 
 
 def test_validation_windows_weigh_the_actions_alike(pack):

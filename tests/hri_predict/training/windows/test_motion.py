@@ -12,9 +12,11 @@ from hri_predict.errors import ConfigError, HriPredictError, RecordingError
 from hri_predict.predictors.neural.body import BODY, CMU38
 from hri_predict.predictors.neural.network import Shape
 from hri_predict.settings import validated
-from hri_predict.training.windows import motion
 from hri_predict.training.windows.augment import AugmentSettings
+from hri_predict.training.windows.bodies import BodySettings
+from hri_predict.training.windows.clips import Clips
 from hri_predict.training.windows.motion import DataSettings, MotionSamples
+from hri_predict.training.windows.trackers import TrackerSettings
 
 DATA = Path(__file__).resolve().parents[4].parent / "shared" / "data"
 SHAPE = Shape(skeleton=BODY, history_steps=15, horizon_steps=25, rate_hz=25.0)
@@ -22,6 +24,10 @@ PLAIN = AugmentSettings(
     mirror=0, yaw=False, scale=0, warp=0, slow=0, reverse=0, truncate=0, noise=0, outliers=0,
     missing=0, limb=0, frames=0, sparse=0, arms=0,
 )  # fmt: skip
+AS_RECORDED = {
+    "bodies": BodySettings(share=0),
+    "trackers": TrackerSettings(rate=0, dropped=0, noise=0, convention=0),
+}
 
 
 def write_line(folder: Path, name: str, frames: int = 300, fps: float = 120.0) -> Path:
@@ -47,7 +53,7 @@ def folder(tmp_path) -> Path:
 
 def samples(folder: Path, augment: AugmentSettings = PLAIN) -> MotionSamples:
     settings = DataSettings(root=folder, fit=["line_*.npz"], validation=["check_1.npz"])
-    return MotionSamples(settings.model_copy(update={"augment": augment}), SHAPE)
+    return MotionSamples(settings.model_copy(update={"augment": augment} | AS_RECORDED), SHAPE)
 
 
 def test_steps_are_a_25th_of_a_second_apart(folder):
@@ -67,6 +73,32 @@ def test_outside_the_recording_nothing_is_known(folder):
     assert not batch.observed.all()
     assert (batch.history[~batch.observed] == 0).all()
     assert batch.known.any(2).sum(1).min() >= 9
+
+
+@pytest.mark.parametrize("fps", [30.0, 120.0])
+@pytest.mark.parametrize("reverse", [0.0, 1.0])
+def test_the_history_of_a_random_walk_tells_nothing_about_its_future(tmp_path, fps, reverse):
+    frames = 6000
+    steps = np.random.default_rng(7).normal(size=(frames, 38, 3)) / 100
+    for name in ("walk_1", "check_1"):
+        np.savez(
+            tmp_path / f"{name}.npz",
+            positions_world=steps.cumsum(0).astype(np.float32), fps=np.float32(fps),
+            world_ok=np.ones(frames, bool), rest_pose_frames=np.int32(0),
+            floor_height=np.float32(0),
+        )  # fmt: skip
+    augment = PLAIN.model_copy(update={"reverse": reverse})
+    source = opened(tmp_path, ["walk_1.npz"], ["check_1.npz"], augment=augment)
+    for batch in (source.batch(np.random.default_rng(1), 2000), next(source.validation())):
+        last = batch.history[:, -1] - batch.history[:, -2]
+        ahead = batch.future[:, 0] - batch.history[:, -1]
+        seen = (batch.observed[:, -1] & batch.observed[:, -2] & batch.known[:, 0]).all(1)
+        last, ahead = last[seen].flatten(), ahead[seen].flatten()
+        correlation = np.corrcoef(last, ahead)[0, 1]
+        # independent: its deviation is 1 / sqrt(n); the origins of a batch are drawn anew, so n is
+        # the walk's own independent increments at most
+        independent = min(len(last), frames * 28 * 3 // 2)
+        assert abs(correlation) < 4 / np.sqrt(independent)
 
 
 def test_warp_changes_the_speed_by_at_most_its_share(folder):
@@ -139,7 +171,8 @@ def test_missing_recordings_are_refused_in_one_line(tmp_path):
 
 
 def opened(folder: Path, fit: list[str], validation: list[str], **data) -> MotionSamples:
-    given = {"root": folder, "fit": fit, "validation": validation, "augment": PLAIN} | data
+    given = {"root": folder, "fit": fit, "validation": validation, "augment": PLAIN}
+    given |= AS_RECORDED | data
     return MotionSamples(validated(DataSettings, given, "data"), SHAPE)
 
 
@@ -232,7 +265,7 @@ def test_a_recording_of_days_does_not_run_into_the_next(folder):
         )
         for name, place in (("one", 1.0), ("two", 2.0))
     ]
-    clips = motion._Clips(tracks)
+    clips = Clips(tracks)
     chosen = np.array([0, 1])
     positions, seen = clips.at(chosen, np.array([clips.last_s[:1] - 5, clips.first_s[1:] + 5]))
     assert seen.all()
