@@ -14,6 +14,7 @@ from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
 from hri_predict.predictors.base import Forecast, Predictor
 from hri_predict.risk.self_check.self_check import Trust
 from hri_predict.risk.zones.body_zones import ZoneBuilder
+from hri_predict.risk.zones.learned_scale import LEADS_S
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
@@ -37,7 +38,13 @@ class StandingBody:
         skeleton = predictor.skeleton
         self._predictor = predictor if risk.mode == "predictive" else None
         self._history_steps, self._rate_hz = predictor.history_steps, predictor.rate_hz
-        calm = Trust(np.zeros(1), np.ones((1, steps)), np.zeros(1, np.bool_), ())
+        calm = Trust(
+            residual_m=np.zeros(1),
+            error_m=np.zeros((1, len(LEADS_S), len(JOINTS))),
+            widen=np.ones((1, steps)),
+            out_of_distribution=np.zeros(1, np.bool_),
+            reasons=(),
+        )
         self._trust = None if calibration is None else calm
         self._builder = ZoneBuilder(
             skeleton=skeleton,

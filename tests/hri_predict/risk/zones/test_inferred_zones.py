@@ -28,7 +28,13 @@ _WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.0))
 COCO = load_joint_map("coco17").mapped
 CALIBRATION = load_calibration(shipped_calibration("zero_velocity"))
-SURE = Trust(np.zeros(1), np.ones((1, STEPS)), np.zeros(1, np.bool_), ())
+SURE = Trust(
+    residual_m=np.zeros(1),
+    error_m=np.zeros((1, 2, len(JOINTS))),
+    widen=np.ones((1, STEPS)),
+    out_of_distribution=np.zeros(1, np.bool_),
+    reasons=(),
+)
 
 
 def builder(calibrated=True):
