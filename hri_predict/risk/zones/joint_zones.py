@@ -41,6 +41,7 @@ from hri_predict.risk.zones.learned_scale import Evidence
 from hri_predict.risk.zones.motion_class import trunk_speed
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.reach import BodyReach
+from hri_predict.risk.zones.spheres import enclosed
 from hri_predict.skeleton import Skeleton
 
 _NEVER_S = 1e3
@@ -174,7 +175,7 @@ class JointZones:
             path = np.broadcast_to(tracks.last[:, None], (*shape, 3))
             inflation, around = growth, growth
         else:
-            path, inflation = _enclosed(self._knots(tracks, forecast), since * self._rate_hz)
+            path, inflation = enclosed(self._knots(tracks, forecast), since * self._rate_hz)
             rule = self._deviation(until, forecast, claimed, trust)
             around = inflation + np.where(follows, rule, growth)
             inflation = np.where(follows, inflation, inflation + growth)
@@ -360,40 +361,6 @@ class JointZones:
         return mid, radius
 
 
-def _enclosed(knots: Floats, steps: Floats) -> tuple[Floats, Floats]:
-    """Spheres around a piecewise linear path.
-
-    Args:
-        knots: (P, N, J, 3) the path at steps 0..N-1; it ends at the last.
-        steps: (P, K+1) ascending by at most 1 from entry 1 on, so that an interval spans at most
-            one knot.
-
-    Returns:
-        mid (P, K+1, J, 3) and radius (P, K+1, J): entry k >= 1 holds the path between
-        ``steps[k-1]`` and ``steps[k]``; entry 0 is the path at step 0. Interval 1 begins at
-        ``steps[1] - 1``, the step of now.
-    """
-    last = knots.shape[1] - 1
-    ends = steps[:, 1:]
-    bounds = np.concatenate([ends[:, :1] - 1.0, ends], axis=1)
-    bounds = np.minimum(np.maximum(bounds, 0.0), last)  # on small arrays faster than numpy.clip
-    below = np.minimum(bounds.astype(np.intp), max(last - 1, 0))
-    person = np.arange(len(knots))[:, None]
-    part = (bounds - below)[..., None, None]
-    lower, upper = knots[person, below], knots[person, np.minimum(below + 1, last)]
-    at = lower + part * (upper - lower)  # (P, K+1, J, 3) at the bounds
-    start, end = at[:, :-1], at[:, 1:]
-    corner = upper[:, :-1]
-    inside = (below[:, :-1] + 1 < bounds[:, 1:])[..., None]
-    mid = 0.5 * (start + end)
-    half = 0.5 * _norm(end - start)
-    radius = np.maximum(half, np.where(inside, _norm(corner - mid), 0.0))
-    return (
-        np.concatenate([knots[:, :1], mid], axis=1),
-        np.concatenate([np.zeros_like(radius[:, :1]), radius], axis=1),
-    )
-
-
 def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
     """(P, H, J) at the forecast's steps to the largest (P, K+1, J) during each interval."""
     people = len(std)
@@ -402,9 +369,3 @@ def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
     after = std[person, np.clip(end - 1, 0, horizon_steps - 1)]
     before = std[person, np.clip(end - 2, 0, horizon_steps - 1)]
     return np.maximum(after, before)
-
-
-def _norm(vectors: Floats) -> Floats:
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    result: Floats = np.sqrt(x * x + y * y + z * z)
-    return result

@@ -1,8 +1,9 @@
-"""The smallest sphere around the intersection of two spheres: one bound on a point cuts another."""
+"""Spheres: the smallest around what two spheres share, and around the parts of a path."""
 
 import numpy as np
 
 from hri_predict.arrays import Floats
+from hri_predict.geometry import norm
 
 
 def cut(
@@ -48,3 +49,37 @@ def along(d: Floats, radius: Floats, other_radius: Floats) -> tuple[Floats, Floa
     other = (other_radius < radius) | (d >= both)  # where there is no lens
     within = np.where(lens, disc, np.where(other, other_radius, radius))
     return np.where(lens, part, other), within
+
+
+def enclosed(knots: Floats, steps: Floats) -> tuple[Floats, Floats]:
+    """Spheres around a piecewise linear path.
+
+    Args:
+        knots: (P, N, J, 3) the path at steps 0..N-1; it ends at the last.
+        steps: (P, K+1) ascending by at most 1 from entry 1 on, so that an interval spans at most
+            one knot.
+
+    Returns:
+        mid (P, K+1, J, 3) and radius (P, K+1, J): entry k >= 1 holds the path between
+        ``steps[k-1]`` and ``steps[k]``; entry 0 is the path at step 0. Interval 1 begins at
+        ``steps[1] - 1``, the step of now.
+    """
+    last = knots.shape[1] - 1
+    ends = steps[:, 1:]
+    bounds = np.concatenate([ends[:, :1] - 1.0, ends], axis=1)
+    bounds = np.minimum(np.maximum(bounds, 0.0), last)  # on small arrays faster than numpy.clip
+    below = np.minimum(bounds.astype(np.intp), max(last - 1, 0))
+    person = np.arange(len(knots))[:, None]
+    part = (bounds - below)[..., None, None]
+    lower, upper = knots[person, below], knots[person, np.minimum(below + 1, last)]
+    at = lower + part * (upper - lower)  # (P, K+1, J, 3) at the bounds
+    start, end = at[:, :-1], at[:, 1:]
+    corner = upper[:, :-1]
+    inside = (below[:, :-1] + 1 < bounds[:, 1:])[..., None]
+    mid = 0.5 * (start + end)
+    half = 0.5 * norm(end - start)
+    radius = np.maximum(half, np.where(inside, norm(corner - mid), 0.0))
+    return (
+        np.concatenate([knots[:, :1], mid], axis=1),
+        np.concatenate([np.zeros_like(radius[:, :1]), radius], axis=1),
+    )
