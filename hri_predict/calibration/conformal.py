@@ -6,7 +6,8 @@ largest over the joints, for the whole body), for each speed class and step; rec
 weights, because windows of one resemble each other. This is cross-conformal prediction (V. Vovk,
 Annals of Mathematics and AI 74 (2015) 9; R. Barber et al., "Predictive inference with the
 jackknife+", Annals of Statistics 49 (2021) 486) with recordings as units. A speed class that occurs
-in fewer than ``LEAST_RECORDINGS`` recordings is not calibrated; physical limits are used there.
+in fewer than ``LEAST_RECORDINGS`` recordings, and a joint that fewer show, are not calibrated;
+physical limits are used there.
 
 *Guaranteed*: see ``risk.zones.calibration``. Here the body's shape must not come from the
 recordings that are ranked: it is the fixed growth ``body_shape``.
@@ -18,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats, Ints
+from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.calibration.scale_fit import cross_scales
 from hri_predict.calibration.scores import HISTORY_STEPS, Scores, units
 from hri_predict.errors import ConfigError
@@ -43,7 +44,8 @@ def calibrate(
     """Make a calibration; the same scores give the same calibration on the same machine.
 
     Raises:
-        ConfigError: there are fewer than ``LEAST_RECORDINGS`` recordings.
+        ConfigError: there are fewer than ``LEAST_RECORDINGS`` recordings, or they show no joint
+            that often.
     """
     by_name = units(scores)
     names = list(by_name)
@@ -58,8 +60,8 @@ def calibrate(
     ratio = np.concatenate([s.error_m / own for s, own in zip(scores, scale, strict=True)])
     unit = np.concatenate([np.full(len(s.error_m), names.index(s.name)) for s in scores])
     fast = speed_class(np.concatenate([s.speed_m_s for s in scores]))
-    joints = tuple(dict.fromkeys(plain(name) for name in skeleton.joints))
-    group = np.array([joints.index(plain(name)) for name in skeleton.joints])
+    joints, group = _calibrated_joints(error, unit, skeleton)
+    ratio[:, :, group < 0] = np.nan
     counts = np.array(
         [np.bincount(fast[unit == u], minlength=len(SPEED_CLASSES)) for u in range(len(names))]
     )
@@ -88,6 +90,24 @@ def calibrate(
             rate_hz=rate_hz,
         ),
     )
+
+
+def _calibrated_joints(
+    error: Floats, unit: Ints, skeleton: Skeleton
+) -> tuple[tuple[str, ...], Ints]:
+    """The joints that enough recordings show, without their side, and (J,) their index or -1."""
+    shown: dict[str, set[int]] = {plain(name): set() for name in skeleton.joints}
+    known: Bools = np.asarray(np.isfinite(error).any(1))  # (W, J)
+    for joint, name in enumerate(skeleton.joints):
+        shown[plain(name)].update(unit[known[:, joint]].tolist())
+    joints = tuple(name for name, units in shown.items() if len(units) >= LEAST_RECORDINGS)
+    if not joints:
+        raise ConfigError(
+            f"--data: no joint is seen in {LEAST_RECORDINGS} recordings or more; give recordings"
+            f" that show the same joints"
+        )
+    of = [joints.index(n) if n in joints else -1 for n in map(plain, skeleton.joints)]
+    return joints, np.array(of)
 
 
 def _estimated(ratio: Floats, fast: Ints, unit: Ints) -> dict[Of, Floats]:

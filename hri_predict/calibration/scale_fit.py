@@ -34,7 +34,7 @@ from hri_predict.skeleton import Skeleton
 QUANTILE = 0.95
 FOLDS = 5
 HIDDEN = 64
-STEPS = 3000
+STEPS = 2000
 BATCH = 4096
 WINDOWS = 300
 """Windows of a recording that are used at most."""
@@ -50,7 +50,10 @@ class _Rows:
         self.knots = knots_within(scores[0].error_m.shape[1])
         self.kind = torch.tensor(kind_of(skeleton).copy())
         now, ahead, error, unit = [], [], [], []
-        for index, own in enumerate(units(scores).values()):
+        by_name = units(scores)
+        self.names = _mixed(scores)  # their order, not that of the scores, decides what is drawn
+        for index, name in enumerate(self.names):
+            own = by_name[name]
             share = WINDOWS / max(sum(len(scores[i].origin_ns) for i in own), 1)
             for i in own:
                 chosen = rng.random(len(scores[i].origin_ns)) < share
@@ -66,9 +69,10 @@ class _Rows:
         self.error = torch.tensor(np.concatenate(error), dtype=torch.float32)
         self.unit: Ints = np.concatenate(unit)
 
-    def normal(self) -> tuple[Floats, Floats]:
-        """Mean and deviation of the inputs."""
-        parts = [self.now.reshape(-1, len(NOW)), self.ahead.reshape(-1, len(AHEAD))]
+    def normal(self, windows: Ints) -> tuple[Floats, Floats]:
+        """Mean and deviation of the inputs of some windows."""
+        now, ahead = self.now[windows], self.ahead[windows]
+        parts = [now.reshape(-1, len(NOW)), ahead.reshape(-1, len(AHEAD))]
         mean = np.concatenate([p.mean(0).numpy() for p in parts]).astype(np.float64)
         deviation = np.concatenate([p.std(0).numpy() for p in parts]).astype(np.float64)
         return mean, np.maximum(deviation, 1e-3)
@@ -85,8 +89,8 @@ def cross_scales(
 ) -> tuple[ScaleNetwork, list[Floats]]:
     """The network fitted to all, and (W, H, J) of each entry by one that has not seen it."""
     rows = _Rows(scores, rate_hz, skeleton)
-    fold_of = {name: k % FOLDS for k, name in enumerate(_mixed(scores))}
-    of_unit = np.array([fold_of[name] for name in units(scores)])
+    fold_of = {name: k % FOLDS for k, name in enumerate(rows.names)}
+    of_unit = np.array([fold_of[name] for name in rows.names])
     network = _fitted(rows, np.arange(len(rows.unit)))
     steps = scores[0].error_m.shape[1]
     found: list[Floats] = [np.zeros(0)] * len(scores)
@@ -107,7 +111,7 @@ def _mixed(scores: Sequence[Scores]) -> list[str]:
 
 def _fitted(rows: _Rows, windows: Ints) -> ScaleNetwork:
     """The same rows give the same network on the same machine."""
-    mean, deviation = rows.normal()
+    mean, deviation = rows.normal(windows)
     centre, spread = (torch.tensor(v, dtype=torch.float32) for v in (mean, deviation))
     generator = torch.Generator().manual_seed(0)
     with torch.random.fork_rng(devices=[]):

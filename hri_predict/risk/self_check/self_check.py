@@ -308,7 +308,8 @@ class SelfCheck:
         for i, (lead_s, within_s) in enumerate(zip(LEADS_S, LEAD_TOLERANCE_S, strict=True)):
             off = np.abs(judged.lead_s - lead_s)
             near = np.flatnonzero(off <= within_s + 1e-9)
-            near = near[np.argsort(-off[near], kind="stable")]  # the nearest last
+            # the nearest last, and of two equally near the older, as in a calibration
+            near = near[np.lexsort((judged.lead_s[near], -np.round(off[near], 9)))]
             error = np.where(judged.seen[near], judged.errors[near], np.nan)
             self._error[slots[judged.person[near]], i] = error  # the last of several stays
 

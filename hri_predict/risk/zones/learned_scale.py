@@ -59,7 +59,8 @@ class Evidence:
     """What is known of P people when a forecast is made. T steps back, H ahead, J joints.
 
     Attributes:
-        history, observed: (P, T, J, 3) metres and (P, T, J).
+        history, observed: (P, T, J, 3) metres and (P, T, J); where T is short, speeds are measured
+            over what there is.
         forecast: (P, H, J, 3) metres.
         error_m: (P, 2, J) errors of the forecasts made ``LEADS_S`` ago; NaN if unknown.
         residual_m: (P,) see ``motion_class``; NaN if unknown.
@@ -80,11 +81,14 @@ def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats
     before = _velocity(history, seen, _BEFORE - BACK[1], BACK[1], rate_hz)
     speed = {back: norm(v) for back, v in velocity.items()}
     in_trunk = trunk_joints(skeleton)
-    measured = seen[:, -1, in_trunk] & seen[:, -1 - BACK[1], in_trunk]
+    steps_back = min(BACK[-1], history.shape[1] - 1)
+    start = max(history.shape[1] - 1 - BACK[1], 0)
+    measured = seen[:, -1, in_trunk] & seen[:, start, in_trunk]
     count = np.maximum(measured.sum(1), 1)[:, None, None]  # others have the velocity 0
     trunk = velocity[BACK[1]][:, in_trunk].sum(1, keepdims=True) / count
-    steps = seen[:, -BACK[-1] :] & seen[:, -BACK[-1] - 1 : -1]
-    moves = np.where(steps[..., None], np.diff(history[:, -BACK[-1] - 1 :], axis=1), 0.0)
+    recent, newest = seen[:, -steps_back - 1 :], history[:, -steps_back - 1 :]
+    steps = recent[:, 1:] & recent[:, :-1]
+    moves = np.where(steps[..., None], np.diff(newest, axis=1), 0.0)
     path = norm(moves).sum(1) * rate_hz / np.maximum(steps.sum(1), 1)
     everybody = np.ones((people, joints))
     error, lacks = _known(evidence.error_m)
@@ -99,7 +103,7 @@ def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats
         _log_speed(norm(trunk)) * everybody,
         _log_speed(speed[BACK[1]].max(1, keepdims=True)) * everybody,
         _log_speed(speed[BACK[1]].mean(1, keepdims=True)) * everybody,
-        seen[:, -BACK[-1] - 1 :].mean(1),
+        recent.mean(1),
         *(_log_error(error[:, i]) for i in range(2)),
         *(lacks[:, i] for i in range(2)),
         *(_log_error(body[:, i, None]) * everybody for i in range(2)),
@@ -114,11 +118,10 @@ def inputs_ahead(evidence: Evidence, knots: Ints, rate_hz: float) -> Floats:
     last = evidence.history[:, -1:]
     seen = evidence.observed[:, -1:, :]
     at = evidence.forecast[:, knots - 1]
-    earlier = np.where(
-        (knots > 1)[:, None, None], evidence.forecast[:, np.maximum(knots - 2, 0)], last
-    )
+    first = knots == 1
+    earlier = np.where(first[:, None, None], last, evidence.forecast[:, np.maximum(knots - 2, 0)])
     moved = np.where(seen, norm(at - last), 0.0)
-    speed = norm(at - earlier) * rate_hz
+    speed = np.where(seen | ~first[:, None], norm(at - earlier), 0.0) * rate_hz
     lead = (knots / rate_hz)[None, :, None] * np.ones(moved.shape)
     return np.stack([_log_speed(moved), _log_speed(speed), lead, np.log(lead)], axis=-1)
 
@@ -132,13 +135,13 @@ def _velocity(history: Floats, seen: Bools, skip: int, back: int, rate_hz: float
 
 
 def _mean(error: Floats) -> Floats:
-    known = np.isfinite(error)
-    total = np.where(known, error, 0.0).sum(-1)
+    known = ~np.isnan(error)
+    total = np.where(known, np.minimum(error, _MOST_ERROR), 0.0).sum(-1)
     return np.where(known.any(-1), total / np.maximum(known.sum(-1), 1), np.nan)
 
 
 def _known(values: Floats) -> tuple[Floats, Floats]:
-    """The values with 0 where unknown, and 1 where they are; an infinite error is a large one."""
+    """The values with 0 where unknown, and 1 where they are unknown."""
     unknown = np.isnan(values)
     return np.where(unknown, 0.0, values), unknown.astype(np.float64)
 
@@ -191,8 +194,11 @@ class ScaleNetwork:
         Raises:
             ValueError: shapes or numbers do not fit.
         """
-        mean, deviation = _array(data["mean"]), _array(data["deviation"])
-        layers = tuple((_array(d["weights"]), _array(d["biases"])) for d in data["layers"])
+        try:
+            mean, deviation = _array(data["mean"]), _array(data["deviation"])
+            layers = tuple((_array(d["weights"]), _array(d["biases"])) for d in data["layers"])
+        except (KeyError, TypeError, OverflowError) as error:
+            raise ValueError("the scale is no network of numbers") from error
         plain, width = len(NOW) + len(AHEAD), len(NOW) + len(AHEAD) + len(KINDS)
         if mean.shape != (plain,) or deviation.shape != (plain,) or not (deviation > 0).all():
             raise ValueError("the scale's mean or deviation does not fit its inputs")

@@ -20,7 +20,7 @@ class Radii:
     Args:
         calibration: see ``Calibration``.
         settings: which level, question and basis.
-        skeleton: of the zones.
+        skeleton: of the zones; joints that were not calibrated have infinite radii.
         horizon_steps: H of the forecast; radii of steps that were not calibrated are infinite.
 
     Raises:
@@ -37,18 +37,19 @@ class Radii:
         self.steps = calibration.steps
         level, known = LEVELS.index(settings.level), min(horizon_steps, calibration.steps)
         self._scale: LearnedScale | None = None
+        names = list(calibration.joints)
+        of_joint = [names.index(n) if n in names else -1 for n in map(plain, skeleton.joints)]
         if settings.basis == "guaranteed":
             _check_supported(calibration, settings)
             table = calibration.guaranteed[settings.of][level]  # (3, G, H)
             padded = np.concatenate([table, np.full_like(table[:, :1], np.inf)], axis=1)
-            joints = [*calibration.joints]
-            of_joint = [joints.index(n) if n in joints else -1 for n in map(plain, skeleton.joints)]
             table = padded[:, of_joint].swapaxes(1, 2)  # (3, H, J); joint -1 is the added row
         else:
             self._scale = LearnedScale(
                 calibration.scale, skeleton, calibration.rate_hz, horizon_steps
             )
-            table = calibration.estimated[settings.of][level][..., None]  # (3, H, 1)
+            factors = calibration.estimated[settings.of][level][..., None]  # (3, H, 1)
+            table = np.where(np.array(of_joint) < 0, np.inf, factors)  # (3, H, J)
         self._table = np.full((len(table), horizon_steps, table.shape[2]), np.inf)
         self._table[:, :known] = table[:, :known]
         self._whatever_speed = self._table.max(0)

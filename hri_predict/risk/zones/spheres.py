@@ -1,4 +1,4 @@
-"""The smallest spheres: around what two spheres share, and around a piece of a path."""
+"""Spheres: the smallest around what two spheres share, and around the parts of a path."""
 
 import numpy as np
 

@@ -6,6 +6,7 @@ import pytest
 from hri_predict.joint_map import load_joint_map
 from hri_predict.recording.recording import Recording
 from hri_predict.scene import Person, Scene
+from tests.hri_predict.short_fit import short_fit
 
 
 def recording_of(positions, rate_hz=25.0, name="walking_1", observed=None, stamps_ns=None):
@@ -27,3 +28,9 @@ def recording_of(positions, rate_hz=25.0, name="walking_1", observed=None, stamp
 @pytest.fixture(scope="session")
 def make_recording():
     return recording_of
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _short_fit():
+    with short_fit():
+        yield

@@ -11,8 +11,15 @@ from hri_predict.cli import main
 from hri_predict.cli.calibrate import _calibrated_on
 from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
 from hri_predict.risk.zones.calibration import load_calibration
+from tests.hri_predict.short_fit import short_fit
 
 CV = ["--predictor", "constant_velocity"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_fit():
+    with short_fit():
+        yield
 
 
 @pytest.fixture

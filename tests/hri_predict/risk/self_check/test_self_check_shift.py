@@ -108,16 +108,14 @@ def test_the_same_input_gives_the_same_bytes():
     assert first.tobytes() == again.tobytes()
 
 
-# -- bodies and motions out of distribution -----------------------------------------------------
+# -- motions out of distribution -----------------------------------------------------
 
 BODY = np.random.default_rng(8).normal(0, 0.4, (1, JOINTS, 3))
 
 
-def ranged(ratio_short=1.0, speed=np.inf, scale=None):
-    """A check whose calibration had joints as fast as ``speed`` and bodies like ``BODY``."""
-    bones = np.linalg.norm(BODY[0] - BODY[0, list(CANONICAL.parents)], axis=-1)
-    bone_m = np.tile([0.0, np.inf], (JOINTS, 1)) if scale is None else np.stack([bones] * 2, -1)
-    ranges = MotionRanges(np.full(JOINTS, speed), bone_m, ratio_short)
+def ranged(ratio_short=1.0, speed=np.inf):
+    """A check whose calibration had joints as fast as ``speed``."""
+    ranges = MotionRanges(np.full(JOINTS, speed), ratio_short)
     return SelfCheck(
         SelfCheckConstants(), level=0.99, of="body", rate_hz=RATE_HZ, horizon_steps=5, ranges=ranges
     )
@@ -161,12 +159,10 @@ def test_few_joints_that_jump_are_a_matter_of_widening():
     assert check.check(snapshot(2, moved)).out_of_distribution[0]
 
 
-@pytest.mark.parametrize(("scale", "out_of_distribution"), [(1.0, False), (1.4, True), (0.7, True)])
-def test_a_body_of_another_size_is_out_of_distribution(scale, out_of_distribution):
-    check = ranged(scale=1.0)
-    assert (
-        bool(check.check(snapshot(0, scale * BODY)).out_of_distribution[0]) == out_of_distribution
-    )
+@pytest.mark.parametrize("scale", [1.0, 1.4, 0.7])
+def test_the_size_of_a_body_says_nothing_about_trust(scale):
+    check = ranged(speed=1.0)
+    assert not check.check(snapshot(0, scale * BODY)).out_of_distribution[0]
 
 
 @pytest.mark.parametrize(("speed", "out_of_distribution"), [(1.1, False), (1.3, True)])

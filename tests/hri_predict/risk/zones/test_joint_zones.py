@@ -16,6 +16,7 @@ from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.reach import BONE_FACTOR, BONE_MARGIN_M
 from hri_predict.skeleton import CANONICAL, JOINTS
 from tests.hri_predict.lost_person import lost_person
+from tests.hri_predict.risk.conftest import scale_of
 
 RATE_HZ = 25.0
 STEPS = 25
@@ -65,12 +66,13 @@ def staying(snapshot, velocity=(0.0, 0.0, 0.0)):
     return Forecast(snapshot.history[:, -1][:, None] + ahead, None)
 
 
-def trusted(people=1, residual=0.0, widen=1.0, out_of_distribution=False):
+def trusted(people=1, residual=0.0, widen=1.0, out_of_distribution=False, error=0.0):
     return Trust(
-        np.full(people, residual),
-        np.broadcast_to(np.asarray(widen, float), (people, STEPS)),
-        np.broadcast_to(np.asarray(out_of_distribution, bool), (people,)),
-        (),
+        residual_m=np.full(people, residual),
+        error_m=np.full((people, 2, COUNT), error),
+        widen=np.broadcast_to(np.asarray(widen, float), (people, STEPS)),
+        out_of_distribution=np.broadcast_to(np.asarray(out_of_distribution, bool), (people,)),
+        reasons=(),
     )
 
 
@@ -102,11 +104,10 @@ def calibration(make_calibration):
     return make_calibration()
 
 
-def table(calibration, motion_class=0, level=0):
-    """(H, J) its radii of one class for each joint."""
-    of = calibration.estimated["joint"][level, motion_class]
-    names = [name.removeprefix("l_").removeprefix("r_") for name in JOINTS]
-    return np.stack([of[calibration.joints.index(name)] for name in names], axis=1)
+def table(calibration, speed_class=0, level=0):
+    """(H, J) its radii of one class: the scale is 1 m, so they are the factors."""
+    of = calibration.estimated["joint"][level, speed_class]
+    return np.repeat(of[:, None], COUNT, axis=1)
 
 
 # -- which radius ---------------------------------------------------------------------------------
@@ -133,26 +134,29 @@ def test_intervals_that_end_between_steps_have_the_later_step(calibration, age_s
     assert spheres.radius[0, STEPS + 1 - shift :] == pytest.approx(wanted[-1] + 2 * over[:, None])
 
 
-def test_radii_are_those_of_how_people_move_and_how_they_were_forecast(calibration):
-    still, slow, brisk = (seen(velocity=(v, 0.0, 0.0)) for v in (0.0, 0.5, 1.5))
-    for snapshot, residual, wanted in (
-        (still, 0.0, 0),
-        (still, 0.15, 1),
-        (still, 9.0, 2),
-        (still, np.nan, 3),
-        (slow, 0.0, 4),
-        (slow, 0.4, 5),
-        (slow, 9.0, 6),
-        (slow, np.nan, 7),
-        (brisk, 0.0, 8),
-        (brisk, 0.4, 9),
-        (brisk, 9.0, 10),
-        (brisk, np.nan, 11),
-    ):
-        spheres = built(calibration, snapshot, trusted(residual=residual))
+def test_radii_are_those_of_how_people_move(calibration):
+    for speed, wanted in ((0.0, 0), (0.5, 1), (1.5, 2)):
+        spheres = built(calibration, seen(velocity=(speed, 0.0, 0.0)), trusted())
         assert spheres.claimed[0] == pytest.approx(table(calibration, wanted))
-    high = built(calibration, still, trusted(), coverage=CoverageSettings(level=0.99, of="body"))
+    coverage = CoverageSettings(level=0.99, of="body")
+    high = built(calibration, seen(), trusted(), coverage=coverage)
     assert high.claimed[0] == pytest.approx(1.0 + table(calibration, level=2))
+
+
+def test_past_errors_reach_the_scale_of_each_joint(make_calibration):
+    # an input adds its own value here: log(1 + 20 error); the body's mean adds to everybody's
+    network = scale_of(error_short=1.0, no_long=0.5, residual=2.0)
+    own = make_calibration(scale=network)
+    plain = table(own)
+    wrong = replace(trusted(), error_m=np.zeros((1, 2, COUNT)))
+    wrong.error_m[0, 0, WRIST] = 0.05  # 1 + 20 x 0.05 = 2
+    found = built(own, seen(), wrong).claimed[0]
+    assert found[:, WRIST] == pytest.approx(2.0 * plain[:, WRIST])
+    assert np.delete(found, WRIST, 1) == pytest.approx(np.delete(plain, WRIST, 1))
+    unknown = replace(trusted(), error_m=np.full((1, 2, COUNT), np.nan))
+    assert built(own, seen(), unknown).claimed[0] == pytest.approx(np.exp(0.5) * plain)
+    surprising = built(own, seen(), trusted(residual=0.05)).claimed[0]
+    assert surprising == pytest.approx(2.0**2 * plain)
 
 
 def test_a_zone_holds_the_forecast_during_the_whole_interval(calibration):
@@ -161,7 +165,7 @@ def test_a_zone_holds_the_forecast_during_the_whole_interval(calibration):
     spheres = built(calibration, snapshot, trusted(), staying(snapshot, (0.5, 0.0, 0.0)))
     ahead = spheres.mid[0, 1:] - snapshot.history[0, -1]
     assert ahead[:, WAIST, 0] == pytest.approx(0.5 * (np.arange(1, STEPS + 1) - 0.5) / RATE_HZ)
-    assert spheres.radius[0, 1:] == pytest.approx(table(calibration, 4) + 0.01)
+    assert spheres.radius[0, 1:] == pytest.approx(table(calibration, 1) + 0.01)
 
 
 # -- widening, and what is not trusted ------------------------------------------------------------
@@ -266,11 +270,11 @@ def test_who_just_appeared_has_physical_limits(calibration, steps):
     assert np.isinf(spheres.claimed).all()
 
 
-def test_who_is_there_for_eight_steps_has_the_radii_of_people_who_are_new(calibration):
-    spheres = built(calibration, since(8), trusted(residual=np.nan))
+def test_who_is_there_for_eight_steps_has_calibrated_radii(calibration):
+    spheres = built(calibration, since(8), trusted(residual=np.nan, error=np.nan))
     assert follows(spheres).all()
-    assert spheres.claimed[0] == pytest.approx(table(calibration, 3))  # still, new
-    assert spheres.radius[0, 1:] == pytest.approx(table(calibration, 3))
+    assert spheres.claimed[0] == pytest.approx(table(calibration))
+    assert spheres.radius[0, 1:] == pytest.approx(table(calibration))
 
 
 def test_a_joint_that_is_not_seen_now_is_not_forecast(calibration):

@@ -1,4 +1,4 @@
-"""Motion classes: what is seen of people tells them apart, and no speed seen counts as slow."""
+"""Speed classes: the trunk's speed tells people apart, and no speed seen counts as slow."""
 
 import numpy as np
 import pytest
@@ -8,24 +8,15 @@ from hypothesis import strategies as st
 from hri_predict.risk.zones.human_speed import joint_velocities
 from hri_predict.risk.zones.motion_class import (
     BRISK_M_S,
-    CLASSES,
-    GRADES,
-    NEW,
     SPEED_CLASSES,
     STILL_M_S,
-    motion_class,
     speed_class,
     trunk_speed,
 )
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 RATE_HZ = 25.0
-THRESHOLDS = np.array([[0.1, 0.2], [0.3, 0.6], [0.05, 0.1]])
 ARMS = [JOINTS.index(f"{side}_{n}") for side in "lr" for n in ("elbow", "wrist", "hand")]
-
-
-def class_of(speed, residual):
-    return CLASSES[motion_class(np.array([speed]), np.array([residual]), THRESHOLDS)[0]]
 
 
 def walk(velocity=(0.0, 0.0, 0.0), steps=15, seed=1):
@@ -40,64 +31,29 @@ def speed_of(history, observed):
 
 
 @pytest.mark.parametrize(
-    ("speed", "residual", "wanted"),
+    ("speed", "wanted"),
     [
-        (0.0, 0.0, "still, calm"),
-        (0.39, 0.099, "still, calm"),
-        (0.39, 0.1, "still, usual"),
-        (0.39, 0.199, "still, usual"),
-        (0.39, 0.2, "still, surprising"),
-        (0.4, 0.1, "slow, calm"),  # the thresholds are those of the speed class
-        (0.4, 0.3, "slow, usual"),
-        (0.99, 0.6, "slow, surprising"),
-        (1.0, 0.04, "brisk, calm"),
-        (1.0, 0.05, "brisk, usual"),
-        (5.0, 0.6, "brisk, surprising"),
-        (5.0, np.inf, "brisk, surprising"),
+        (0.0, "still"),
+        (0.39, "still"),
+        (0.4, "slow"),
+        (0.99, "slow"),
+        (1.0, "brisk"),
+        (5.0, "brisk"),
     ],
 )
-def test_thresholds_belong_to_the_upper_class(speed, residual, wanted):
+def test_limits_belong_to_the_upper_class(speed, wanted):
     assert (STILL_M_S, BRISK_M_S) == (0.4, 1.0)
-    assert class_of(speed, residual) == wanted
+    assert SPEED_CLASSES[speed_class(np.array([speed]))[0]] == wanted
 
 
 def test_who_has_no_known_speed_is_slow():
-    assert class_of(np.nan, 0.0) == "slow, calm"
-    assert class_of(np.nan, 0.3) == "slow, usual"  # by the thresholds of who is slow
-    assert class_of(np.nan, np.nan) == "slow, new"
     assert speed_class(np.array([np.nan, 0.0, 0.5, 1.0, np.inf])).tolist() == [1, 0, 1, 2, 2]
 
 
-def test_who_is_new_is_a_class_of_their_own():
-    assert class_of(0.0, np.nan) == "still, new"
-    assert class_of(0.5, np.nan) == "slow, new"
-    assert class_of(5.0, np.nan) == "brisk, new"
-    # whatever the thresholds: who was never judged is neither calm nor surprising
-    for thresholds in (np.zeros((3, 2)), np.full((3, 2), np.inf)):
-        found = motion_class(np.array([0.0, 1.0]), np.array([np.nan, np.nan]), thresholds)
-        assert [CLASSES[c] for c in found] == ["still, new", "brisk, new"]
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.floats(0, 5), st.floats(0, allow_infinity=True, allow_nan=False))
-def test_nobody_of_whom_a_residual_is_known_is_new(speed, residual):
-    assert not class_of(speed, residual).endswith(NEW)
-
-
-def test_classes_are_ordered_by_speed_and_then_by_grade():
-    assert tuple(f"{speed}, {g}" for speed in SPEED_CLASSES for g in (*GRADES, NEW)) == CLASSES
-    assert len(CLASSES) == 3 * (3 + 1)
-    speeds = np.repeat([0.0, 0.5, 1.0], 4)
-    residual = np.array([0.0, 0.15, 9.0, np.nan, 0.0, 0.4, 9.0, np.nan, 0.0, 0.07, 9.0, np.nan])
-    assert motion_class(speeds, residual, THRESHOLDS).tolist() == list(range(12))
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.floats(0, 5), st.floats(0, 2), st.floats(0, 2))
-def test_more_residual_is_never_a_calmer_class(speed, residual, more):
-    speeds = np.array([speed, speed])
-    calm, upset = motion_class(speeds, np.array([residual, residual + more]), THRESHOLDS)
-    assert upset >= calm
+@given(st.floats(0, 5), st.floats(0, 2))
+def test_more_speed_is_never_a_slower_class(speed, more):
+    slower, faster = speed_class(np.array([speed, speed + more]))
+    assert faster >= slower
 
 
 def test_speed_of_a_body_in_one_piece():
