@@ -32,7 +32,7 @@ SOURCES = (
     "Other sources: motion/beside_robot from JakobThumm/human-robot-animations (MIT, copyright "
     "2023 Jakob Thumm); motion/cmu_dance by way of papagina/Auto_Conditioned_RNN_motion (MIT, "
     "copyright 2018 the authors of Auto-Conditioned Recurrent Networks for Extended Complex Human "
-    "Motion Synthesis); assembly, Human_Assembly_Data (MIT, copyright 2020 Intelligent Control "
+    "Motion Synthesis); assembly from Human_Assembly_Data (MIT, copyright 2020 Intelligent Control "
     "Lab)."
 )
 _OF_ONE_MACHINE = {"out", "initial_weights", "root"}  # keys of a training configuration

@@ -41,8 +41,8 @@ class HumanLimits(Settings):
     kick. The sprinters of di Prampero et al. (J. Exp. Biol. 208 (2005) 2809) reached 9.46 m/s (SD
     0.19) and accelerated by 6.42 m/s2 (SD 0.61). Mean + 3 SD give the trunk's speed and every
     part's sustained acceleration. Bursts and the limbs' speeds are chosen to hold at least 99.9 %
-    of all joints in the recordings of the splits fit, validation and calibration, up to 1 s ahead
-    (a test checks this on the test recordings).
+    of all joints in the recordings of the splits fit, validation and calibration (version 1, CMU
+    alone), up to 1 s ahead (a test checks this on the test recordings).
     """
 
     arm_speed_m_s: float = Field(2.0, gt=0, le=20, description="shoulder to finger tips")

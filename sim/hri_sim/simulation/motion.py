@@ -3,6 +3,7 @@
 A motion is one person's recording, or one procedural script, mapped to canonical joints.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,6 +22,10 @@ PROCEDURAL = "procedural"
 """A motion with this name, such as ``procedural:3``, is a script; the number is its seed."""
 _SHOULDERS_M = 1.05
 """Height of a seated person's shoulders, for recordings of arms in a camera's frame."""
+_NO_FLOOR = "marker_clusters9"
+_CROWN_M = 1.71
+"""Height of a standing person's crown, for the clusters: their origin is about a table's height.
+Mean stature of ANSUR II, see ``hri_predict.skeleton``."""
 _SHORTEST_S = 1.0
 
 
@@ -74,7 +79,9 @@ def load_motion(
         source = RecordingSource(settings.model_copy(update={"rate_hz": rate_hz}), base_dir)
     motion = _collected(name, source)
     if source.recording.kind == "assembly":
-        return _seated(motion)
+        return _lifted(motion, ("l_shoulder", "r_shoulder"), _SHOULDERS_M)
+    if source.recording.joint_map.name.startswith(_NO_FLOOR):
+        return _lifted(motion, ("head_top",), _CROWN_M)
     return motion
 
 
@@ -105,10 +112,10 @@ def _collected(name: str, source: RecordingSource | ProceduralSource) -> Motion:
     )
 
 
-def _seated(motion: Motion) -> Motion:
-    """Lift arms that were recorded in a camera's frame to the height of a seated person."""
-    shoulders = [JOINTS.index("l_shoulder"), JOINTS.index("r_shoulder")]
-    lift = _SHOULDERS_M - float(np.nanmean(motion.positions[:, shoulders, 2]))
+def _lifted(motion: Motion, joints: Sequence[str], height_m: float) -> Motion:
+    """Lift a recording whose floor is not known: its joints, on average, to this height."""
+    chosen = [JOINTS.index(joint) for joint in joints]
+    lift = height_m - float(np.nanmean(motion.positions[:, chosen, 2]))
     lifted = motion.positions + np.array([0.0, 0.0, lift])
     return Motion(
         name=motion.name,

@@ -4,19 +4,22 @@ import csv
 import json
 import os
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
 from hri_predict.cli import main
-from hri_predict.cli.common import recordings
+from hri_predict.cli.common import files, recordings
 from hri_predict.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.neural.network import Shape, network_class_of
 from hri_predict.predictors.neural.predictor import shipped_weights
 from hri_predict.predictors.neural.weights import save_weights
+
+SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
 @pytest.fixture
@@ -157,6 +160,17 @@ def test_recordings_of_a_folder_a_file_and_a_pack(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConfigError, match="holds no recording"):
         recordings(tmp_path / "empty", "test")
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="needs ../shared/data")
+def test_a_folder_of_the_pack_gives_its_part_of_a_split_or_all_of_it():
+    part = files([SHARED / "motion" / "cmu_tools"], "test_motion")
+    assert [path.stem for path in part] == ["62_03", "62_10"]
+    assert len(files([SHARED / "motion" / "cmu_tools"], None)) == 12
+    assert len(files([SHARED], "test_motion")) == 58
+    assert len(files([SHARED / "cmu_mocap"], None)) == 24  # as before: the test recordings
+    with pytest.raises(ConfigError, match=r"cmu_tools: has no recording of the split test; name"):
+        files([SHARED / "motion" / "cmu_tools"], "test")
 
 
 def test_several_on_the_benchmark_share_tables_and_files(cli, pack, tmp_path):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hri_predict.errors import ConfigError, UnusableRecordingError
+from hri_predict.joint_map import load_joint_map
 from hri_predict.skeleton import JOINTS
 from hri_sim.simulation.motion import load_motion
 
@@ -23,6 +24,22 @@ def test_arms_in_a_cameras_frame_are_lifted_to_where_one_sits(recording):
     shoulders = [JOINTS.index("l_shoulder"), JOINTS.index("r_shoulder")]
     assert np.nanmean(motion.positions[:, shoulders, 2]) == pytest.approx(1.05)
     assert not motion.observed[:, JOINTS.index("l_foot") if "l_foot" in JOINTS else 0].any()
+
+
+def test_clusters_without_a_floor_are_lifted_to_where_one_stands(tmp_path):
+    names = load_joint_map("marker_clusters9").source_joints
+    positions = np.random.default_rng(0).normal(size=(60, len(names), 3), scale=0.1)
+    positions[:, names.index("head"), 2] = 0.9
+    path = tmp_path / "stack_1.npz"
+    np.savez(
+        path,
+        positions=positions.astype(np.float32),
+        joint_names=np.array(names),
+        parents=np.full(9, -1),
+        fps=np.float32(30),
+    )
+    crown = load_motion(str(path), 30.0).positions[:, JOINTS.index("head_top"), 2]
+    assert np.mean(crown) == pytest.approx(1.71)
 
 
 def test_a_recording_plays_at_the_rate_asked_for_or_its_own(recording):
