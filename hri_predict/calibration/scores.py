@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.calibration.presence import Presence, gap_ns, presences_of
-from hri_predict.calibration.trackers import as_tracked
+from hri_predict.calibration.presence import Presence, as_tracked, gap_ns, presences_of
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.people.ring_buffer import resample

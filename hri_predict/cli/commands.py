@@ -6,7 +6,6 @@ import typer
 
 from hri_predict import __version__
 from hri_predict.cli import (
-    calibrate,
     convert,
     discover,
     evaluate,
@@ -18,6 +17,7 @@ from hri_predict.cli import (
     urdf,
 )
 from hri_predict.cli.bench import bench
+from hri_predict.cli.calibrate.calibrate import calibrate
 from hri_predict.cli.check import check, conformance
 from hri_predict.cli.register import register
 from hri_predict.cli.simulate.simulate import simulate
@@ -60,7 +60,7 @@ app.command()(train.train)
 app.command()(train.ablate)
 app.command()(evaluate.evaluate)
 app.command()(evaluate.card)
-app.command()(calibrate.calibrate)
+app.command()(calibrate)
 app.command()(simulate)
 app.command()(convert.convert)
 app.command()(urdf.urdf)

@@ -8,7 +8,7 @@ import pytest
 
 from hri_predict.calibration.scores import score_recordings
 from hri_predict.cli import main
-from hri_predict.cli.calibrate import _calibrated_on
+from hri_predict.cli.calibrate.checking import _calibrated_on
 from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
 from hri_predict.risk.zones.calibration import load_calibration
 from tests.hri_predict.short_fit import short_fit

@@ -1,0 +1,192 @@
+"""Leaving a set out: what zones hold of people, tasks and trackers that the calibration never saw.
+
+Each set is left out in turn: the calibration is made from the other sets' recordings, and measured
+on all recordings of the set. This is what a new site may expect, where nobody is known and the
+tracker places joints in its own way. It is the whole truth only for a predictor that was not fitted
+on the set either.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.calibration.conformal import calibrate
+from hri_predict.calibration.coverage import Coverage, as_calibrated, as_run
+from hri_predict.calibration.scores import Scores
+from hri_predict.errors import ConfigError
+from hri_predict.evaluation.table import Table
+from hri_predict.predictors.base import Predictor
+from hri_predict.risk.settings import LEVELS, CoverageSettings
+from hri_predict.risk.zones.calibration import OFS, Of
+
+SETS = ("arms", "beside_robot", "cmu_tools", "cmu_subjects", "cmu_dance")
+"""The sets that are left out, as ``Scores.action`` names them."""
+HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LeftOut:
+    """One set. H steps.
+
+    Attributes:
+        name: of the set.
+        recordings, calibrated_on: how many were measured, and how many calibrated.
+        coverage: (level, question) -> of the radii alone.
+        run: zones as the node builds them, with its self-check, at the highest level.
+        error_m: (H,) mean error of a joint.
+        standing_m: (H,) of a forecast that stands still.
+    """
+
+    name: str
+    recordings: int
+    calibrated_on: int
+    coverage: dict[tuple[float, Of], Coverage]
+    run: Coverage
+    error_m: Floats
+    standing_m: Floats
+
+
+def leave_out(
+    *,
+    predictor: Predictor,
+    scores: Sequence[Scores],
+    judged: Sequence[Scores],
+    on_part: Callable[[str], None] = lambda _: None,
+) -> list[LeftOut]:
+    """Leave each of ``SETS`` out that occurs.
+
+    Args:
+        predictor: whose zones.
+        scores: the recordings to calibrate on.
+        judged: the recordings to measure, as recorded; may hold those of ``scores``.
+        on_part: called with the name of each set.
+
+    Raises:
+        ConfigError: no set occurs, or too few recordings are left.
+    """
+    found = []
+    for name in SETS:
+        own = [s for s in judged if s.action == name]
+        if not own:
+            continue
+        on_part(name)
+        others = [s for s in scores if s.action != name]
+        made = calibrate(
+            scores=others,
+            predictor="left out",
+            settings={},
+            weights=None,
+            rate_hz=predictor.rate_hz,
+            skeleton=predictor.skeleton,
+        )
+        coverage = {
+            (level, of): as_calibrated(
+                own, made, CoverageSettings(level=level, of=of), predictor.skeleton
+            )
+            for level in LEVELS
+            for of in OFS
+        }
+        found.append(
+            LeftOut(
+                name=name,
+                recordings=len({s.name for s in own}),
+                calibrated_on=len({s.name for s in others}),
+                coverage=coverage,
+                run=as_run(
+                    scores=own,
+                    calibration=made,
+                    settings=CoverageSettings(level=LEVELS[-1]),
+                    predictor=predictor,
+                ),
+                error_m=_mean([_at_steps(s, s.forecast) for s in own]),
+                standing_m=_mean([_at_steps(s, s.history[:, -1:]) for s in own]),
+            )
+        )
+    if not found:
+        raise ConfigError(f"--leave-out: no recording is of a set ({', '.join(SETS)}); name others")
+    return found
+
+
+def _at_steps(entry: Scores, forecast: Floats) -> Floats:
+    """(W, H, J) distance of forecasts from the captures nearest to each step; NaN if unknown."""
+    stamps, steps = entry.truth.stamps_ns, entry.error_m.shape[1]
+    step_ns = 40_000_000 * np.arange(1, steps + 1)
+    wanted = entry.origin_ns[:, None] + step_ns
+    after = np.minimum(stamps.searchsorted(wanted), len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    at = np.where(stamps[after] - wanted < wanted - stamps[before], after, before)
+    near = np.abs(stamps[at] - wanted) <= 20_000_000
+    seen = entry.truth.observed[at] & entry.observed[:, -1:, :] & near[..., None]
+    apart = np.linalg.norm(entry.truth.positions[at] - forecast, axis=-1)
+    return np.where(seen, apart, np.nan)
+
+
+def _mean(parts: Sequence[Floats]) -> Floats:
+    total = np.sum([np.nansum(p, (0, 2)) for p in parts], 0)
+    count = np.sum([np.isfinite(p).sum((0, 2)) for p in parts], 0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def tables(found: Sequence[LeftOut], rate_hz: float) -> list[Table]:
+    """Coverage at each level and question, what the self-check did, and errors."""
+    at = [round(ms * rate_hz / 1000) - 1 for ms in HORIZONS_MS]
+    at = [k for k in at if k < len(found[0].error_m)]
+    horizons = tuple(f"{ms} ms" for ms in HORIZONS_MS[: len(at)])
+    shown = []
+    for of in OFS:
+        for level in LEVELS:
+            rows = [(f"{f.name} ({f.recordings})", f.coverage[level, of].share(of)) for f in found]
+            held = sum(f.coverage[level, of].held[of].sum(0) for f in found)
+            known = sum(f.coverage[level, of].known[of].sum(0) for f in found)
+            rows.append(("pooled", np.asarray(held / np.maximum(known, 1))))
+            subject = "each joint" if of == "joint" else "the whole body"
+            shown.append(
+                Table(
+                    f"Held of {subject} at a stated {100 * level:g} %, set left out, %",
+                    ("set (recordings)", *horizons),
+                    tuple((name, *(f"{100 * share[k]:.1f}" for k in at)) for name, share in rows),
+                )
+            )
+    shown.append(
+        Table(
+            f"As the node builds zones ({100 * LEVELS[-1]:g} % of joints), % of the time",
+            ("set", "widened", "out of distribution"),
+            tuple(
+                (f.name, *(f"{100 * x:.1f}" for x in (f.run.widened, f.run.unlike))) for f in found
+            ),
+        )
+    )
+    errors = [
+        (f"{f.name}, {who}", *(f"{1000 * error[k]:.0f}" for k in at))
+        for f in found
+        for who, error in (("forecast", f.error_m), ("standing still", f.standing_m))
+    ]
+    shown.append(Table("Mean error of a joint, mm", ("set", *horizons), tuple(errors)))
+    return shown
+
+
+def as_json(found: Sequence[LeftOut]) -> list[dict[str, Any]]:
+    """Everything, for programs; shares from 0 to 1 and metres, by step, NaN as null."""
+    return [
+        {
+            "set": f.name,
+            "recordings": f.recordings,
+            "calibrated_on": f.calibrated_on,
+            "coverage": [
+                {"level": level, "of": of, "share": _plain(coverage.share(of))}
+                for (level, of), coverage in f.coverage.items()
+            ],
+            "widened": f.run.widened,
+            "out_of_distribution": f.run.unlike,
+            "error_m": _plain(f.error_m),
+            "standing_m": _plain(f.standing_m),
+        }
+        for f in found
+    ]
+
+
+def _plain(values: Floats) -> list[float | None]:
+    return [round(float(v), 5) if np.isfinite(v) else None for v in values]

@@ -1,0 +1,1 @@
+"""``calibrate`` in its three forms."""

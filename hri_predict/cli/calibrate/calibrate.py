@@ -1,0 +1,125 @@
+"""``calibrate``: how large zones must be to hold people as often as stated; whether they do."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hri_predict.cli.calibrate import checking, leaving_out, making
+from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings
+from hri_predict.cli.common import JointMapOption, one_of, own_map, without_effect
+from hri_predict.datasets.splits import USES
+from hri_predict.errors import ConfigError
+
+
+def calibrate(
+    *,
+    predictor: Annotated[
+        str, typer.Option(help="Name of the predictor; hri-predict predictors lists them.")
+    ],
+    data: Annotated[list[Path], typer.Option(help="A recording, or a folder of them. Repeatable.")],
+    weights: Annotated[Path | None, typer.Option(help="Weights of a trained predictor.")] = None,
+    horizon: Annotated[
+        float, typer.Option(help="Seconds ahead, at most as far as the predictor reaches.")
+    ] = HORIZON_S,
+    check: Annotated[
+        bool, typer.Option("--check", help="Measure a calibration instead of making one.")
+    ] = False,
+    leave_out: Annotated[
+        bool,
+        typer.Option(
+            "--leave-out",
+            help="Leave each set of the data pack out of the calibration in turn, and measure on "
+            "it.",
+        ),
+    ] = False,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="With --check: the calibration to measure.", show_default="the shipped one"
+        ),
+    ] = None,
+    split: Annotated[
+        str | None,
+        typer.Option(
+            help="Split of the data pack.", show_default="calibration; with --check: test"
+        ),
+    ] = None,
+    joint_map: JointMapOption = None,
+    tracked: Annotated[
+        bool | None,
+        typer.Option(
+            "--tracked/--as-recorded",
+            help="Whether each recording counts twice: as recorded, and slower, noisier and with "
+            "gaps, as a camera's tracker would deliver it.",
+            show_default="tracked; with --check: as recorded",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="File for the calibration; with --check: folder for tables and pictures; with "
+            "--leave-out: JSON file.",
+            show_default="PREDICTOR.calibration.json; with --leave-out: none",
+        ),
+    ] = None,
+    card: Annotated[
+        Path | None,
+        typer.Option(help="With --check: Markdown card; its section about zones is replaced."),
+    ] = None,
+    disturb: Annotated[
+        bool,
+        typer.Option(
+            "--disturb", help="With --check: also with noise, a wrong scale and a moved camera."
+        ),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """Calibrate a predictor's zones on recordings; --check measures how often zones hold people.
+
+    The number of recordings counts, not their length: a guarantee of 90 %
+    needs 9, one of 95 % needs 19, and one of 99 % needs 99.
+
+    Example: hri-predict calibrate --predictor sinn --data ../shared/data
+    """
+    settings = calibrated_settings(predictor, weights, horizon)
+    if split is not None:
+        one_of("--split", split, USES)
+    chosen = Data(data, split, own_map(joint_map))
+    if check and leave_out:
+        raise ConfigError("--check: has no effect with --leave-out, which measures; give one")
+    if check:
+        checking.check(
+            settings=settings,
+            data=chosen,
+            path=calibration,
+            tracked=bool(tracked),
+            out=out,
+            card=card,
+            disturb=disturb,
+            as_json=as_json,
+        )
+        return
+    if leave_out:
+        without_effect(
+            {
+                "--calibration": calibration,
+                "--disturb": True if disturb else None,
+                "--card": card,
+                "--tracked": tracked,
+            },
+            "with --leave-out",
+        )
+        leaving_out.leave_out(settings=settings, data=chosen, out=out, as_json=as_json)
+        return
+    without_effect(
+        {"--calibration": calibration, "--disturb": True if disturb else None, "--card": card},
+        "without --check",
+    )
+    making.make(
+        settings=settings,
+        data=chosen,
+        tracked=tracked is not False,
+        out=out or Path(f"{predictor}.calibration.json"),
+        as_json=as_json,
+    )

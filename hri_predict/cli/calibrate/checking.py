@@ -1,0 +1,179 @@
+"""``calibrate --check``: measure how often zones hold people, and how large they are."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hri_predict import registry
+from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings, scores_of
+from hri_predict.cli.common import check_writable, command, need_plots, progress, show, tell
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.base import PredictorSettings
+
+if TYPE_CHECKING:
+    from hri_predict.calibration.scores import Scores
+    from hri_predict.predictors.base import Predictor
+    from hri_predict.risk.zones.calibration import Calibration
+
+_BESIDE = "constant_velocity"
+
+
+def check(
+    *,
+    settings: PredictorSettings,
+    data: Data,
+    path: Path | None,
+    tracked: bool,
+    out: Path | None,
+    card: Path | None,
+    disturb: bool,
+    as_json: bool,
+) -> None:
+    """Measure a calibration and print tables."""
+    from hri_predict.calibration import judgement
+
+    if out is not None:
+        need_plots()
+        check_writable(out)
+    built = registry.load("predictors", settings.name)(settings)
+    calibration = _calibration(settings, path)
+    scores = scores_of(built=built, name=settings.name, data=data, default="test", tracked=tracked)
+    used = _calibrated_on(calibration, scores)
+    if used:
+        print(
+            f"warning: the calibration was made from {len(used)} of these recordings"
+            f" ({', '.join(sorted(used)[:3])}, ...): their coverage says nothing about others",
+            file=sys.stderr,
+        )
+    beside = _beside(settings.name, data, tracked)
+    with progress() as bar:
+        task = bar.add_task("judging", total=None)
+        judged = judgement.judge_zones(
+            predictor=built,
+            scores=scores,
+            calibration=calibration,
+            beside=beside,
+            on_part=lambda p: bar.update(task, description=p),
+        )
+    tables = judgement.tables(judged)
+    report = {**judgement.as_json(judged), "disturbed": None}
+    if disturb:
+        from hri_predict.calibration import disturbed as zone_disturbed
+
+        with progress() as bar:
+            task = bar.add_task("disturbing", total=None)
+            found = zone_disturbed.judge_disturbed(
+                built, scores, calibration, lambda p: bar.update(task, description=p)
+            )
+        tables += zone_disturbed.tables(found)
+        report["disturbed"] = zone_disturbed.as_json(found)
+    if out is not None:
+        text = judgement.markdown(judged, tables, command())
+        tell(
+            _written(
+                out=out,
+                text=text,
+                report=report,
+                built=built,
+                scores=scores,
+                judged=judged,
+                beside=beside,
+            )
+        )
+    if card is not None:
+        from hri_predict.calibration.card import write_section
+
+        write_section(card, judged)
+        tell([card])
+    if as_json:
+        print(json.dumps(report))
+        return
+    show(tables, judgement.notes(judged))
+
+
+def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> set[str]:
+    """Names of the recordings that the calibration was made from: the same file by any name.
+
+    For a calibration without digests: a recording of the same name with as many windows.
+    """
+    from hri_predict.calibration.scores import units
+
+    digests = {used.digest for used in calibration.recordings if used.digest}
+    counted = {(u.name, sum(u.windows)) for u in calibration.recordings if not u.digest}
+    found = set()
+    for name, own in units(scores).items():
+        windows = sum(len(scores[i].origin_ns) for i in own)
+        like = {(name, windows), (Path(name).stem, windows)}
+        if scores[own[0]].digest in digests or like & counted:
+            found.add(name)
+    return found
+
+
+def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration":
+    from hri_predict.risk.settings import CoverageSettings
+    from hri_predict.risk.zones.calibration import calibration_for
+
+    asked = CoverageSettings(calibration=None if path is None else str(path))
+    found = calibration_for(settings, asked, Path())
+    if found is None:
+        raise ConfigError(
+            f"--predictor {settings.name}: no calibration is shipped for these settings; make one:"
+            f" hri-predict calibrate --predictor {settings.name} --data DIR, and give it with"
+            f" --calibration"
+        )
+    return found
+
+
+def _beside(
+    name: str, data: Data, tracked: bool
+) -> "Mapping[str, tuple[list[Scores], Calibration, Predictor]]":
+    """Constant velocity, calibrated the same way, to compare sizes with."""
+    from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
+
+    path = shipped_calibration(_BESIDE)
+    if name == _BESIDE or not path.is_file():
+        return {}
+    settings = calibrated_settings(_BESIDE, None, HORIZON_S)
+    built = registry.load("predictors", _BESIDE)(settings)
+    return {
+        _BESIDE: (
+            scores_of(
+                built=built,
+                name=_BESIDE,
+                data=data,
+                default="test",
+                on_left_out=lambda _: None,  # said once
+                tracked=tracked,
+            ),
+            load_calibration(path),
+            built,
+        )
+    }
+
+
+def _written(
+    *,
+    out: Path,
+    text: str,
+    report: dict[str, Any],
+    built: "Predictor",
+    scores: "Sequence[Scores]",
+    judged: Any,
+    beside: Any,
+) -> list[Path]:
+    from hri_predict.calibration.plots import write_pictures
+    from hri_predict.files import atomic_write
+
+    try:
+        atomic_write(out / "zones.md", text.encode())
+        atomic_write(out / "zones.json", (json.dumps(report, indent=1) + "\n").encode())
+        pictures = write_pictures(
+            out=out, predictor=built, scores=scores, judged=judged, beside=beside
+        )
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out}: cannot be written: {error.strerror}; name another folder"
+        ) from error
+    return [out / "zones.md", out / "zones.json", *pictures]

@@ -1,0 +1,52 @@
+"""``calibrate --leave-out``: what zones hold of a set that the calibration never saw."""
+
+import json
+from pathlib import Path
+
+from hri_predict import registry
+from hri_predict.cli.calibrate.inputs import Data, scores_of
+from hri_predict.cli.common import check_writable, progress, show, tell
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.base import PredictorSettings
+
+_CALIBRATION, _JUDGED = "calibration", "test_motion"
+
+
+def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_json: bool) -> None:
+    """Leave each set of the data pack out of the calibration in turn, and measure on it."""
+    from hri_predict.calibration import leaving_out as judgement
+    from hri_predict.files import atomic_write
+
+    if data.split is not None:
+        raise ConfigError(
+            f"--split {data.split}: has no effect with --leave-out, which calibrates on the split "
+            f"{_CALIBRATION} and measures on it and {_JUDGED}; leave it out"
+        )
+    if out is not None:
+        check_writable(out.parent)
+    built = registry.load("predictors", settings.name)(settings)
+    to_calibrate = data._replace(split=_CALIBRATION)
+    known = scores_of(built=built, name=settings.name, data=to_calibrate, default="", tracked=True)
+    judged = [
+        entry
+        for split in (_CALIBRATION, _JUDGED)
+        for entry in scores_of(
+            built=built, name=settings.name, data=data._replace(split=split), default=""
+        )
+    ]
+    with progress() as bar:
+        task = bar.add_task("calibrating without", total=None)
+        found = judgement.leave_out(
+            predictor=built,
+            scores=known,
+            judged=judged,
+            on_part=lambda p: bar.update(task, description=f"calibrating without {p}"),
+        )
+    report = {"predictor": settings.name, "sets": judgement.as_json(found)}
+    if out is not None:
+        atomic_write(out, (json.dumps(report, indent=1) + "\n").encode())
+        tell([out])
+    if as_json:
+        print(json.dumps(report))
+        return
+    show(judgement.tables(found, built.rate_hz), [])

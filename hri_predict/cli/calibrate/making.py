@@ -1,0 +1,81 @@
+"""``calibrate``: make a calibration."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from hri_predict import registry
+from hri_predict.cli.calibrate.inputs import Data, scores_of
+from hri_predict.cli.common import check_writable, tell
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.base import PredictorSettings
+
+if TYPE_CHECKING:
+    from hri_predict.risk.zones.calibration import Calibration
+
+
+def make(
+    *,
+    settings: PredictorSettings,
+    data: Data,
+    tracked: bool,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Calibrate, write the file and say what it rests on."""
+    from hri_predict.calibration.conformal import LEAST_RECORDINGS
+    from hri_predict.calibration.conformal import calibrate as conformal
+    from hri_predict.files import atomic_write
+    from hri_predict.risk.zones.calibration import identity, levels_text, save_text
+    from hri_predict.risk.zones.motion_class import SPEED_CLASSES
+
+    check_writable(out.parent)
+    if out.is_dir() or (out.exists() and out.suffix != ".json"):
+        raise ConfigError(f"--out {out}: is not a calibration, so it stays; name a .json file")
+    built = registry.load("predictors", settings.name)(settings)
+    scores = scores_of(
+        built=built, name=settings.name, data=data, default="calibration", tracked=tracked
+    )
+    values, digest = identity(settings)
+    made = conformal(
+        scores=scores,
+        predictor=settings.name,
+        settings=values,
+        weights=digest,
+        rate_hz=built.rate_hz,
+        skeleton=built.skeleton,
+    )
+    try:
+        atomic_write(out, save_text(made).encode())
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out}: cannot be written: {error.strerror}; name another file"
+        ) from error
+    if as_json:
+        print(json.dumps({"file": str(out), **_made(made)}))
+        return
+    classes = range(len(SPEED_CLASSES))
+    counts = [sum(r.windows[c] for r in made.recordings) for c in classes]
+    units = [sum(r.windows[c] > 0 for r in made.recordings) for c in classes]
+    console = Console()
+    console.print(f"{len(made.recordings)} recordings, {sum(counts)} windows")
+    for name, windows, recordings in zip(SPEED_CLASSES, counts, units, strict=True):
+        few = (
+            "" if recordings >= LEAST_RECORDINGS else "; too few, physical limits are used instead"
+        )
+        console.print(f"  {name}: {windows} windows of {recordings} recordings{few}")
+    for line in levels_text(made):
+        console.print(line, highlight=False)
+    tell([out])
+
+
+def _made(made: "Calibration") -> dict[str, Any]:
+    from hri_predict.risk.zones.calibration import levels_text
+
+    return {
+        "predictor": made.predictor,
+        "recordings": [{"name": r.name, "windows": list(r.windows)} for r in made.recordings],
+        "levels": levels_text(made),
+    }
