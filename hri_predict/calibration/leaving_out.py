@@ -168,6 +168,10 @@ def tables(found: Sequence[LeftOut], rate_hz: float) -> list[Table]:
     return shown
 
 
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}"
+
+
 def as_json(found: Sequence[LeftOut]) -> list[dict[str, Any]]:
     """Everything, for programs; shares from 0 to 1 and metres, by step, NaN as null."""
     return [

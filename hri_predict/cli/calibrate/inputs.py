@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from hri_predict.cli.common import files, progress, warn
+from hri_predict.cli.common import files, predictor_settings, progress, warn
 from hri_predict.errors import ConfigError
 from hri_predict.joint_map import JointMap
 from hri_predict.predictors.base import PredictorSettings
