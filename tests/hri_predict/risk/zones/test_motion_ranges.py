@@ -24,7 +24,13 @@ def window(body=BODY, velocity=(1.0, 0.0, 0.0), steps=25):
     return history[None], np.ones((1, steps, JOINTS), bool)
 
 
-def out(history, observed, limits):
+def calibrated():
+    history, observed = window()
+    return motion_ranges(history, observed, RATE_HZ, ratio_short=1.0)
+
+
+def out(seen, limits):
+    history, observed = seen
     velocities = joint_velocities(history, observed, RATE_HZ)
     return bool(is_out_of_range(velocities, limits, speed_margin=MARGIN)[0])
 
@@ -42,21 +48,21 @@ def test_ranges_are_the_extremes_and_unknown_where_never_measured():
 
 @pytest.mark.parametrize(("speed", "expected"), [(1.25, True), (1.15, False)])
 def test_one_joint_too_fast_is_out_of_range(speed, expected):
-    limits = motion_ranges(*window(), RATE_HZ, ratio_short=1.0)
+    limits = calibrated()
     velocity = np.tile([1.0, 0.0, 0.0], (JOINTS, 1))
     velocity[8] = [0.0, speed, 0.0]
-    assert out(*window(velocity=velocity), limits) is expected
+    assert out(window(velocity=velocity), limits) is expected
 
 
 @pytest.mark.parametrize("scale", [0.7, 1.4])
 def test_the_size_of_a_body_says_nothing(scale):
-    limits = motion_ranges(*window(), RATE_HZ, ratio_short=1.0)
-    assert not out(*window(body=scale * BODY), limits)
+    limits = calibrated()
+    assert not out(window(body=scale * BODY), limits)
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf])
 def test_nothing_known_is_never_exceeded(unknown):
-    assert not out(*window(velocity=(9.0, 0, 0)), MotionRanges(np.full(JOINTS, unknown), 1.0))
+    assert not out(window(velocity=(9.0, 0, 0)), MotionRanges(np.full(JOINTS, unknown), 1.0))
 
 
 def test_short_ratio_is_the_upper_median_of_the_judged():
