@@ -22,7 +22,7 @@ A person's speed is *unknown* if no joint of trunk or head was measured: a perso
 appeared, or is hidden but for the limbs. Unknown is not slow: everything of that person counts at
 the trunk's physical limit (``HumanLimits.reach``).
 
-``joint_velocities`` measures on the resampled history instead, as calibrations do: motion classes
+``joint_velocities`` measures on the resampled history instead, as calibrations do: speed classes
 and ranges must be measured as they were calibrated.
 """
 
