@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.arrays import Floats, Ints
 from hri_predict.calibration.scale_fit import cross_scales
 from hri_predict.calibration.scores import HISTORY_STEPS, Scores, units
 from hri_predict.errors import ConfigError

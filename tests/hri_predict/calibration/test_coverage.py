@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hri_predict.calibration.conformal import calibrate
 from hri_predict.calibration.coverage import Coverage, as_calibrated, as_run, run_zones
-from hri_predict.calibration.scores import score_recordings
+from hri_predict.calibration.scores import Presence, score_presence, score_recordings
 from hri_predict.predictors.baselines import (
     ConstantVelocity,
     ConstantVelocitySettings,
@@ -18,6 +18,7 @@ from hri_predict.predictors.baselines import (
 )
 from hri_predict.risk.settings import CoverageSettings, HumanLimits, Reach
 from hri_predict.skeleton import CANONICAL, JOINTS
+from tests.hri_predict.risk.conftest import scale_of
 
 RATE_HZ = 25.0
 STEPS = 12
@@ -69,7 +70,7 @@ def scored(make_recording):
             skeleton=CANONICAL,
         )
         tables = {of: np.full_like(table, radius_m) for of, table in made.estimated.items()}
-        return scores, replace(made, estimated=tables)
+        return scores, replace(made, estimated=tables, scale=scale_of())
 
     return make
 
@@ -202,6 +203,26 @@ def test_where_nothing_is_cut_zones_as_run_hold_what_their_radii_hold(scored, ra
         entry=scores[0], calibration=calibration, settings=CUT, predictor=zero(), limits=UNBOUNDED
     ):
         assert balls.radius[0, 1:] == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize("rate_hz", [120.0, 30.0, 12.5, 8.0])
+def test_past_errors_are_the_same_live_as_in_the_scores(scored, rate_hz):
+    frames = round(3 * rate_hz)
+    observed = np.random.default_rng(3).random((frames, COUNT)) < 0.95
+    stamps = np.array([10**9 + round(k * 1e9 / rate_hz) for k in range(frames)])
+    positions = np.where(observed[..., None], wandering(frames, rate_hz), 0.0)
+    presence = Presence(stamps, positions, observed, rate_hz)
+    entry = score_presence(constant(), "walking_9", "walking", presence)
+    assert entry is not None
+    _, calibration = scored(constant(), 0.15)
+    ran = run_zones(entry=entry, calibration=calibration, settings=CHECKED, predictor=constant())
+    live = np.concatenate([trust.error_m for _, trust in ran])
+    # metres to 1e-15, interpolated and subtracted in the same order but for the age in seconds,
+    # of which 1e-9 times a speed of a few m/s is the most
+    np.testing.assert_allclose(live, entry.past_error_m, atol=1e-8)
+    late = entry.origin_ns - entry.origin_ns[0] > 500_000_000
+    share = np.isfinite(entry.past_error_m[late]).mean((0, 2))
+    assert (share > 0.8).all()  # at every rate there is a forecast of each age
 
 
 def test_about_a_forecast_that_moves_zones_are_somewhat_larger(scored):

@@ -20,14 +20,15 @@ from hri_predict.calibration.scores import score_recordings
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
 from hri_predict.risk.settings import LEVELS, HumanLimits
-from hri_predict.risk.zones.calibration import Calibration, UsedRecording, plain
-from hri_predict.risk.zones.motion_class import CLASSES
+from hri_predict.risk.zones.calibration import OFS, Calibration, UsedRecording, plain
+from hri_predict.risk.zones.motion_class import SPEED_CLASSES
 from hri_predict.skeleton import JOINTS
+from tests.hri_predict.risk.conftest import scale_of
 
 RATE_HZ, STEPS = 25.0, 25
 QUESTIONS: tuple[str, ...] = ("joint", "body")
 PLAIN = tuple(dict.fromkeys(plain(name) for name in JOINTS))
-ALL = tuple(range(len(CLASSES)))
+ALL = tuple(range(len(SPEED_CLASSES)))
 BODY = np.random.default_rng(4).normal(size=(len(JOINTS), 3))
 
 
@@ -52,23 +53,22 @@ def covered(share, units=3, steps=STEPS):
 
 
 def calibrated(scale=0.01, classes=ALL):
-    """Radii of class c at step k: scale (c + 1) (k + 1) metres; infinite in other classes."""
-    table = np.full((len(LEVELS), len(CLASSES), len(PLAIN), STEPS), np.inf)
+    """Radii of speed class c at step k: scale (c + 1) (k + 1) metres; infinite in others."""
+    table = np.full((len(LEVELS), len(SPEED_CLASSES), STEPS), np.inf)
     for c in classes:
         table[:, c] = scale * (c + 1) * np.arange(1, STEPS + 1)
-    guaranteed = np.full((len(LEVELS), 2, len(PLAIN), STEPS), np.inf)
-    both = dict.fromkeys(QUESTIONS, table)
+    guaranteed = np.full((len(LEVELS), len(SPEED_CLASSES), len(PLAIN), STEPS), np.inf)
     return Calibration(
         predictor="zero_velocity",
         settings={},
         weights=None,
         rate_hz=RATE_HZ,
         joints=PLAIN,
-        thresholds_m=np.array([[0.1, 0.2], [0.1, 0.2]]),
-        estimated=both,
-        guaranteed=dict.fromkeys(QUESTIONS, guaranteed),
-        recordings=(UsedRecording(name="walking_1", windows=(9,) * len(CLASSES)),),
-        ranges={"speed_m_s": {}, "bone_m": {}, "ratio_short": 1.0},
+        scale=scale_of(),
+        estimated=dict.fromkeys(OFS, table),
+        guaranteed=dict.fromkeys(OFS, guaranteed),
+        recordings=(UsedRecording(name="walking_1", windows=(9,) * len(SPEED_CLASSES)),),
+        ranges={"speed_m_s": {}, "ratio_short": 1.0},
     )
 
 
@@ -165,28 +165,26 @@ def standing(make_recording, seconds=4.0, name="walking_1"):
     return score_recordings(predictor(), [make_recording(positions, name=name)])
 
 
-def test_the_mean_radius_weighs_classes_by_their_windows(make_recording):
-    (scores,) = standing(make_recording)
-    # nobody moves: still; the first 10 windows have no forecast 0.4 s old: new; then calm
-    calm, new = len(scores.origin_ns) - 10, 10
-    by_class, mean = radius_by_step(
+def test_radii_are_the_mean_and_the_range_over_windows(make_recording):
+    (scores,) = standing(make_recording)  # nobody moves: still
+    scores.speed_m_s[:10] = 0.5  # but for ten windows
+    slow, still = 10, len(scores.speed_m_s) - 10
+    low, mean, high = radius_by_step(
         calibration=calibrated(), scores=[scores], joint="hand", of="body", level=0.99
     )
-    assert by_class[2, 4] == pytest.approx(0.15)  # class 2 at step 5: 0.01 x 3 x 5
-    want = (calm * 0.01 + new * 0.04) * np.arange(1, STEPS + 1) / (calm + new)
-    assert mean == pytest.approx(want)
+    steps = np.arange(1, STEPS + 1)
+    assert mean == pytest.approx((still * 0.01 + slow * 0.02) * steps / (still + slow))
+    assert low == pytest.approx(0.01 * steps)
+    assert high == pytest.approx(0.02 * steps)  # a tenth of the windows and more
 
 
-def test_a_class_without_radii_leaves_no_mean(make_recording):
+def test_a_speed_without_radii_leaves_no_mean(make_recording):
     scores = standing(make_recording)
-    _, mean = radius_by_step(
-        calibration=calibrated(classes=[0]), scores=scores, joint="hand", of="body", level=0.99
-    )
-    assert np.isinf(mean).all()
-    _, mean = radius_by_step(
-        calibration=calibrated(), scores=[], joint="hand", of="body", level=0.99
-    )
-    assert np.isnan(mean).all()
+    bare = calibrated(classes=[1])
+    found = radius_by_step(calibration=bare, scores=scores, joint="hand", of="body", level=0.99)
+    assert np.isinf(found).all()
+    none = radius_by_step(calibration=bare, scores=[], joint="hand", of="body", level=0.99)
+    assert np.isnan(none).all()
 
 
 def lines(axes):

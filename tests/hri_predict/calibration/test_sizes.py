@@ -13,6 +13,7 @@ from hri_predict.calibration.sizes import Sizes, capsule_volume, measure_sizes
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
 from hri_predict.risk.settings import CoverageSettings
 from hri_predict.skeleton import CANONICAL, JOINTS
+from tests.hri_predict.risk.conftest import scale_of
 
 STEPS = 12
 BODY = np.random.default_rng(4).normal(size=(len(JOINTS), 3), scale=0.3)
@@ -49,7 +50,7 @@ def sizes_with(scores, zero, radius_m):
         skeleton=CANONICAL,
     )
     tables = {of: np.full_like(table, radius_m) for of, table in made.estimated.items()}
-    methods = {"own": (scores, replace(made, estimated=tables), zero)}
+    methods = {"own": (scores, replace(made, estimated=tables, scale=scale_of()), zero)}
     settings = CoverageSettings(self_check=False)
     return measure_sizes(scores=scores, methods=methods, settings=settings, steps=(5, 10))
 
