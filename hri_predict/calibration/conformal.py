@@ -97,7 +97,7 @@ def _calibrated_joints(
 ) -> tuple[tuple[str, ...], Ints]:
     """The joints that enough recordings show, without their side, and (J,) their index or -1."""
     shown: dict[str, set[int]] = {plain(name): set() for name in skeleton.joints}
-    known: Bools = np.asarray(np.isfinite(error).any(1))  # (W, J)
+    known = np.asarray(np.isfinite(error).any(1))  # (W, J)
     for joint, name in enumerate(skeleton.joints):
         shown[plain(name)].update(unit[known[:, joint]].tolist())
     joints = tuple(name for name, units in shown.items() if len(units) >= LEAST_RECORDINGS)
