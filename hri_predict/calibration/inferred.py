@@ -24,8 +24,8 @@ from pathlib import Path
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats
+from hri_predict.datasets.splits import split
 from hri_predict.errors import ConfigError
-from hri_predict.files import data_path, read_yaml
 from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.people.body.inferred import SHAPES, Rule, frame_of
 from hri_predict.skeleton import JOINTS
@@ -96,14 +96,8 @@ def recordings(data: Path) -> dict[str, list[Path]]:
     Raises:
         ConfigError: ``data`` lacks the manifest of ``motion``.
     """
-    splits = read_yaml(data_path("training", "splits.yaml"), "splits")
-    found = {
-        "cmu_mocap": [
-            data / "cmu_mocap" / f"{name}.npz"
-            for part in ("fit", "calibration")
-            for name in splits[part]
-        ]
-    }
+    names = [name for part in ("fit", "calibration") for name in split(part)]
+    found = {"cmu_mocap": [data / f"{name}.npz" for name in names if name.startswith("cmu_mocap/")]}
     manifest = data / "motion" / "manifest.csv"
     if not manifest.exists():
         raise ConfigError(f"{manifest}: not there; give the folder of the recordings")
