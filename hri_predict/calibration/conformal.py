@@ -66,7 +66,7 @@ def calibrate(
         [np.bincount(fast[unit == u], minlength=len(SPEED_CLASSES)) for u in range(len(names))]
     )
     estimated = _estimated(ratio, fast, unit)
-    guaranteed = _guaranteed(
+    guaranteed = guaranteed_radii(
         error=error, fast=fast, unit=unit, group=group, joints=len(joints), rate_hz=rate_hz
     )
     return Calibration(
@@ -147,7 +147,7 @@ def of_equals(samples: Sequence[Floats], level: float) -> float:
     return float(values[order][min(int(reached.searchsorted(level - 1e-12)), values.size - 1)])
 
 
-def _guaranteed(
+def guaranteed_radii(
     *, error: Floats, fast: Ints, unit: Ints, group: Ints, joints: int, rate_hz: float
 ) -> dict[Of, Floats]:
     """Per question (L, 3, G, H): radii by the rank of the recordings' largest errors."""

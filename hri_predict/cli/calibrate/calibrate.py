@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hri_predict.cli.calibrate import checking, leaving_out, making
+from hri_predict.cli.calibrate import checking, leaving_out, making, site
 from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings
 from hri_predict.cli.common import JointMapOption, one_of, own_map, without_effect
 from hri_predict.datasets.splits import USES
@@ -33,6 +33,17 @@ def calibrate(
             "it.",
         ),
     ] = False,
+    onto: Annotated[
+        str | None,
+        typer.Option(
+            help="Move a calibration towards the people in --data, who are those of your site: "
+            "shipped, or a file.",
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="With --onto: folder for a page about coverage and sizes."),
+    ] = None,
     calibration: Annotated[
         Path | None,
         typer.Option(
@@ -80,6 +91,9 @@ def calibrate(
     The number of recordings counts, not their length: a guarantee of 90 %
     needs 9, one of 95 % needs 19, and one of 99 % needs 99.
 
+    --onto keeps what many recordings taught, and moves it towards your site's:
+    few of them change little.
+
     Example: hri-predict calibrate --predictor sinn --data ../shared/data
     """
     settings = calibrated_settings(predictor, weights, horizon)
@@ -88,6 +102,9 @@ def calibrate(
     chosen = Data(data, split, own_map(joint_map))
     if check and leave_out:
         raise ConfigError("--check: has no effect with --leave-out, which measures; give one")
+    if check or leave_out:
+        other = "with --check" if check else "with --leave-out"
+        without_effect({"--onto": onto, "--report": report}, other)
     if check:
         checking.check(
             settings=settings,
@@ -116,6 +133,18 @@ def calibrate(
         {"--calibration": calibration, "--disturb": True if disturb else None, "--card": card},
         "without --check",
     )
+    if onto is not None:
+        without_effect({"--tracked": tracked}, "with --onto")
+        site.commission(
+            settings=settings,
+            data=chosen,
+            onto=onto,
+            out=out or Path(f"{predictor}.calibration.json"),
+            report=report,
+            as_json=as_json,
+        )
+        return
+    without_effect({"--report": report}, "without --onto")
     making.make(
         settings=settings,
         data=chosen,

@@ -100,8 +100,8 @@ def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> se
     """
     from hri_predict.calibration.scores import units
 
-    digests = {used.digest for used in calibration.recordings if used.digest}
-    counted = {(u.name, sum(u.windows)) for u in calibration.recordings if not u.digest}
+    digests = {used.digest for used in calibration.used if used.digest}
+    counted = {(u.name, sum(u.windows)) for u in calibration.used if not u.digest}
     found = set()
     for name, own in units(scores).items():
         windows = sum(len(scores[i].origin_ns) for i in own)

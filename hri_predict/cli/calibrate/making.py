@@ -1,6 +1,8 @@
 """``calibrate``: make a calibration."""
 
 import json
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,32 +29,27 @@ def make(
     """Calibrate, write the file and say what it rests on."""
     from hri_predict.calibration.conformal import LEAST_RECORDINGS
     from hri_predict.calibration.conformal import calibrate as conformal
-    from hri_predict.files import atomic_write
-    from hri_predict.risk.zones.calibration import identity, levels_text, save_text
+    from hri_predict.risk.zones.calibration import identity, levels_text
     from hri_predict.risk.zones.motion_class import SPEED_CLASSES
 
-    check_writable(out.parent)
-    if out.is_dir() or (out.exists() and out.suffix != ".json"):
-        raise ConfigError(f"--out {out}: is not a calibration, so it stays; name a .json file")
+    check_out(out)
     built = registry.load("predictors", settings.name)(settings)
     scores = scores_of(
         built=built, name=settings.name, data=data, default="calibration", tracked=tracked
     )
     values, digest = identity(settings)
-    made = conformal(
-        scores=scores,
-        predictor=settings.name,
-        settings=values,
-        weights=digest,
-        rate_hz=built.rate_hz,
-        skeleton=built.skeleton,
+    made = replace(
+        conformal(
+            scores=scores,
+            predictor=settings.name,
+            settings=values,
+            weights=digest,
+            rate_hz=built.rate_hz,
+            skeleton=built.skeleton,
+        ),
+        made=date.today(),
     )
-    try:
-        atomic_write(out, save_text(made).encode())
-    except OSError as error:
-        raise ConfigError(
-            f"--out {out}: cannot be written: {error.strerror}; name another file"
-        ) from error
+    write_calibration(out, made)
     if as_json:
         print(json.dumps({"file": str(out), **_made(made)}))
         return
@@ -69,6 +66,30 @@ def make(
     for line in levels_text(made):
         console.print(line, highlight=False)
     tell([out])
+
+
+def check_out(out: Path) -> None:
+    """Refuse, before the work, a file that cannot or should not be written."""
+    check_writable(out.parent)
+    if out.is_dir() or (out.exists() and out.suffix != ".json"):
+        raise ConfigError(f"--out {out}: is not a calibration, so it stays; name a .json file")
+
+
+def write_calibration(out: Path, made: "Calibration") -> None:
+    """Write the file.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    from hri_predict.files import atomic_write
+    from hri_predict.risk.zones.calibration import save_text
+
+    try:
+        atomic_write(out, save_text(made).encode())
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out}: cannot be written: {error.strerror}; name another file"
+        ) from error
 
 
 def _made(made: "Calibration") -> dict[str, Any]:

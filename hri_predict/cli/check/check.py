@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import asdict
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -10,6 +11,11 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
+from hri_predict.cli.check.calibration import (
+    calibration_facts,
+    calibration_lines,
+    zones_text,
+)
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
@@ -77,6 +83,8 @@ def check(
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
+    for line in calibration_lines(found["calibration"]):
+        console.print(line, highlight=False, soft_wrap=True)
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
     console.print(
@@ -139,7 +147,8 @@ def examine(config: Config) -> dict[str, Any]:
         / assembly.prediction.predictor.rate_hz,
         "risk": risk,
         "links": [asdict(load) for load in loads],
-        "zones": _zones(config),
+        "zones": zones_text(config),
+        "calibration": calibration_facts(config, date.today()),
         "joint_map": joint_map_cost(
             config, assembly.prediction.predictor, assembly.source.joint_map
         ),
@@ -158,26 +167,6 @@ def _state(config: Config) -> str | None:
     """Return the path of the state file; ``None`` without one."""
     settings = config.node.state
     return None if settings is None else str(config.base_dir / settings.path)
-
-
-def _zones(config: Config) -> str:
-    """Describe the basis of the zones in one line, and claim no more than was measured."""
-    risk, name = config.node.risk, config.predictor.name
-    if risk.mode != "predictive":
-        return f"mode {risk.mode} uses no forecast"
-    calibration = assemble.build_calibration(config)
-    if calibration is None:
-        return (
-            f"not calibrated for {name} with these settings: it is not known how often they hold "
-            f"people; see hri-predict calibrate"
-        )
-    coverage = risk.coverage
-    held = "each joint" if coverage.of == "joint" else "the whole body"
-    check = "checked live" if coverage.self_check else "not checked live"
-    return (
-        f"calibrated on {len(calibration.recordings)} recordings to hold {held} in "
-        f"{100 * coverage.level:g} % ({coverage.basis}), {check}"
-    )
 
 
 def _risk_needs(config: Config, assembly: Assembly, budget: DelayBudget) -> dict[str, Any]:

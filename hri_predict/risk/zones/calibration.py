@@ -23,6 +23,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -72,6 +73,13 @@ class UsedRecording(Settings):
     digest: str | None = Field(None, description="the file's SHA-256")
 
 
+class SiteParts(Settings):
+    """What moved a calibration's factors towards a site; see ``calibration.site.mixing``."""
+
+    base: str = Field(description="first digits of the SHA-256 of the calibration it came from")
+    recordings: tuple[UsedRecording, ...] = Field(description="parts of the site's recordings")
+
+
 class CalibrationFile(Settings):
     """A calibration as stored."""
 
@@ -93,6 +101,8 @@ class CalibrationFile(Settings):
     )
     recordings: tuple[UsedRecording, ...]
     ranges: RangesFile
+    made: date | None = Field(None, description="the day on which it was made")
+    site: SiteParts | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -108,6 +118,8 @@ class Calibration:
         guaranteed: per question (L, 3, G, H) metres, by speed class; infinite if not supported.
         recordings: used for it.
         ranges: of the motions in the recordings.
+        made: the day on which it was made; ``None`` if not known.
+        site: the parts of a site's recordings that moved its factors.
     """
 
     predictor: str
@@ -120,6 +132,13 @@ class Calibration:
     guaranteed: Mapping[Of, Floats]
     recordings: tuple[UsedRecording, ...]
     ranges: Mapping[str, Any]
+    made: date | None = None
+    site: SiteParts | None = None
+
+    @property
+    def used(self) -> tuple[UsedRecording, ...]:
+        """All recordings that it rests on, the site's as well."""
+        return self.recordings + (self.site.recordings if self.site is not None else ())
 
     @property
     def steps(self) -> int:
@@ -197,6 +216,8 @@ def save_text(calibration: Calibration) -> str:
         guaranteed_mm={of: _thousandths(table) for of, table in calibration.guaranteed.items()},
         recordings=calibration.recordings,
         ranges=RangesFile(**calibration.ranges),
+        made=calibration.made,
+        site=calibration.site,
     )
     return json.dumps(file.model_dump(mode="json"), separators=(",", ":"), allow_nan=False) + "\n"
 
@@ -235,6 +256,8 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         guaranteed=guaranteed,
         recordings=file.recordings,
         ranges=file.ranges.model_dump(),
+        made=file.made,
+        site=file.site,
     )
 
 
@@ -277,7 +300,7 @@ def calibration_for(
         if not path.is_file():
             return None
     calibration = load_calibration(path)
-    problem = _mismatch(calibration, settings)
+    problem = mismatch(calibration, settings)
     if problem and coverage.calibration is None:
         return None  # the shipped one is for other settings: uncalibrated, and check says so
     if problem:
@@ -288,7 +311,8 @@ def calibration_for(
     return calibration
 
 
-def _mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
+def mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
+    """Why a calibration is not that of a predictor; "" if it is."""
     if calibration.predictor != settings.name:
         return f"is of predictor {calibration.predictor}, not {settings.name}"
     if calibration.rate_hz != settings.rate_hz:

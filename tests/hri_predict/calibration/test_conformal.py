@@ -8,9 +8,9 @@ import pytest
 from hri_predict.calibration.conformal import (
     LEAST_RECORDINGS,
     _estimated,
-    _guaranteed,
     body_shape,
     calibrate,
+    guaranteed_radii,
     of_equals,
     rising,
 )
@@ -222,7 +222,7 @@ def test_guaranteed_radii_hold_nine_of_ten_new_recordings_wholly():
         largest = np.exp(rng.normal(0, 1, (49, 1, 1))) * rng.random((49, 4, 2 * COUNT))
         error = largest.reshape(49, 4, 2, COUNT)  # 49 recordings of 4 windows and 2 steps
         unit = np.repeat(np.arange(9), 4)
-        tables = _guaranteed(
+        tables = guaranteed_radii(
             error=error[:9].reshape(36, 2, COUNT),
             fast=np.ones(36, bool),
             unit=unit,
@@ -251,7 +251,7 @@ def test_a_level_is_guaranteed_from_so_many_recordings_on(count, supported):
     error = np.full((2 * count, 2, COUNT), 0.001)
     error[::2] = np.arange(1, count + 1)[:, None, None] / 100
     unit, moving = np.repeat(np.arange(count), 2), np.ones(2 * count, bool)
-    tables = _guaranteed(
+    tables = guaranteed_radii(
         error=error, fast=moving, unit=unit, group=GROUP, joints=len(GROUPS), rate_hz=RATE_HZ
     )
     for of in ("joint", "body"):

@@ -1,0 +1,1 @@
+"""A calibration moved towards the people and the tracker of one site."""

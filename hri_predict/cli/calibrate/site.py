@@ -1,0 +1,162 @@
+"""``calibrate --onto``: move a calibration towards the people of a site."""
+
+import hashlib
+import json
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hri_predict import registry
+from hri_predict.cli.calibrate.inputs import Data
+from hri_predict.cli.calibrate.making import check_out, write_calibration
+from hri_predict.cli.common import check_writable, command, files, progress, show, tell, warn
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.base import PredictorSettings
+
+if TYPE_CHECKING:
+    from hri_predict.calibration.site.parts import Part
+    from hri_predict.risk.zones.calibration import Calibration
+
+SHIPPED = "shipped"
+
+
+def commission(
+    *,
+    settings: PredictorSettings,
+    data: Data,
+    onto: str,
+    out: Path,
+    report: Path | None,
+    as_json: bool,
+) -> None:
+    """Score the site's recordings, move the factors, write the file and say what it gained."""
+    from hri_predict.calibration.site import gain as gains
+    from hri_predict.calibration.site.adapted import adapted
+
+    check_out(out)
+    if report is not None:
+        check_writable(report)
+    path, base = _base(settings, onto)
+    if out.exists() and out.samefile(path):
+        raise ConfigError(f"--out {out}: is the base itself, which stays; name another file")
+    built = registry.load("predictors", settings.name)(settings)
+    parts = _parts(built, base, data)
+    made = adapted(
+        base=base,
+        base_digest=hashlib.sha256(path.read_bytes()).hexdigest()[:16],
+        parts=parts,
+        skeleton=built.skeleton,
+        made=date.today(),
+    )
+    gain = gains.measured_gain(base, parts, built.skeleton)
+    write_calibration(out, made)
+    tables = gains.tables(gain)
+    notes = _notes(base, parts)
+    found = {"file": str(out), "predictor": settings.name, **gains.as_json(gain), "notes": notes}
+    written = [out]
+    if report is not None:
+        written += _written(report, _page(settings.name, notes, tables), found)
+    tell(written)
+    if as_json:
+        print(json.dumps(found))
+        return
+    show(tables, notes)
+
+
+def _base(settings: PredictorSettings, onto: str) -> "tuple[Path, Calibration]":
+    """The calibration that is moved, and its file.
+
+    Raises:
+        ConfigError: there is none, or it does not fit.
+    """
+    from hri_predict.risk.zones.calibration import load_calibration, mismatch, shipped_calibration
+
+    path = shipped_calibration(settings.name) if onto == SHIPPED else Path(onto)
+    if onto == SHIPPED and not path.is_file():
+        raise ConfigError(
+            f"--onto {SHIPPED}: no calibration is shipped for {settings.name}; make one from "
+            f"recordings of many people without --onto"
+        )
+    base = load_calibration(path)
+    if problem := mismatch(base, settings):
+        raise ConfigError(
+            f"--onto {path}: {problem}; give the calibration of what you run, or make one without "
+            f"--onto"
+        )
+    if base.site is not None:
+        raise ConfigError(
+            f"--onto {path}: was moved to a site already; give the one it came from, and all "
+            f"recordings of the site by --data"
+        )
+    reach = settings.horizon_s * settings.rate_hz
+    if round(reach) != base.steps:
+        raise ConfigError(
+            f"--horizon {settings.horizon_s:g}: the calibration {path} reaches "
+            f"{base.steps / base.rate_hz:g} s; give --horizon {base.steps / base.rate_hz:g}"
+        )
+    return path, base
+
+
+def _parts(built: Any, base: "Calibration", data: Data) -> "list[Part]":
+    from hri_predict.calibration.site.parts import score_parts
+
+    found = files(data.entries, data.split, "calibration")
+    known = {used.digest for used in base.recordings if used.digest}
+    for path in found:
+        if hashlib.sha256(path.read_bytes()).hexdigest() in known:
+            raise ConfigError(
+                f"--data: {path} made the base calibration and would count twice; leave it out"
+            )
+    with progress() as bar:
+        task = bar.add_task("forecasting", total=len(found))
+        return score_parts(
+            predictor=built,
+            base=base,
+            files=found,
+            joint_map=data.joint_map,
+            on_recording=lambda _: bar.advance(task),
+            on_left_out=warn,
+        )
+
+
+def _notes(base: "Calibration", parts: "list[Part]") -> list[str]:
+    """What a reader of the tables must know."""
+    from hri_predict.calibration.site.mixing import GROW, SHRINK, weights_of
+    from hri_predict.calibration.site.parts import PART_S
+    from hri_predict.risk.zones.motion_class import SPEED_CLASSES
+
+    weights = [weights_of([p.windows[c] for p in parts]).sum() for c in range(len(SPEED_CLASSES))]
+    per = ", ".join(f"{name} {w:.1f}" for name, w in zip(SPEED_CLASSES, weights, strict=True))
+    notes = [
+        f"the base was made from {len(base.recordings)} recordings; here it counts as {GROW:g} "
+        f"where zones grow, as {SHRINK:g} where they shrink",
+        f"{len(parts)} parts of up to {PART_S / 60:g} minutes show people; by speed they count as "
+        f"{per}",
+        "before and after are of the radii alone, without the live self-check and the limits of "
+        "what bodies can do",
+    ]
+    if len(parts) == 1:
+        notes.append("of one part none can be held out: record longer to know what was gained")
+    else:
+        notes.append("after: each part with factors that the parts far from it in time moved")
+    return notes
+
+
+def _page(predictor: str, notes: list[str], tables: Any) -> str:
+    head = f"# Zones of {predictor} at this site\n\n`{command()}`\n\n"
+    said = "".join(f"- {note}\n" for note in notes)
+    return head + said + "\n" + "\n".join(table.markdown() for table in tables)
+
+
+def _written(folder: Path, text: str, report: dict[str, Any]) -> list[Path]:
+    from hri_predict.files import atomic_write
+
+    page, numbers = folder / "commissioning.md", folder / "commissioning.json"
+    try:
+        atomic_write(page, text.encode())
+        atomic_write(numbers, (json.dumps(report, indent=1) + "\n").encode())
+    except OSError as error:
+        raise ConfigError(
+            f"--report {folder}: cannot be written: {error.strerror}; name another folder"
+        ) from error
+    return [page, numbers]

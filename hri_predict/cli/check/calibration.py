@@ -1,0 +1,71 @@
+"""``check``: what the zones rest on, how old their calibration is, and what it guarantees."""
+
+from datetime import date
+from typing import Any
+
+from hri_predict.risk.zones.calibration import Calibration, levels_text
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+
+OLD_DAYS = 365
+"""After a year most cells have other people, other work or another tracker."""
+
+
+def zones_text(config: Config) -> str:
+    """Describe the basis of the zones in one line, and claim no more than was measured."""
+    risk, name = config.node.risk, config.predictor.name
+    if risk.mode != "predictive":
+        return f"mode {risk.mode} uses no forecast"
+    calibration = assemble.build_calibration(config)
+    if calibration is None:
+        return (
+            f"not calibrated for {name} with these settings: it is not known how often they hold "
+            f"people; see hri-predict calibrate"
+        )
+    coverage = risk.coverage
+    held = "each joint" if coverage.of == "joint" else "the whole body"
+    check = "checked live" if coverage.self_check else "not checked live"
+    return (
+        f"calibrated on {len(calibration.recordings)} recordings to hold {held} in "
+        f"{100 * coverage.level:g} % ({coverage.basis}), {check}"
+    )
+
+
+def calibration_facts(config: Config, today: date) -> dict[str, Any] | None:
+    """Age, recordings and levels of the calibration; ``None`` where zones have none."""
+    if config.node.risk.mode != "predictive":
+        return None
+    calibration = assemble.build_calibration(config)
+    return None if calibration is None else facts_of(calibration, today)
+
+
+def facts_of(calibration: Calibration, today: date) -> dict[str, Any]:
+    """See ``calibration_facts``."""
+    made, site = calibration.made, calibration.site
+    return {
+        "made": None if made is None else made.isoformat(),
+        "age_days": None if made is None else (today - made).days,
+        "recordings": len(calibration.recordings),
+        "site_parts": 0 if site is None else len(site.recordings),
+        "levels": levels_text(calibration),
+    }
+
+
+def calibration_lines(facts: dict[str, Any] | None) -> list[str]:
+    """The same for a person."""
+    if facts is None:
+        return []
+    days = facts["age_days"]
+    if days is None:
+        age = "it does not tell when it was made"
+    elif days < 0:
+        age = f"made on {facts['made']}, which is in the future: check this computer's date"
+    else:
+        age = f"made on {facts['made']}, {days} day{'' if days == 1 else 's'} ago"
+        if days > OLD_DAYS:
+            age += "; is it still true of these people and this tracker? See hri-predict calibrate"
+    site = f", moved by {facts['site_parts']} parts of a site's" if facts["site_parts"] else ""
+    return [
+        f"calibration: {age}; from {facts['recordings']} recordings{site}",
+        *(f"  {line}" for line in facts["levels"]),
+    ]

@@ -1,0 +1,136 @@
+"""``hri-predict calibrate --onto``: a calibration moved to a site; one clear line for a mistake."""
+
+import json
+import sys
+from datetime import date
+
+import numpy as np
+import pytest
+
+from hri_predict.cli import main
+from hri_predict.risk.zones.calibration import load_calibration
+from tests.hri_predict.cli.test_calibrate import CV, walking
+from tests.hri_predict.short_fit import short_fit
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_fit():
+    with short_fit():
+        yield
+
+
+def run(*arguments):
+    """The exit status of a command line."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["hri-predict", "calibrate", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    return ended.value.code or 0
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """Recordings of many people, their calibration, and recordings of a site."""
+    place = tmp_path_factory.mktemp("place")
+    for folder, seeds in (("many", range(4)), ("site", range(10, 13))):
+        (place / folder).mkdir()
+        for seed in seeds:
+            walking(place / folder / f"walking_{seed}.npz", seed)
+    assert run(*CV, "--data", place / "many", "--out", place / "base.json") == 0
+    return place
+
+
+@pytest.fixture
+def refused(capsys):
+    """The only line that a mistake gives."""
+
+    def call(*arguments):
+        capsys.readouterr()
+        assert run(*arguments) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        (line,) = err.splitlines()
+        return line
+
+    return call
+
+
+def test_a_calibration_is_moved_and_says_what_it_gained(place, tmp_path, capsys):
+    out, report = tmp_path / "site.json", tmp_path / "page"
+    where = ["--data", place / "site", "--onto", place / "base.json"]
+    assert run(*CV, *where, "--out", out, "--report", report, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == json.loads((report / "commissioning.json").read_text())
+    assert told["parts"] == 3
+    assert {m["when"] for m in told["measured"]} == {"before", "after"}
+    assert all(0 <= share <= 1 for m in told["measured"] for share in m["held"])
+    assert (report / "commissioning.md").read_text().startswith("# Zones of constant_velocity")
+    base, made = load_calibration(place / "base.json"), load_calibration(out)
+    assert made.recordings == base.recordings
+    assert made.scale.to_json() == base.scale.to_json()
+    assert made.made == date.today() or made.made is not None  # over midnight
+    assert made.site is not None
+    names = [r.name for r in made.site.recordings]
+    assert names == [f"walking_{n} from minute 0" for n in (10, 11, 12)]
+    assert all(r.digest for r in made.site.recordings)
+    for of in ("joint", "body"):
+        assert (np.isfinite(made.estimated[of]) >= np.isfinite(base.estimated[of])).all()
+        assert (made.guaranteed[of] >= base.guaranteed[of]).all()
+
+
+def test_of_one_part_nothing_can_be_held_out(place, tmp_path, capsys):
+    one = ["--data", place / "site" / "walking_10.npz", "--onto", place / "base.json"]
+    assert run(*CV, *one, "--out", tmp_path / "site.json", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    after = [m for m in told["measured"] if m["when"] == "after"]
+    assert all(share is None for m in after for share in m["held"])
+    assert any("record longer" in note for note in told["notes"])
+
+
+def test_a_recording_of_the_base_would_count_twice(place, tmp_path, refused):
+    data = ["--data", place / "many" / "walking_0.npz", "--onto", place / "base.json"]
+    line = refused(*CV, *data, "--out", tmp_path / "site.json")
+    assert "made the base calibration and would count twice; leave it out" in line
+
+
+def test_a_calibration_of_another_predictor_is_refused(place, tmp_path, refused):
+    data = ["--data", place / "site", "--onto", place / "base.json"]
+    line = refused("--predictor", "zero_velocity", *data, "--out", tmp_path / "site.json")
+    assert "is of predictor constant_velocity, not zero_velocity; give" in line
+
+
+def test_a_moved_calibration_is_not_moved_again(place, tmp_path, refused):
+    out = tmp_path / "site.json"
+    data = ["--data", place / "site", "--onto"]
+    assert run(*CV, *data, place / "base.json", "--out", out) == 0
+    line = refused(*CV, *data, out, "--out", tmp_path / "again.json")
+    assert "was moved to a site already; give the one it came from" in line
+
+
+def test_the_base_is_not_overwritten(place, refused):
+    base = place / "base.json"
+    line = refused(*CV, "--data", place / "site", "--onto", base, "--out", base)
+    assert "is the base itself, which stays; name another file" in line
+
+
+def test_a_recording_without_anybody_is_refused(place, tmp_path, refused, capsys):
+    walking(tmp_path / "short.npz", 1, frames=40)
+    data = ["--data", tmp_path / "short.npz", "--onto", place / "base.json"]
+    assert run(*CV, *data, "--out", tmp_path / "site.json") == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert "left out" in lines[0]
+    assert "no other recording is left; record while people work" in lines[-1]
+
+
+def test_another_horizon_is_refused(place, tmp_path, refused):
+    data = ["--data", place / "site", "--onto", place / "base.json", "--horizon", "0.8"]
+    line = refused(*CV, *data, "--out", tmp_path / "site.json")
+    assert "reaches 1.2 s; give --horizon 1.2" in line
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [["--report", "r"], ["--onto", "shipped", "--check"], ["--onto", "shipped", "--tracked"]],
+)
+def test_flags_without_effect_are_refused(place, refused, flags):
+    assert "has no effect" in refused(*CV, "--data", place / "site", *flags)
