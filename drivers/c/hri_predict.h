@@ -19,7 +19,7 @@
 
 /* generated: begin (renew: hri-predict protocol c-header) */
 #define HRI_SCHEMA_VERSION 1u
-#define HRI_SCHEMA_HASH 0xA8347664u
+#define HRI_SCHEMA_HASH 0xD680A301u
 #define HRI_DEFAULT_BASE_ID 0x680u
 #define HRI_LAST_NUMBER 0x45u
 #define HRI_MAX_ROBOTS 8u
@@ -95,6 +95,7 @@
 #define HRI_REASON_MOTION_UNLIKE 48u
 #define HRI_REASON_SECOND_SENDER 49u
 #define HRI_REASON_CLOCK_DRIFT 50u
+#define HRI_REASON_CALIBRATION_DRIFT 51u
 #define HRI_NODE_STATE_UNKNOWN 0u
 #define HRI_NODE_STATE_STARTING 1u
 #define HRI_NODE_STATE_RUNNING 2u

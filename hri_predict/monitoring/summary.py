@@ -250,7 +250,10 @@ def _held(check: dict[str, Any]) -> str:
     ]
     covered = check["covered"]
     held = "-" if covered is None else f"{100 * covered:.1f} %"
-    return f"{held} of {check['judged_in_use']}; zones {', '.join(shares)} of the time"
+    drift = check["drift"]
+    fits = "; the calibration does not fit any more" if drift["drifting"] else ""
+    fits = fits or ("; for a time the calibration did not fit" if drift["raised"] else "")
+    return f"{held} of {check['judged_in_use']}; zones {', '.join(shares)} of the time{fits}"
 
 
 def _short(value: Any) -> str:

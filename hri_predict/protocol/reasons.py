@@ -48,6 +48,7 @@ class Reason(IntEnum):
     MOTION_UNLIKE = 48
     SECOND_SENDER = 49
     CLOCK_DRIFT = 50
+    CALIBRATION_DRIFT = 51
 
     @property
     def text(self) -> str:
@@ -184,6 +185,11 @@ _TEXT = {
     Reason.MOTION_UNLIKE: (
         "a motion is unlike the calibration data; physical limits are used instead",
         "motion resembles the calibration data for long enough",
+    ),
+    Reason.CALIBRATION_DRIFT: (
+        "for minutes forecasts missed more often than the calibration states",
+        "forecasts hold as stated for about an hour with people, or the node runs with a "
+        "calibration of this site",
     ),
     Reason.SECOND_SENDER: (
         "somebody else sends with this node's ids",

@@ -209,7 +209,9 @@ class RiskEngine:
         for robot, obedience in self._obedience.items():
             obedience.advise(advices[robot].speed_limit_m_s or 0.0, now_ns)
         lies = [r for found in findings.robots for r in found.unknown if r in _LIES]
-        reasons = dict.fromkeys([*bodies.reasons, *lies, *(r for each in remarks for r in each)])
+        drift = [Reason.CALIBRATION_DRIFT] if self._is_drifting else []
+        said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *drift]
+        reasons = dict.fromkeys(said)
         return Assessment(advices, bodies.zones, findings.named, tuple(reasons))
 
     def _remarks(self, robot: int, now_ns: int) -> tuple[Reason, ...]:
@@ -255,6 +257,10 @@ class RiskEngine:
     def self_check(self) -> dict[str, Any] | None:
         """How often past forecasts held, for the run's summary; ``None`` without a calibration."""
         return None if self._check is None else self._check.report()
+
+    @property
+    def _is_drifting(self) -> bool:
+        return self._check is not None and self._check.drift.drifting
 
     def _trust(self, snapshot: PeopleSnapshot, velocities: Velocities) -> Trust | None:
         """What past forecasts say; the residual alone, if the self-check is off."""

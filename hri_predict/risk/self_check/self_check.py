@@ -17,6 +17,8 @@ when
 - there is no room left to remember this person.
 
 This state ends after ``hold_s`` of captures without such a sign.
+
+**Drift**: see ``drift``.
 """
 
 from collections.abc import Sequence
@@ -30,6 +32,7 @@ from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.self_check.drift import Drift
 from hri_predict.risk.self_check.past_forecasts import Judged, PastForecasts, mean_error
 from hri_predict.risk.self_check.report import Tally
 from hri_predict.risk.self_check.widening import AdaptiveWidening
@@ -160,6 +163,7 @@ class SelfCheck:
             max_factor=constants.max_factor,
         )
         self._tally = Tally(people, band_ends)
+        self.drift = Drift(level)
 
     # -- each tick --------------------------------------------------------------------------------
 
@@ -213,7 +217,7 @@ class SelfCheck:
 
     def report(self) -> dict[str, Any]:
         """For the run's summary: how often past forecasts held, and what was done about it."""
-        return self._tally.report(self._ids)
+        return {**self._tally.report(self._ids), "drift": self.drift.report()}
 
     # -- people come and go -----------------------------------------------------------------------
 
@@ -271,7 +275,8 @@ class SelfCheck:
         judged = self._past.judge(slots, capture, snapshot.last_positions[new], fresh)
         self._note_residual(judged, slots, capture)
         self._note_errors(judged, slots)
-        sign = self._adapt(judged, slots, np.minimum(np.maximum(elapsed, 0.0), MAX_DT_S))
+        dt = np.minimum(np.maximum(elapsed, 0.0), MAX_DT_S)
+        sign = self._adapt(judged, slots, dt, snapshot.now_ns)
         if self._ranges is not None:
             sign |= self._is_wrong_at_once(judged, len(new), self._ranges)
             velocity, measured = velocities
@@ -313,7 +318,7 @@ class SelfCheck:
             error = np.where(judged.seen[near], judged.errors[near], np.nan)
             self._error[slots[judged.person[near]], i] = error  # the last of several stays
 
-    def _adapt(self, judged: Judged, slots: Ints, dt: Floats) -> Bools:
+    def _adapt(self, judged: Judged, slots: Ints, dt: Floats, now_ns: int) -> Bools:
         """Move the factors. Return (Q,) whether one is at its bound and forecasts still miss."""
         factor = self._widening.own(slots)[judged.person, self._band[judged.step]]
         claimed = judged.claimed
@@ -336,6 +341,7 @@ class SelfCheck:
         )
         count, in_use, bare, now, then, error = sums
         self._tally.add(slots, np.stack([count, in_use, bare, then, error], axis=1))
+        self.drift.add(now_ns, float(bare.sum()), float(count.sum()))
 
         share_of = np.maximum(count, 1.0)
         return self._widening.update(

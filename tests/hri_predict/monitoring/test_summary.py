@@ -150,11 +150,13 @@ def test_the_self_check_is_told_where_there_is_one():
         "ticks_unlike": 2,
         "covered": 0.9876,
         "judged_in_use": 431,
+        "drift": {"drifting": True, "raised": 1, "missed": 0.05},
     }
     summary, shown = summary_of(checked=told), io.StringIO()
     assert summary.as_dict()["self_check"] == told
     summary.print(Console(file=shown, width=120))
-    assert "98.8 % of 431; zones widened 25 %, unlike 1 % of the time" in shown.getvalue()
+    text = " ".join(shown.getvalue().split())
+    assert "98.8 % of 431; zones widened 25 %, unlike 1 % of the time; the calibration" in text
 
 
 def test_times_of_ticks_are_percentiles():

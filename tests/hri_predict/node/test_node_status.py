@@ -30,6 +30,7 @@ def finding(make_workcell, monkeypatch):
         ((), NodeState.RUNNING, Reason.NONE),
         ((Reason.ZONES_WIDENED,), NodeState.RUNNING, Reason.ZONES_WIDENED),
         ((Reason.MOTION_UNLIKE,), NodeState.DEGRADED, Reason.MOTION_UNLIKE),
+        ((Reason.CALIBRATION_DRIFT,), NodeState.DEGRADED, Reason.CALIBRATION_DRIFT),
         ((Reason.MOTION_UNLIKE, Reason.ZONES_WIDENED), NodeState.DEGRADED, Reason.MOTION_UNLIKE),
         ((Reason.PREDICTOR_LATE, Reason.ZONES_WIDENED), NodeState.DEGRADED, Reason.PREDICTOR_LATE),
     ],
