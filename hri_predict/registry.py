@@ -14,6 +14,7 @@ from typing import Any, Literal, overload
 from hri_predict import peers
 from hri_predict.errors import ConfigError, HriPredictError, nearest
 from hri_predict.link import AnyLinkClass, LinkSettings
+from hri_predict.peers import benches
 from hri_predict.predictors.base import AnyPredictorClass, PredictorSettings
 from hri_predict.source import AnySourceClass, SourceSettings
 
@@ -56,9 +57,11 @@ def load(kind: Literal["simulations"], name: Literal["closed_loop"]) -> peers.Cl
 @overload
 def load(kind: Literal["simulations"], name: Literal["occluded"]) -> peers.Occluded: ...
 @overload
-def load(kind: Literal["simulations"], name: Literal["links"]) -> peers.LinkBench: ...
+def load(kind: Literal["simulations"], name: Literal["links"]) -> benches.LinkBench: ...
 @overload
-def load(kind: Literal["simulations"], name: Literal["fleet"]) -> peers.FleetBench: ...
+def load(kind: Literal["simulations"], name: Literal["fleet"]) -> benches.FleetBench: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["trackers"]) -> benches.TrackerBench: ...
 def load(kind: Kind, name: str) -> Any:
     """Import and return what is registered as ``name``.
 

@@ -60,7 +60,7 @@ MAY_IMPORT = {  # from the bottom to the top
     "hri_sim.wires hri_sim.faults hri_sim.referee",
     "hri_sim.baseline_demo": "core run",
     "hri_sim.bench": f"{NODE} node run hri_drivers.wires hri_drivers.links hri_sim.people "
-    "hri_sim.wires",
+    "hri_sim.referee hri_sim.wires",
     "hri_sim.fault_table": f"{NODE} node monitoring run hri_drivers.wires hri_drivers.links "
     "hri_sim.people hri_sim.senders hri_sim.faults hri_sim.controllers hri_sim.baseline_demo",
     "hri_sim.simulation": f"{EVERYTHING} library hri_sim hri_sim.people hri_sim.replay "

@@ -8,6 +8,7 @@ skipped, never guessed.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -194,6 +195,24 @@ def body_capsules(positions: Floats, known: Bools) -> tuple[Capsules, Bools]:
         np.broadcast_to(_RADII, (*known.shape[:-1], len(_RADII))),
     )
     return capsules, np.concatenate([whole, lone], axis=-1)
+
+
+@runtime_checkable
+class KnowsTruth(Protocol):
+    """A source that knows where people truly are: free of noise, dropout and late stamps."""
+
+    def open(self, start_ns: int) -> None:
+        """Start, at the same time as the node's own copy."""
+
+    def truth(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
+        """Return id -> canonical joints (J, 3) and which are known (J,), at ``now_ns``."""
+
+
+class KnownPeople:
+    """The true positions of all people at any time, from a source that knows them."""
+
+    def __init__(self, source: KnowsTruth) -> None:
+        self.open, self.at = source.open, source.truth
 
 
 class TruePeople:

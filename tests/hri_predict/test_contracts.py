@@ -19,6 +19,7 @@ from hri_drivers.sources.scene_stream.serial_source import (
 from hri_drivers.sources.scene_stream.udp_source import UdpSettings, UdpSource
 from hri_predict import peers, registry
 from hri_predict.link import AnyLinkClass, ChecksTogether, LinkClass, ObservesFleet, Simulatable
+from hri_predict.peers import benches
 from hri_predict.predictors.aggregation import AggregatedPredictor
 from hri_predict.predictors.base import AnyPredictorClass, PredictorClass
 from hri_predict.predictors.baselines import (
@@ -34,7 +35,7 @@ from hri_predict.predictors.neural.predictor import NeuralSettings
 from hri_predict.protocol.can import CanFrame
 from hri_predict.source import AnySourceClass, SourceClass
 from hri_sim import simulation
-from hri_sim.bench import links
+from hri_sim.bench import links, trackers
 from hri_sim.controllers.cell import MockCell
 from hri_sim.fault_table.soak import run_soak
 from hri_sim.fault_table.table import run_table
@@ -68,7 +69,8 @@ FAULT_PARSER: peers.FaultParser = parse_fault
 FAULT_TABLE: peers.FaultTable = run_table
 SOAK: peers.Soak = run_soak
 CLOSED_LOOP: peers.ClosedLoop = simulation
-LINK_BENCH: peers.LinkBench = links
+LINK_BENCH: benches.LinkBench = links
+TRACKER_BENCH: benches.TrackerBench = trackers
 
 
 def test_the_registry_gives_what_the_contracts_say():
@@ -83,7 +85,8 @@ def test_the_registry_gives_what_the_contracts_say():
     assert assert_type(registry.load("faults", "soak"), peers.Soak) is SOAK
     loop = registry.load("simulations", "closed_loop")
     assert assert_type(loop, peers.ClosedLoop) is CLOSED_LOOP
-    assert assert_type(registry.load("simulations", "links"), peers.LinkBench) is LINK_BENCH
+    assert assert_type(registry.load("simulations", "links"), benches.LinkBench) is LINK_BENCH
+    assert registry.load("simulations", "trackers") is TRACKER_BENCH
 
 
 @pytest.mark.parametrize(

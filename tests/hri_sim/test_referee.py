@@ -6,8 +6,10 @@ import pytest
 from hri_predict.geometry import Capsules
 from hri_predict.joint_map import load_joint_map
 from hri_predict.scene import Person, Scene
+from hri_predict.settings import validated
 from hri_predict.skeleton import CANONICAL
-from hri_sim.referee import Referee, TruePeople
+from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
+from hri_sim.referee import KnownPeople, KnowsTruth, Referee, TruePeople
 
 MS = 1_000_000
 BALL = 0.1
@@ -217,3 +219,15 @@ def test_a_violation_is_time_and_depth_of_moving_too_near():
     assert referee.violation_s == before
     assert referee.moving_separation_m == pytest.approx(0.2)
     assert referee.min_separation_m == pytest.approx(0.1)
+
+
+def test_a_source_that_knows_the_truth_is_asked_for_it():
+    settings = {"kind": "procedural", "noise_m": 0.05, "joint_map": "coco17"}
+    source = ProceduralSource(validated(ProceduralSettings, settings, "source"))
+    assert isinstance(source, KnowsTruth)
+    assert not isinstance(Walker(), KnowsTruth)
+    people = KnownPeople(source)
+    people.open(0)
+    positions, known = people.at(2000 * MS)[1]
+    np.testing.assert_array_equal(positions, source.truth(2000 * MS)[1][0])
+    assert known.all()  # also what the tracker does not deliver

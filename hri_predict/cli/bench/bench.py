@@ -20,6 +20,7 @@ from hri_predict.cli.bench.joint_maps import joint_maps
 from hri_predict.cli.bench.links import links
 from hri_predict.cli.bench.risk import PEOPLE, SEGMENTS, TITLE, risk_calls
 from hri_predict.cli.bench.soak import soak
+from hri_predict.cli.bench.trackers import trackers
 from hri_predict.clock import VirtualClock
 from hri_predict.errors import ConfigError
 from hri_predict.node.listeners import Tick
@@ -39,6 +40,7 @@ app = typer.Typer(invoke_without_command=True)
 app.command()(links)
 app.command()(fleet)
 app.command()(joint_maps)
+app.command()(trackers)
 
 # Before this, bounded buffers (durations of ticks, round trips, history) are still filling up.
 WARM_UP_MINUTES = 6

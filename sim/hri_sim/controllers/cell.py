@@ -27,7 +27,7 @@ from hri_sim.controllers.private_folder import PrivateFolder
 from hri_sim.controllers.process import job_for
 from hri_sim.controllers.station import Post, Station, at_far_end, channels, codec_for, posts
 from hri_sim.controllers.wiring import Wiring
-from hri_sim.referee import Referee, TruePeople
+from hri_sim.referee import KnownPeople, KnowsTruth, Referee, TruePeople
 
 _START_S = 30.0  # a loaded machine takes long to import numpy
 _END_S = 5.0
@@ -185,9 +185,12 @@ class MockCell:
         """Return a referee for these robots; its caller passes it ``robot_truth``."""
         return Referee(robots)
 
-    def true_people(self, source: Source) -> TruePeople:
-        """Return the true positions of all people, from a copy of the source without faults."""
-        return TruePeople(source)
+    def true_people(self, source: Source) -> TruePeople | KnownPeople:
+        """Return the true positions of all people, from a copy of the source without faults.
+
+        A source that knows the truth is asked for it: its scenes may have noise, or lack joints.
+        """
+        return KnownPeople(source) if isinstance(source, KnowsTruth) else TruePeople(source)
 
     def stop(self) -> list[ControllerReport]:
         """End all controllers; return their reports in the links' order. Safe to call twice."""

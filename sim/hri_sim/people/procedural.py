@@ -6,19 +6,20 @@ a script plays the same at any speed.
 
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import transform
-from hri_predict.joint_map import load_joint_map
+from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import MIN_RATE_HZ, Pose, Region, validated
 from hri_predict.source import SourceSettings
 from hri_sim.people.script import PersonSettings, Timeline
+from hri_sim.people.tracker import Wander, delivered_by
 
 _SWAY_M = 0.006  # amplitude of quiet standing: a centimetre or so of travel
 _SWAY_HZ = (0.13, 0.31, 0.53)
@@ -56,8 +57,28 @@ class ProceduralSettings(SourceSettings):
     seed: int = Field(0, ge=0)
     latency_s: float = Field(0.0, ge=0, le=2, description="time from capture to arrival")
     noise_m: float = Field(0.0, ge=0, le=0.2, description="noise: standard deviation per axis")
+    wander_m: float = Field(
+        0.0, ge=0, le=0.2, description="noise correlated in time: standard deviation per axis"
+    )
+    wander_s: float = Field(0.3, gt=0, le=10, description="its correlation time")
+    stamp_jitter_s: float = Field(
+        0.0, ge=0, le=1, description="stamps are late by a random time up to this"
+    )
     dropout: float = Field(0.0, ge=0, lt=1, description="chance that a joint is not observed")
+    joint_map: str | None = Field(
+        None,
+        description="deliver only the joints of this tracker (a joint map's name or file)",
+    )
     duration_s: float | None = Field(None, gt=0, description="when the source ends; default: never")
+
+    @model_validator(mode="after")
+    def _stamps_in_order(self) -> Self:
+        if self.stamp_jitter_s * self.rate_hz >= 1:
+            raise ValueError(
+                f"stamp_jitter_s {self.stamp_jitter_s:g} would put captures out of order; give "
+                f"less than one period, {1 / self.rate_hz:.3g} s"
+            )
+        return self
 
 
 class ProceduralSource:
@@ -69,11 +90,13 @@ class ProceduralSource:
         """Compute the timelines of the scripts.
 
         Raises:
-            ConfigError: a body cannot perform a script, or two people share an id.
+            ConfigError: a body cannot perform a script, two people share an id, or there is no
+                such joint map.
         """
-        self.joint_map = load_joint_map("canonical")
+        self.joint_map = _joint_map(settings.joint_map, base_dir)
+        self._delivered: Bools = np.asarray((self.joint_map.weights > 0).any(0))
         self.rate_hz = settings.rate_hz
-        self.declares_noise = settings.noise_m > 0
+        self.declares_noise = settings.noise_m > 0 or settings.wander_m > 0
         self._settings = settings
         self._room = settings.room_from_source.matrix()
         self._start_ns: int | None = None
@@ -95,12 +118,14 @@ class ProceduralSource:
     def open(self, start_ns: int) -> None:
         """Start: the first capture is at ``start_ns``."""
         self._start_ns, self._next = start_ns, 0
+        for actor in self._people:
+            actor.begin()
 
     def next_ns(self) -> int | None:
         """Arrival of the next scene, ``None`` after the last."""
         if self._start_ns is None or self._over(self._next):
             return None
-        return self._capture_ns(self._next) + round(self._settings.latency_s * 1e9)
+        return self._stamp_ns(self._next) + round(self._settings.latency_s * 1e9)
 
     def poll(self, now_ns: int) -> Scene | None:
         """Return the oldest scene that has arrived by ``now_ns`` and was not returned yet."""
@@ -130,14 +155,18 @@ class ProceduralSource:
         end_s = self._settings.duration_s
         return end_s is not None and k / self.rate_hz >= end_s
 
-    def _capture_ns(self, k: int) -> int:
+    def _stamp_ns(self, k: int) -> int:
         assert self._start_ns is not None
-        return self._start_ns + round(k * 1e9 / self.rate_hz)
+        capture_ns = self._start_ns + round(k * 1e9 / self.rate_hz)
+        if self._settings.stamp_jitter_s == 0:
+            return capture_ns
+        rng = np.random.default_rng([self._settings.seed, len(self._people), k])
+        return capture_ns + int(rng.uniform(0.0, self._settings.stamp_jitter_s) * 1e9)
 
     def _scene(self, k: int) -> Scene:
         seen = (self._seen(actor, k) for actor in self._people)
         people = tuple(person for person in seen if person is not None)
-        return Scene(self._capture_ns(k), k, True, people)
+        return Scene(self._stamp_ns(k), k, True, people)
 
     def _seen(self, actor: "_Actor", k: int) -> Person | None:
         """Return one person of scene ``k`` as the sensor sees them; ``None`` if not seen."""
@@ -145,7 +174,7 @@ class ProceduralSource:
         if joints is None:
             return None
         joints = transform(self._room, joints)
-        observed = np.ones(len(joints), dtype=np.bool_)
+        observed = self._delivered.copy()
         if self._settings.field_of_view is not None:
             observed &= inside(self._settings.field_of_view, joints)
             if np.count_nonzero(observed) < _LEAST_JOINTS:
@@ -154,6 +183,8 @@ class ProceduralSource:
             rng = np.random.default_rng([self._settings.seed, actor.index, k])
             joints = joints + rng.normal(0.0, self._settings.noise_m, joints.shape)
             observed &= rng.random(len(joints)) >= self._settings.dropout
+        if self._settings.wander_m > 0:
+            joints = joints + actor.wander.next(len(joints))
         return Person(actor.id, np.where(observed[:, None], joints, np.nan), observed)
 
 
@@ -170,16 +201,37 @@ class _Actor:
         index: int,
     ) -> None:
         self.id, self.index = person_id, index
+        self._settings = settings
+        self.begin()
         rng = np.random.default_rng([settings.seed, index])
         self._timeline = Timeline(person, where, left_first=bool(rng.integers(2)))
         self._amplitudes = rng.uniform(0.3, 1.0, (len(_SWAY_HZ), 2)) * _SWAY_M / len(_SWAY_HZ)
         self._phases = rng.uniform(0.0, 2 * math.pi, (len(_SWAY_HZ), 2))
         self._rates = 2 * math.pi * np.array(_SWAY_HZ)[:, None]
 
+    def begin(self) -> None:
+        """Start anew, with the same errors."""
+        settings = self._settings
+        self.wander = Wander(
+            settings.wander_m,
+            settings.wander_s,
+            settings.rate_hz,
+            seed=[settings.seed, self.index, 0, 1],  # a fourth number: no capture's seed
+        )
+
     def joints(self, t: float) -> Floats | None:
         """(21, 3) canonical joints ``t`` seconds after the start; ``None`` when not in the room."""
         sway = (self._amplitudes * np.sin(self._rates * t + self._phases)).sum(axis=0)
         return self._timeline.joints(t, sway)
+
+
+def _joint_map(name: str | None, base_dir: Path | None) -> JointMap:
+    """Canonical joints, or those of them that a tracker delivers."""
+    if name is None:
+        return load_joint_map("canonical")
+    beside = base_dir / name if base_dir is not None else Path(name)
+    is_file = name.endswith(MAP_ENDINGS) and beside.is_file()
+    return delivered_by(load_joint_map(str(beside) if is_file else name))
 
 
 def inside(region: Region, points: Floats) -> Bools:

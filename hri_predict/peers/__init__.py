@@ -1,8 +1,8 @@
 """Contracts of the parts that run without hardware, ``hri_sim``; the registry finds them.
 
 A *cell* is what stands at the other ends of simulated links; *faults* are injected into a source or
-a link, and tabulated; *simulations* run the closed loop and measure links. One package provides all
-of them, but the node knows only these contracts.
+a link, and tabulated; *simulations* run the closed loop; ``benches`` measure. One package provides
+all of them, but the node knows only these contracts.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -354,46 +354,3 @@ class Occluded(Protocol):
         self, request: OcclusionRequest, progress: Callable[[int, int], None], /
     ) -> Iterator[OcclusionRow]:
         """Yield each row when its episode is done."""
-
-
-class LinkBench(Protocol):
-    """Measures links in real time: entry point ``links``, a module.
-
-    Attributes:
-        BAUDRATES, RATES_HZ: what ``capacities`` and ``delays`` go through.
-    """
-
-    @property
-    def BAUDRATES(self) -> Sequence[int]: ...  # noqa: D102
-
-    @property
-    def RATES_HZ(self) -> Sequence[float]: ...  # noqa: D102
-
-    def kinds(self) -> list[str]:
-        """Kinds of link whose delays can be measured."""
-
-    def delays(self, names: list[str], seconds: float, /) -> Iterator[dict[str, Any]]:
-        """A row of figures for each of these kinds and rates, or why there is no such wire."""
-
-    def capacities(self, seconds: float, /) -> Iterator[dict[str, Any]]:
-        """A row of figures for each baud rate: how full a serial wire gets."""
-
-
-class FleetBench(Protocol):
-    """Measures the zenoh link in real time: entry point ``fleet``, a module.
-
-    Attributes:
-        TOPOLOGIES, RATES_HZ: what ``costs`` goes through.
-    """
-
-    @property
-    def TOPOLOGIES(self) -> Sequence[str]: ...  # noqa: D102
-
-    @property
-    def RATES_HZ(self) -> Sequence[float]: ...  # noqa: D102
-
-    def costs(self, seconds: float, /) -> Iterator[dict[str, Any]]:
-        """A row of figures for each topology and rate."""
-
-    def recovery(self, times: int, /) -> dict[str, list[float]]:
-        """Seconds until a cell is heard after it joins, and after the router returns."""
