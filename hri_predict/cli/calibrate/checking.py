@@ -96,17 +96,15 @@ def check(
 def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> set[str]:
     """Names of the recordings that the calibration was made from: the same file by any name.
 
-    For a calibration without digests: a recording of the same name with as many windows.
+    For recordings without digests: one of the same name.
     """
     from hri_predict.calibration.scores import units
 
     digests = {used.digest for used in calibration.used if used.digest}
-    counted = {(u.name, sum(u.windows)) for u in calibration.used if not u.digest}
+    names = {used.name for used in calibration.used if not used.digest}
     found = set()
     for name, own in units(scores).items():
-        windows = sum(len(scores[i].origin_ns) for i in own)
-        like = {(name, windows), (Path(name).stem, windows)}
-        if scores[own[0]].digest in digests or like & counted:
+        if scores[own[0]].digest in digests or {name, Path(name).stem} & names:
             found.add(name)
     return found
 

@@ -195,7 +195,7 @@ def test_what_was_calibrated_on_is_known_by_its_content(folder, made, tmp_path):
     scores = score_recordings(built, [renamed, namesake])
     calibration = load_calibration(made)
     assert _calibrated_on(calibration, scores) == {"other_1"}
-    # calibrations without digests are as they were: name and length must do
+    # of recordings without digests the name must do
     data = json.loads(made.read_text())
     for recording in data["recordings"]:
         del recording["digest"]
