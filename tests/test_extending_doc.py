@@ -106,6 +106,7 @@ def test_links_of_the_page_lead_somewhere():
         assert (ROOT / "docs" / target).exists(), target
 
 
+@pytest.mark.long
 def test_the_predictor_is_listed_conforms_and_predicts(place):
     assert "slowing" in place.said("predictors")
     assert "predictor slowing: keeps its contract" in place.said("conformance predictor")

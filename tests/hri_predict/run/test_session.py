@@ -284,14 +284,14 @@ def vanishing(*places):
     return summary, [((a[0] - start) * 1e-9, *a[1:]) for a in watch.advice]
 
 
-def test_who_vanishes_near_the_robot_never_becomes_clear_by_ageing_out():
+@pytest.mark.parametrize("others", [[], pytest.param([[4.0, 3.0]], marks=pytest.mark.long)])
+def test_who_vanishes_near_the_robot_never_becomes_clear_by_ageing_out(others):
     """Whether somebody else is here all the time or nobody."""
-    for others in ([[4.0, 3.0]], []):
-        summary, advice = vanishing([2.0, 0.2], *others)
-        after = [(level, reason) for t, level, reason, *_ in advice if t >= 4.2]
-        assert len(after) > 450
-        assert set(after) == {(Level.STOP, Reason.PERSON_LOST)}
-        assert summary.counted["vanished"] == 1
+    summary, advice = vanishing([2.0, 0.2], *others)
+    after = [(level, reason) for t, level, reason, *_ in advice if t >= 4.2]
+    assert len(after) > 450
+    assert set(after) == {(Level.STOP, Reason.PERSON_LOST)}
+    assert summary.counted["vanished"] == 1
 
 
 @pytest.mark.parametrize("kind", ["exits", "entrances"])

@@ -33,6 +33,7 @@ def cli(monkeypatch, capsys):
     return call
 
 
+@pytest.mark.long
 def test_tables_files_and_resumed_json(cli, small, tmp_path):
     out = tmp_path / "loop"
     status, text, err = cli(*small, "--mode", "iso", "--mode", "predictive", "--out", out)
