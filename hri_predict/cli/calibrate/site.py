@@ -130,8 +130,8 @@ def _notes(base: "Calibration", parts: "list[Part]") -> list[str]:
     notes = [
         f"the base was made from {len(base.recordings)} recordings; here it counts as {GROW:g} "
         f"where zones grow, as {SHRINK:g} where they shrink",
-        f"{len(parts)} parts of up to {PART_S / 60:g} minutes show people; by speed they count as "
-        f"{per}",
+        f"parts of up to {PART_S / 60:g} minutes that show people: {len(parts)}; by speed they "
+        f"count as {per}",
         "before and after are of the radii alone, without the live self-check and the limits of "
         "what bodies can do",
     ]
