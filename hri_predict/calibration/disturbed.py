@@ -16,7 +16,7 @@ from hri_predict.calibration.coverage import as_run, run_zones
 from hri_predict.calibration.presence import Presence
 from hri_predict.calibration.scores import Scores, score_presence
 from hri_predict.datasets.disturbances import Disturbance, standard
-from hri_predict.evaluation.table import Table
+from hri_predict.evaluation.table import Table, percent
 from hri_predict.predictors.base import Predictor
 from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration
@@ -142,7 +142,7 @@ def tables(found: Sequence[Disturbed]) -> list[Table]:
         (
             one.condition,
             one.recording,
-            *(_percent(v) for v in (one.without, one.with_check, one.widened, one.unlike)),
+            *(percent(v) for v in (one.without, one.with_check, one.widened, one.unlike)),
             "–" if one.noticed_s is None else f"after {one.noticed_s:.2f} s",
         )
         for one in found
@@ -165,10 +165,6 @@ def as_json(found: Sequence[Disturbed]) -> list[dict[str, Any]]:
         }
         for one in found
     ]
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f}" if np.isfinite(share) else "–"
 
 
 def _plain(share: float) -> float | None:

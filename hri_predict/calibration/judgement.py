@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
 from hri_predict.calibration.coverage import Coverage, as_calibrated, as_run
 from hri_predict.calibration.scores import Scores
 from hri_predict.calibration.sizes import Sizes, measure_sizes
-from hri_predict.evaluation.table import Table
+from hri_predict.evaluation.table import Table, plain
 from hri_predict.predictors.base import Predictor
 from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.calibration import OFS, Calibration, levels_text
@@ -216,12 +215,12 @@ def as_json(judged: ZoneJudgement) -> dict[str, Any]:
                 "level": level,
                 "of": of,
                 "way": way,
-                "share": _plain(found.share(of)[at]),
-                "low": _plain(low[at]),
-                "high": _plain(high[at]),
+                "share": plain(found.share(of)[at]),
+                "low": plain(low[at]),
+                "high": plain(high[at]),
                 "widened": found.widened,
                 "unlike": found.unlike,
-                "actions": {a: _plain(found.of_action(a).share(of)[at]) for a in judged.actions},
+                "actions": {a: plain(found.of_action(a).share(of)[at]) for a in judged.actions},
             }
         )
     return {
@@ -236,7 +235,7 @@ def as_json(judged: ZoneJudgement) -> dict[str, Any]:
                 action: {
                     "parts": list(s.parts),
                     "steps_ms": [round(1000 * k / judged.rate_hz) for k in s.steps],
-                    "by_method": {m: [_plain(row) for row in v] for m, v in s.by_method.items()},
+                    "by_method": {m: [plain(row) for row in v] for m, v in s.by_method.items()},
                 }
                 for action, s in by_action.items()
             }
@@ -264,7 +263,3 @@ def _one(share: float) -> str:
 
 def _volume(volume: float, share: float) -> str:
     return f"{volume:.2f} ({share:.2f})" if volume > 0 else "–"
-
-
-def _plain(values: Floats) -> list[float | None]:
-    return [round(float(v), 5) if np.isfinite(v) else None for v in values]

@@ -15,16 +15,16 @@ import numpy as np
 from hri_predict.arrays import Floats
 from hri_predict.calibration.conformal import calibrate
 from hri_predict.calibration.coverage import Coverage, as_calibrated, as_run
-from hri_predict.calibration.scores import Scores
+from hri_predict.calibration.judgement import HORIZONS_MS
+from hri_predict.calibration.scores import Scores, nearest
 from hri_predict.errors import ConfigError
-from hri_predict.evaluation.table import Table
+from hri_predict.evaluation.table import Table, plain
 from hri_predict.predictors.base import Predictor
 from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.calibration import OFS, Of
 
 SETS = ("arms", "beside_robot", "cmu_tools", "cmu_subjects", "cmu_dance")
 """The sets that are left out, as ``Scores.action`` names them."""
-HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -101,8 +101,8 @@ def leave_out(
                     settings=CoverageSettings(level=LEVELS[-1]),
                     predictor=predictor,
                 ),
-                error_m=_mean([_at_steps(s, s.forecast) for s in own]),
-                standing_m=_mean([_at_steps(s, s.history[:, -1:]) for s in own]),
+                error_m=_mean([_at_steps(s, s.forecast, predictor.rate_hz) for s in own]),
+                standing_m=_mean([_at_steps(s, s.history[:, -1:], predictor.rate_hz) for s in own]),
             )
         )
     if not found:
@@ -110,15 +110,13 @@ def leave_out(
     return found
 
 
-def _at_steps(entry: Scores, forecast: Floats) -> Floats:
+def _at_steps(entry: Scores, forecast: Floats, rate_hz: float) -> Floats:
     """(W, H, J) distance of forecasts from the captures nearest to each step; NaN if unknown."""
-    stamps, steps = entry.truth.stamps_ns, entry.error_m.shape[1]
-    step_ns = 40_000_000 * np.arange(1, steps + 1)
-    wanted = entry.origin_ns[:, None] + step_ns
-    after = np.minimum(stamps.searchsorted(wanted), len(stamps) - 1)
-    before = np.maximum(after - 1, 0)
-    at = np.where(stamps[after] - wanted < wanted - stamps[before], after, before)
-    near = np.abs(stamps[at] - wanted) <= 20_000_000
+    stamps, step_ns = entry.truth.stamps_ns, round(1e9 / rate_hz)
+    ahead = step_ns * np.arange(1, entry.error_m.shape[1] + 1)
+    wanted = entry.origin_ns[:, None] + ahead
+    at = nearest(stamps, wanted)
+    near = np.abs(stamps[at] - wanted) <= step_ns // 2
     seen = entry.truth.observed[at] & entry.observed[:, -1:, :] & near[..., None]
     apart = np.linalg.norm(entry.truth.positions[at] - forecast, axis=-1)
     return np.where(seen, apart, np.nan)
@@ -168,10 +166,6 @@ def tables(found: Sequence[LeftOut], rate_hz: float) -> list[Table]:
     return shown
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f}"
-
-
 def as_json(found: Sequence[LeftOut]) -> list[dict[str, Any]]:
     """Everything, for programs; shares from 0 to 1 and metres, by step, NaN as null."""
     return [
@@ -180,17 +174,13 @@ def as_json(found: Sequence[LeftOut]) -> list[dict[str, Any]]:
             "recordings": f.recordings,
             "calibrated_on": f.calibrated_on,
             "coverage": [
-                {"level": level, "of": of, "share": _plain(coverage.share(of))}
+                {"level": level, "of": of, "share": plain(coverage.share(of))}
                 for (level, of), coverage in f.coverage.items()
             ],
             "widened": f.run.widened,
             "out_of_distribution": f.run.unlike,
-            "error_m": _plain(f.error_m),
-            "standing_m": _plain(f.standing_m),
+            "error_m": plain(f.error_m),
+            "standing_m": plain(f.standing_m),
         }
         for f in found
     ]
-
-
-def _plain(values: Floats) -> list[float | None]:
-    return [round(float(v), 5) if np.isfinite(v) else None for v in values]

@@ -204,14 +204,14 @@ def _origins(presence: Presence, rate_hz: float) -> NDArray[np.intp]:
     step_ns = 1e9 / rate_hz
     count = int((stamps[-1] - stamps[0]) / step_ns) + 1
     grid = stamps[0] + np.round(step_ns * np.arange(SETTLED_STEPS - 1, count)).astype(np.int64)
-    nearest = np.unique(_nearest(stamps, grid))
+    at = np.unique(nearest(stamps, grid))
     if grid.size:  # a capture before the eighth step has only seven
-        nearest = nearest[stamps[nearest] >= grid[0]]
-    result: NDArray[np.intp] = nearest[stamps[nearest] + step_ns <= stamps[-1]]
+        at = at[stamps[at] >= grid[0]]
+    result: NDArray[np.intp] = at[stamps[at] + step_ns <= stamps[-1]]
     return result
 
 
-def _nearest(stamps: NDArray[np.int64], times: NDArray[np.int64]) -> NDArray[np.intp]:
+def nearest(stamps: NDArray[np.int64], times: NDArray[np.int64]) -> NDArray[np.intp]:
     """Indices of the stamps nearest to some times; the earlier one of two equally near."""
     after = np.minimum(stamps.searchsorted(times), len(stamps) - 1)
     before = np.maximum(after - 1, 0)
@@ -251,7 +251,7 @@ def _residual(presence: Presence, at: NDArray[np.intp], forecast: Floats, rate_h
     steps.
     """
     stamps, back_ns = presence.stamps_ns[at], round(RESIDUAL_S * 1e9)
-    made = _nearest(stamps, stamps - back_ns)
+    made = nearest(stamps, stamps - back_ns)
     steps = (stamps - stamps[made]).astype(np.float64) * (1e-9 * rate_hz)
     near = np.abs(steps - RESIDUAL_S * rate_hz) <= 0.5 + 1e-6
     judged = np.flatnonzero(near & (steps <= forecast.shape[1] + 1e-6))
@@ -274,7 +274,7 @@ def _past_errors(
     stamps = presence.stamps_ns[at]
     found = np.full((len(at), len(LEADS_S), presence.positions.shape[1]), np.nan)
     for i, (lead_s, within_s) in enumerate(zip(LEADS_S, LEAD_TOLERANCE_S, strict=True)):
-        made = _nearest(stamps, stamps - round(lead_s * 1e9))
+        made = nearest(stamps, stamps - round(lead_s * 1e9))
         age_s = (stamps - stamps[made]).astype(np.float64) * 1e-9
         near = (np.abs(age_s - lead_s) <= within_s + 1e-9) & (age_s > 0)
         judged = np.flatnonzero(near & (age_s * rate_hz <= forecast.shape[1] + 1e-6))

@@ -1,6 +1,9 @@
-"""A table of texts, used by every report."""
+"""A table of texts, used by every report, and numbers as texts and for programs."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+
+import numpy as np
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,3 +20,13 @@ class Table:
         lines.append("|" + "|".join(["---"] + ["---:"] * (len(self.columns) - 1)) + "|")
         lines += ["| " + " | ".join(row) + " |" for row in self.rows]
         return "\n".join(lines) + "\n"
+
+
+def percent(share: float) -> str:
+    """A share as a percentage with one digit; a dash if it is not known."""
+    return f"{100 * share:.1f}" if np.isfinite(share) else "–"
+
+
+def plain(values: Iterable[float]) -> list[float | None]:
+    """Numbers for JSON, to five digits; ``None`` for what is not finite."""
+    return [round(float(v), 5) if np.isfinite(v) else None for v in values]

@@ -14,7 +14,7 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats
 from hri_predict.calibration.site.adapted import groups, moved_factors
 from hri_predict.calibration.site.parts import Part
-from hri_predict.evaluation.table import Table
+from hri_predict.evaluation.table import Table, percent, plain
 from hri_predict.risk.settings import LEVELS
 from hri_predict.risk.zones.calibration import OFS, Calibration, Of
 from hri_predict.skeleton import Skeleton
@@ -127,7 +127,7 @@ def tables(gain: Gain) -> list[Table]:
     for of in OFS:
         subject = "each joint" if of == "joint" else "the whole body"
         for title, values, text in (
-            (f"Held of {subject}, {parts}, %", gain.held, _percent),
+            (f"Held of {subject}, {parts}, %", gain.held, percent),
             (f"Mean radius of a joint, zones of {subject}, mm", gain.radius_m, _mm),
             (
                 f"Volume around a joint, zones of {subject}, over the ball of {WALK_M_S:g} m/s",
@@ -155,9 +155,9 @@ def as_json(gain: Gain) -> dict[str, Any]:
                 "level": level,
                 "of": of,
                 "when": when,
-                "held": _plain(gain.held[of, when][i, at]),
-                "radius_m": _plain(gain.radius_m[of, when][i, at]),
-                "relative_volume": _plain(gain.volume[of, when][i, at]),
+                "held": plain(gain.held[of, when][i, at]),
+                "radius_m": plain(gain.radius_m[of, when][i, at]),
+                "relative_volume": plain(gain.volume[of, when][i, at]),
             }
             for of in OFS
             for i, level in enumerate(LEVELS)
@@ -166,17 +166,9 @@ def as_json(gain: Gain) -> dict[str, Any]:
     }
 
 
-def _percent(value: float) -> str:
-    return f"{100 * value:.1f}" if np.isfinite(value) else "–"
-
-
 def _mm(value: float) -> str:
     return f"{1000 * value:.0f}" if np.isfinite(value) else "–"
 
 
 def _two(value: float) -> str:
     return f"{value:.2f}" if np.isfinite(value) else "–"
-
-
-def _plain(values: Floats) -> list[float | None]:
-    return [round(float(v), 5) if np.isfinite(v) else None for v in values]
