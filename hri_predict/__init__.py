@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         RecordedForecast,
         forecast_at,
         forecasts,
+        load_calibration_of,
         load_predictor,
     )
     from hri_predict.node.listeners import Tick
@@ -82,6 +83,7 @@ __all__ = [
     "__version__",
     "forecast_at",
     "forecasts",
+    "load_calibration_of",
     "load_config",
     "load_joint_map",
     "load_predictor",
@@ -92,7 +94,9 @@ _HOME = {  # module: the names that it lends; the same as above, for the interpr
     "errors": "HriPredictError",
     "joint_map": "JointMap load_joint_map",
     "library.advisor": "Advisor load_config",
-    "library.forecasting": "RecordedForecast forecast_at forecasts load_predictor",
+    "library.forecasting": (
+        "RecordedForecast forecast_at forecasts load_calibration_of load_predictor"
+    ),
     "node.listeners": "Tick",
     "people.ring_buffer": "PushResult RingBuffer Window",
     "predictors.base": "Forecast Predictor",

@@ -9,12 +9,15 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import RecordingError
+from hri_predict.library.spread import Spread
 from hri_predict.people.people import People
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast, Predictor, checked
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.recording import Recording
+from hri_predict.risk.settings import CoverageSettings
+from hri_predict.risk.zones.calibration import Calibration, calibration_for
 from hri_predict.run.assemble import predictor_of
 from hri_predict.run.config import predictor_settings
 from hri_predict.settings import Pose
@@ -35,7 +38,8 @@ class RecordedForecast:
         horizons_s: (H,) how far after that capture each step lies.
         joints: (J,) names of the joints.
         positions: (P, H, J, 3) metres, in the recording's own frame with z up.
-        std: (P, H, J) metres, one standard deviation per axis, or ``None``.
+        std: (P, H, J) metres, one standard deviation per axis, infinite where nothing is known;
+            ``None`` if neither the predictor nor a calibration gives it.
         reasons: why this input is not to be trusted; empty when it is.
     """
 
@@ -65,20 +69,45 @@ def load_predictor(name: str, **settings: Any) -> Predictor:
     return predictor_of(asked.resolved(Path()))
 
 
-def forecasts(recording: Recording, predictor: Predictor) -> Iterator[RecordedForecast]:
+def load_calibration_of(name: str, **settings: Any) -> Calibration | None:
+    """Load the shipped calibration of a predictor; ``None`` if these settings have none.
+
+    Args:
+        name, settings: as in ``load_predictor``.
+
+    Raises:
+        ConfigError: there is no such predictor, or a setting is wrong.
+    """
+    where = f"load_calibration_of('{name}')"
+    asked = predictor_settings({**settings, "name": name}, where).resolved(Path())
+    return calibration_for(asked, CoverageSettings(), Path())
+
+
+def forecasts(
+    recording: Recording, predictor: Predictor, calibration: Calibration | None = None
+) -> Iterator[RecordedForecast]:
     """Yield a forecast for each scene of a recording, in order.
 
     The people stage of the node follows everybody, so a forecast rests on what was captured up to
     its scene and on nothing later. People who are in the recording but not believed (a jump, a body
     of no human size) are left out, and ``reasons`` says so.
 
+    Args:
+        recording: what was captured.
+        predictor: see ``load_predictor``.
+        calibration: of the predictor, see ``load_calibration_of``. It gives ``std`` to
+            forecasts that have none: from how this person moves, and from how wrong the forecasts
+            of 0.12 and 0.4 s ago were.
+
     Raises:
+        ConfigError: the calibration is for another number of steps a second.
         PredictorError: the predictor works on other joints than the node's, or breaks its contract.
     """
     people = _people(recording, predictor)
+    spread = None if calibration is None else Spread(calibration, predictor)
     for scene, arrival_ns in zip(recording.scenes, recording.arrival_ns, strict=True):
         people.receive(scene, arrival_ns)
-        yield _forecast(recording, predictor, people.snapshot(arrival_ns))
+        yield _forecast(recording, predictor, people.snapshot(arrival_ns), spread)
 
 
 def forecast_at(recording: Recording, predictor: Predictor, time_s: float) -> RecordedForecast:
@@ -123,7 +152,10 @@ def _people(recording: Recording, predictor: Predictor) -> People:
 
 
 def _forecast(
-    recording: Recording, predictor: Predictor, snapshot: PeopleSnapshot
+    recording: Recording,
+    predictor: Predictor,
+    snapshot: PeopleSnapshot,
+    spread: Spread | None = None,
 ) -> RecordedForecast:
     steps, joints = predictor.horizon_steps, predictor.skeleton.joints
     if snapshot.ids:
@@ -131,6 +163,9 @@ def _forecast(
         found = checked(found, len(snapshot.ids), predictor)
     else:
         found = Forecast(np.zeros((0, steps, len(joints), 3)), None)
+    std = found.std
+    if std is None and spread is not None:
+        std = spread.of(snapshot, found)
     start_ns = recording.arrival_ns[0]
     capture_s: Floats = (snapshot.capture_ns - start_ns).astype(np.float64) * 1e-9
     return RecordedForecast(
@@ -140,6 +175,6 @@ def _forecast(
         horizons_s=np.arange(1, steps + 1) / predictor.rate_hz,
         joints=joints,
         positions=found.positions,
-        std=found.std,
+        std=std,
         reasons=snapshot.reasons,
     )

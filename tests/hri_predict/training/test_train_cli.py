@@ -23,7 +23,7 @@ from hri_predict.training.building import build_network, open_samples
 from hri_predict.training.config import TrainingConfig, load_training_config
 from hri_predict.training.windows.motion import MotionSamples
 
-METHODS = ("kdformer", "trajectorycnn", "auxformer", "stb", "sinn")
+METHODS = ("kdformer", "trajectorycnn", "auxformer", "stb", "sinn", "mixer")
 
 
 def write_walk(folder: Path, name: str, frames: int) -> None:

@@ -1,0 +1,78 @@
+"""The standard deviation of a forecast, from the calibration of its predictor."""
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import ConfigError
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.base import Forecast, Predictor
+from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants
+from hri_predict.risk.settings import CoverageSettings
+from hri_predict.risk.zones.calibration import Calibration
+from hri_predict.risk.zones.human_speed import velocities_in
+from hri_predict.risk.zones.learned_scale import Evidence
+from hri_predict.risk.zones.motion_class import trunk_speed
+from hri_predict.risk.zones.radii import Radii
+
+_LEVEL = 0.9
+_DEVIATIONS = 2.5003
+"""A ball of so many standard deviations holds 90 % of a normal distribution of three axes: the root
+of the 0.9 quantile of chi-squared with 3 degrees of freedom, 6.2514."""
+
+
+class Spread:
+    """Gives forecasts their ``std``; for one recording, whose forecasts come in order.
+
+    It is the standard deviation of the normal distribution, alike in all directions, of which as
+    much lies within the calibrated radius as that radius was stated to hold (90 % of joints).
+    Errors have heavier tails than this; for zones use the radii themselves.
+
+    Args:
+        calibration: of the predictor.
+        predictor: which makes the forecasts.
+
+    Raises:
+        ConfigError: the calibration has other steps a second than the predictor.
+    """
+
+    def __init__(self, calibration: Calibration, predictor: Predictor) -> None:
+        if calibration.rate_hz != predictor.rate_hz:
+            raise ConfigError(
+                f"calibration: is for {calibration.rate_hz:g} steps per second, the predictor has "
+                f"{predictor.rate_hz:g}; give the calibration of this predictor"
+            )
+        skeleton, steps = predictor.skeleton, predictor.horizon_steps
+        self._skeleton, self._rate_hz = skeleton, predictor.rate_hz
+        self._radii = Radii(calibration, CoverageSettings(level=_LEVEL), skeleton, steps)
+        self._check = SelfCheck(
+            SelfCheckConstants(),
+            level=_LEVEL,
+            of="joint",
+            rate_hz=predictor.rate_hz,
+            horizon_steps=steps,
+            ranges=None,
+        )
+
+    def of(self, snapshot: PeopleSnapshot, forecast: Forecast) -> Floats:
+        """(P, H, J) metres; infinite where the calibration knows nothing.
+
+        Args:
+            snapshot: the people; their earlier forecasts are judged by it.
+            forecast: made from it.
+        """
+        velocities = velocities_in(snapshot, self._rate_hz)
+        trust = self._check.check(snapshot, velocities)
+        radius = self._radii.of(
+            trunk_speed(velocities, self._skeleton),
+            Evidence(
+                history=snapshot.history,
+                observed=snapshot.observed,
+                forecast=forecast.positions,
+                error_m=trust.error_m,
+                residual_m=trust.residual_m,
+            ),
+        )
+        seen = np.asarray(snapshot.observed.any(1))
+        radius = np.where(seen[:, None], radius, np.inf)
+        self._check.note(snapshot, forecast, radius)
+        return radius / _DEVIATIONS
