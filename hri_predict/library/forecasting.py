@@ -38,8 +38,8 @@ class RecordedForecast:
         horizons_s: (H,) how far after that capture each step lies.
         joints: (J,) names of the joints.
         positions: (P, H, J, 3) metres, in the recording's own frame with z up.
-        std: (P, H, J) metres, one standard deviation per axis, infinite where nothing is known;
-            ``None`` if neither the predictor nor a calibration gives it.
+        std: (P, H, J) metres, one standard deviation per axis, of the predictor or from a
+            calibration; infinite where nothing is known.
         reasons: why this input is not to be trusted; empty when it is.
     """
 
@@ -49,7 +49,7 @@ class RecordedForecast:
     horizons_s: Floats
     joints: tuple[str, ...]
     positions: Floats
-    std: Floats | None
+    std: Floats
     reasons: tuple[Reason, ...]
 
 
@@ -164,8 +164,9 @@ def _forecast(
     else:
         found = Forecast(np.zeros((0, steps, len(joints), 3)), None)
     std = found.std
-    if std is None and spread is not None:
-        std = spread.of(snapshot, found)
+    if std is None:
+        unknown = np.full(found.positions.shape[:3], np.inf)
+        std = unknown if spread is None else spread.of(snapshot, found)
     start_ns = recording.arrival_ns[0]
     capture_s: Floats = (snapshot.capture_ns - start_ns).astype(np.float64) * 1e-9
     return RecordedForecast(

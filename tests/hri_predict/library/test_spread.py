@@ -42,7 +42,6 @@ def found_in(recording, **settings):
 
 def test_every_forecast_has_a_standard_deviation_that_grows_with_the_horizon(recording):
     for found in found_in(recording):
-        assert found.std is not None
         assert found.std.shape == found.positions.shape[:3]
         assert np.isfinite(found.std).all()
         assert (found.std > 0).all()
@@ -61,6 +60,13 @@ def test_nothing_is_known_beyond_the_calibrated_steps(recording):
     steps = calibration.steps
     assert np.isfinite(std[:, :steps]).all()
     assert np.isinf(std[:, steps:]).all()
+
+
+def test_nothing_is_known_without_a_calibration(recording):
+    predictor = hri_predict.load_predictor("constant_velocity")
+    for found in hri_predict.forecasts(recording, predictor):
+        assert found.std.shape == found.positions.shape[:3]
+        assert np.isinf(found.std).all()
 
 
 def test_it_is_causal(recording):
