@@ -16,6 +16,7 @@ from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Assessment
+from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.plausibility import StateCheck
 from hri_predict.robots.tracker import RobotTracker
@@ -66,6 +67,7 @@ class Cell:
         view: Region | None = None,
         robot: RobotSettings = ROBOT,
         horizon_steps: int = STEPS,
+        calibration: Calibration | None = None,
     ) -> None:
         self.tracker = RobotTracker(robot, MODEL, check=_Believing)
         budget = DelayBudget.from_settings(25.0, [LINK], 0.12)
@@ -80,6 +82,7 @@ class Cell:
             budget=budget,
             forecast_rate_hz=RATE_HZ,
             horizon_steps=horizon_steps,
+            calibration=calibration,
         )
         self.now_ns = 1_000_000_000
         self.captures = 0

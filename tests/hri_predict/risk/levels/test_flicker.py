@@ -1,13 +1,16 @@
 """Noise does not make advice flicker: an approach, a stay and a departure with 2 cm of it."""
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hri_predict import load_predictor
 from hri_predict.protocol.messages import Level
 from hri_predict.risk.levels.demand import severity
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
 from tests.hri_predict.risk.engine_cell import HISTORY, RATE_HZ, Cell, body
 
 NOISE_M = 0.02
@@ -15,7 +18,7 @@ NEAR_M = 0.95
 STEP_M = 1.2 / RATE_HZ
 PLACES = np.concatenate(
     [
-        np.full(75, 4.5),
+        np.full(100, 4.5),
         np.arange(4.5, NEAR_M, -STEP_M),
         np.full(50, NEAR_M),
         np.arange(NEAR_M, 4.5, STEP_M),
@@ -25,15 +28,29 @@ PLACES = np.concatenate(
 """Metres before the robot: comes at a walk, stays at the edge of "too close", goes."""
 
 
-def story(mode, seed):
-    """(level, reason) of every tick, from the first clear one on."""
+def story(mode, seed, predictor=None):
+    """(level, reason) of every tick, from the first clear one on.
+
+    Without a predictor, zones are uncalibrated and forecasts stand still.
+    """
     rng = np.random.default_rng(seed)
-    cell = Cell(RiskSettings(mode=mode))
-    captures = [body(PLACES[0]) + rng.normal(0, NOISE_M, (21, 3)) for _ in range(HISTORY)]
+    cell, steps = Cell(RiskSettings(mode=mode)), HISTORY
+    if predictor is not None:
+        calibration = load_calibration(shipped_calibration("sinn"))
+        horizon_steps, steps = predictor.horizon_steps, predictor.history_steps
+        cell = Cell(RiskSettings(mode=mode), horizon_steps=horizon_steps, calibration=calibration)
+    captures = [body(PLACES[0]) + rng.normal(0, NOISE_M, (21, 3)) for _ in range(steps)]
     found = []
     for x in PLACES:
         captures = [*captures[1:], body(x) + rng.normal(0, NOISE_M, (21, 3))]
-        advice = cell.step(x, history=np.array(captures)[None], last_positions=captures[-1][None])
+        seen: dict[str, Any] = {
+            "history": np.array(captures)[None],
+            "last_positions": captures[-1][None],
+        }
+        if predictor is not None:
+            seen["observed"] = np.ones((1, steps, 21), bool)
+            seen["forecast"] = predictor.predict(seen["history"], seen["observed"])
+        advice = cell.step(x, **seen)
         found.append((advice.level, advice.reason))
     return list(itertools.dropwhile(lambda told: told[0] is not Level.CLEAR, found))
 
@@ -41,7 +58,17 @@ def story(mode, seed):
 @pytest.mark.parametrize("mode", ["iso", "predictive"])
 @pytest.mark.parametrize("seed", range(2))
 def test_each_level_comes_once_each_way_and_a_reason_changes_at_most_twice_a_level(mode, seed):
-    told = story(mode, seed)
+    check(story(mode, seed))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mode", ["iso", "predictive"])
+@pytest.mark.parametrize("seed", range(4))
+def test_so_it_is_with_calibrated_zones_of_a_trained_predictor(mode, seed):
+    check(story(mode, seed, load_predictor("sinn", horizon_s=1.2)))
+
+
+def check(told):
     levels = [level for level, _ in itertools.groupby(severity(level) for level, _ in told)]
     top = levels.index(max(levels))
     assert levels[top] == severity(Level.STOP)
