@@ -3,8 +3,9 @@
 **As other trackers would deliver them**: most recordings come from optical motion capture, with 120
 captures a second and noise below a millimetre. Zones that were calibrated on these alone would be
 too small for a camera's tracker, and its every capture would look like a surprise. So a calibration
-also sees each recording once as ``as_tracked`` draws it: slower, noisier, with gaps. The truth
-keeps the noise, because the node compares its zones with captures that have it.
+also sees each recording once as ``as_tracked`` draws it: slower, noisier, with gaps, and half of
+them with stamps that come late. The truth keeps noise and lateness, because the node compares its
+zones with captures that have them.
 """
 
 from dataclasses import dataclass
@@ -27,6 +28,9 @@ WHITE_M, SLOW_M = (0.0, 0.02), (0.0, 0.02)
 of noise that wanders."""
 WANDERS_S = 0.3
 """Correlation time of the latter."""
+LATE_S = 0.03
+"""Half of the trackers stamp each capture late, by a time drawn evenly from 0 to their most; this is
+the most of those."""
 LOST = 0.03
 """Share of the captures that are not delivered, and of the joints that are not observed in one."""
 
@@ -115,8 +119,17 @@ def as_tracked(presence: Presence, seed: int) -> tuple[Presence, Ints]:
     delivered = np.arange(0, len(stamps), every)
     delivered = delivered[rng.random(len(delivered)) >= LOST]
     rate_hz = presence.rate_hz / max(1, round(presence.rate_hz / FASTEST_HZ))
+    late_ns = 1e9 * LATE_S * max(0.0, rng.uniform(-1.0, 1.0))
+    stamps = _rising(stamps + np.round(late_ns * rng.random(len(stamps))).astype(np.int64))
     noisy = np.where(observed[..., None], positions + white + slow, 0.0)
     return Presence(stamps, noisy, observed, rate_hz), delivered
+
+
+def _rising(stamps: Ints) -> Ints:
+    """The stamps, each a microsecond after the one before it at least."""
+    apart = 1000 * np.arange(len(stamps))
+    found: Ints = np.maximum.accumulate(stamps - apart) + apart
+    return found
 
 
 def _wandering(rng: np.random.Generator, stamps: Ints, shape: tuple[int, ...]) -> Floats:
