@@ -29,8 +29,8 @@ of noise that wanders."""
 WANDERS_S = 0.3
 """Correlation time of the latter."""
 LATE_S = 0.03
-"""Half of the trackers stamp each capture late, by a time drawn evenly from 0 to their most; this is
-the most of those."""
+"""Half of the trackers stamp each capture late, by a time drawn evenly up to their own most; this
+is the largest of those."""
 LOST = 0.03
 """Share of the captures that are not delivered, and of the joints that are not observed in one."""
 
