@@ -132,19 +132,29 @@ def _estimated(ratio: Floats, fast: Ints, unit: Ints) -> dict[Of, Floats]:
 def of_equals(samples: Sequence[Floats], level: float) -> float:
     """The quantile of several samples with equal weights, whatever their sizes.
 
-    Infinite if nothing is known. One recording more is counted that holds nothing, as in conformal
-    prediction, but at most half of the share that may be missed is given to it.
+    Infinite if nothing is known. A quantile of few recordings misses more of new ones than it says:
+    the share that it may miss is cut by ``caution``.
     """
     known = [values[np.isfinite(values)] for values in samples]
     known = [values for values in known if values.size]
     if not known:
         return math.inf
-    level = min(level * (1.0 + 1.0 / len(known)), 0.5 * (1.0 + level))
+    level += (1.0 - level) * caution(len(known))
     values = np.concatenate(known)
     weight = np.concatenate([np.full(v.size, 1.0 / v.size) for v in known])
     order = np.argsort(values)
     reached = np.cumsum(weight[order]) / len(known)
     return float(values[order][min(int(reached.searchsorted(level - 1e-12)), values.size - 1)])
+
+
+def caution(recordings: float) -> float:
+    """By how much the share that may be missed is cut: a half for few recordings, less for more.
+
+    Conformal prediction would count one recording more that holds nothing. That is right in the
+    worst case alone, impossible at 99 % with fewer than 99 recordings, and too much on average: see
+    ``docs/decisions/few-recordings.md``.
+    """
+    return min(0.5, LEAST_RECORDINGS / recordings)
 
 
 def guaranteed_radii(

@@ -11,8 +11,8 @@ factors would not do.
   where smaller ones would do: a zone too small may hurt somebody, one too large costs time.
 - A factor that shrinks stays at least the site's own quantile.
 - A part in which a speed class occurs for less than ``FULL_WINDOWS`` counts in proportion.
-- As in every calibration, one part more is counted that holds nothing, but at most half of the
-  share that may be missed is given to it (``conformal.of_equals``).
+- As in every calibration, the share that the site's parts may miss is cut where they are few
+  (``conformal.caution``).
 - Where the base knows nothing, the site's quantile alone counts, from ``LEAST_RECORDINGS`` on.
 
 Of the base only the factors at three levels are known. Between them the logarithm of the share
@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hri_predict.arrays import Floats, Ints
-from hri_predict.calibration.conformal import LEAST_RECORDINGS
+from hri_predict.calibration.conformal import LEAST_RECORDINGS, caution
 from hri_predict.risk.settings import LEVELS
 
 GROW, SHRINK = 15.0, 30.0
@@ -67,13 +67,15 @@ class Ratios:
         """Their quantile; infinite if there are none."""
         if not len(self.values):
             return np.inf
-        missed = (1.0 - level) * self.weight - self.nothing_held(level)
+        missed = (1.0 - level) * self.weight - self.cut(level)
         at = bisect_left(range(len(self.values)), x=True, key=lambda i: self.above[i] <= missed)
         return float(self.values[min(at, len(self.values) - 1)])
 
-    def nothing_held(self, level: float) -> float:
-        """The weight of the part more that holds nothing."""
-        return min(1.0, 0.5 * (1.0 - level) * self.weight)
+    def cut(self, level: float) -> float:
+        """The weight by which what may be missed is cut."""
+        if self.weight <= 0:
+            return 0.0
+        return (1.0 - level) * self.weight * caution(self.weight)
 
 
 class BaseTail:
@@ -120,7 +122,7 @@ def moved(base: Floats, site: Ratios) -> Floats:
 
 def _quantile(base: BaseTail, counts: float, site: Ratios, level: float) -> float:
     """The smallest ratio that at most 1 - level of the mixture is above."""
-    budget = (counts + site.weight) * (1.0 - level) - site.nothing_held(level)
+    budget = (counts + site.weight) * (1.0 - level) - site.cut(level)
     values, above = site.values, site.above
     at = bisect_left(
         range(len(values)),
