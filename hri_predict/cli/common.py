@@ -70,7 +70,7 @@ def own_map(joint_map: str | None) -> JointMap | None:
 
 
 def map_path(joint_map: str) -> str:
-    """``--joint-map`` for a configuration: a file by its whole path, from whatever folder."""
+    """A joint map's name or file for a configuration: by its whole path, from whatever folder."""
     own_map(joint_map)  # tell a mistake in the flag's own words
     return str(Path(joint_map).absolute()) if joint_map.endswith(MAP_ENDINGS) else joint_map
 

@@ -259,6 +259,9 @@ class SimulationRequest:
     coverages: tuple[float, ...] = ()
     motions: tuple[str, ...] = ()
     joint_map: str | None = None
+    tracker: str | None = None
+    noise_m: float | None = None
+    wander_m: float | None = None
     episodes: int = 2000
     seed: int = 0
     people: int = 1

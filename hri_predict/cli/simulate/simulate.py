@@ -59,6 +59,22 @@ def simulate(
         typer.Option(help="Split of the data pack: test, test_motion, ...", show_default="test"),
     ] = None,
     joint_map: JointMapOption = None,
+    tracker: Annotated[
+        str | None,
+        typer.Option(
+            help="See people as this tracker delivers them: a joint map's name (coco17) or file.",
+        ),
+    ] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            min=0, max=0.2, help="Noise on each coordinate that is seen: standard deviation, m."
+        ),
+    ] = None,
+    wander: Annotated[
+        float | None,
+        typer.Option(min=0, max=0.2, help="Noise correlated over 0.3 s: standard deviation, m."),
+    ] = None,
     jobs: Annotated[int, typer.Option(min=1, max=256, help="Number of processes.")] = 2,
     out: Annotated[
         Path | None, typer.Option(help="Folder for tables, plots and what --resume needs.")
@@ -131,6 +147,9 @@ def simulate(
         coverages=tuple(coverage or ()),
         motions=_motions(data or [Path("../shared/data")], split),
         joint_map=None if joint_map is None else map_path(joint_map),
+        tracker=None if tracker is None else map_path(tracker),
+        noise_m=noise,
+        wander_m=wander,
         episodes=episodes,
         seed=seed,
         people=people,

@@ -87,6 +87,7 @@ def _plan(request: SimulationRequest) -> Plan:
         coverages=request.coverages,
         motions=request.motions,
         joint_map=request.joint_map,
+        seen=_seen(request),
         episodes=request.episodes,
         seed=request.seed,
         people=request.people,
@@ -103,11 +104,22 @@ def _decided_by(plan: Plan) -> dict[str, Any]:
         "coverages": plan.coverages,
         "motions": names_of([Path(name) for name in plan.motions]),
         "joint_map": _text(plan.joint_map),
+        "seen": [[key, _text(v) if isinstance(v, str) else v] for key, v in plan.seen],
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
         "code": _code(),
     }
+
+
+def _seen(request: SimulationRequest) -> tuple[tuple[str, str | float], ...]:
+    """What the request says of the source; the configuration's own values stay otherwise."""
+    asked = {
+        "tracker": request.tracker,
+        "noise_m": request.noise_m,
+        "wander_m": request.wander_m,
+    }
+    return tuple((key, value) for key, value in asked.items() if value is not None)
 
 
 def _text(joint_map: str | None) -> str | None:
@@ -228,6 +240,7 @@ def _result(plan: Plan, store: Store, left_out: Sequence[str]) -> Result:
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
+        **{key: Path(v).name if isinstance(v, str) else v for key, v in plan.seen},
         "recordings": names_of([Path(name) for name in plan.motions]),
         "folders": sorted({"/".join(Path(name).parts[-3:-1]) for name in plan.motions} - {""}),
     }

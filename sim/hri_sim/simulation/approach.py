@@ -4,9 +4,10 @@
 approach through the node (``hri-predict run``), so that a user can examine a contact in a table.
 """
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Literal
 
@@ -14,13 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from hri_predict.arrays import Floats
+from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import transform
-from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import MIN_RATE_HZ, Pose, Vector3
 from hri_predict.source import SourceSettings
+from hri_sim.people.tracker import Wander, delivered_by
+from hri_sim.referee import TruePeople
 from hri_sim.simulation.motion import Motion, load_motion
 
 _SAME_NS = 1_000_000  # captures of several people nearer than this are one scene
@@ -41,8 +44,22 @@ class ApproachSettings(SourceSettings):
     joint_map: str | None = Field(
         None, description="a joint map's name or file; default: found by the joints' names"
     )
+    tracker: str | None = Field(
+        None,
+        description="deliver only the joints of this tracker (a joint map's name or file)",
+    )
+    noise_m: float = Field(0.0, ge=0, le=0.2, description="noise: standard deviation per axis")
+    wander_m: float = Field(
+        0.0, ge=0, le=0.2, description="noise correlated in time: standard deviation per axis"
+    )
+    wander_s: float = Field(0.3, gt=0, le=10, description="its correlation time")
     lead_in_s: float = Field(3.0, ge=0, le=60, description="seconds of empty room before")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second at most")
+
+
+def exact(settings: ApproachSettings) -> ApproachSettings:
+    """The same approach, seen without errors: what truly happens."""
+    return settings.model_copy(update={"tracker": None, "noise_m": 0.0, "wander_m": 0.0})
 
 
 class ApproachSource:
@@ -69,19 +86,26 @@ class ApproachSource:
         self._captures = together(self._motions)
         room = settings.room_from_source.matrix()
         self._positions = [
-            transform(room @ over_floor(place), motion.positions)
+            transform(
+                room @ over_floor(place),
+                motion.positions
+                + noise(motion, settings.noise_m, settings.wander_m, settings.wander_s),
+            )
             for motion, place in zip(self._motions, settings.places, strict=True)
         ]
-        self.joint_map = _map_of(self._motions)
+        self.joint_map = _map_of(self._motions, settings.tracker, base_dir)
+        self._delivered: Bools = np.asarray((self.joint_map.weights > 0).any(axis=0))
         self.rate_hz = self._motions[0].rate_hz
-        self.declares_noise = False
+        self.declares_noise = settings.noise_m > 0 or settings.wander_m > 0
+        self._exact = partial(ApproachSource, exact(settings), base_dir)
+        self._truth: TruePeople | None = None
         self._empty = round(settings.lead_in_s * self.rate_hz)
         self._start_ns: int | None = None
         self._next = 0
 
     def open(self, start_ns: int) -> None:
         """Start: the first (empty) scene is captured at ``start_ns``."""
-        self._start_ns, self._next = start_ns, 0
+        self._start_ns, self._next, self._truth = start_ns, 0, None
 
     def next_ns(self) -> int | None:
         """Arrival of the next scene; ``None`` after the last."""
@@ -100,15 +124,27 @@ class ApproachSource:
             Person(
                 p + 1,
                 self._positions[p][k - self._empty],
-                self._motions[p].observed[k - self._empty],
+                self._motions[p].observed[k - self._empty] & self._delivered,
             )
             for p in here
         )
         return Scene(due_ns, k, True, people)
 
+    def truth(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
+        """Return id -> canonical joints (J, 3) and which are known (J,), at ``now_ns``.
+
+        Free of noise, with all joints that were recorded; ``open`` must have been called, and the
+        times that are asked for must not go back.
+        """
+        assert self._start_ns is not None
+        if self._truth is None:
+            self._truth = TruePeople(self._exact())
+            self._truth.open(self._start_ns)
+        return self._truth.at(now_ns)
+
     def close(self) -> None:
         """Do nothing: the source holds no resources."""
-        self._start_ns = None
+        self._start_ns = self._truth = None
 
     def _capture_ns(self, k: int) -> int:
         assert self._start_ns is not None
@@ -118,15 +154,35 @@ class ApproachSource:
         return self._start_ns + lead_ns + int(self._captures[k - self._empty])
 
 
+@lru_cache(maxsize=64)
+def noise(motion: Motion, noise_m: float, wander_m: float, wander_s: float) -> Floats:
+    """(N, J, 3) metres in the motion's own frame: the same for the same motion, wherever it is."""
+    if noise_m == 0 and wander_m == 0:
+        return np.zeros(3)
+    seed = zlib.crc32(motion.name.encode())
+    found = np.random.default_rng([seed, 0]).normal(0.0, noise_m, motion.positions.shape)
+    if wander_m > 0:
+        wander = Wander(wander_m, wander_s, motion.rate_hz, [seed, 1])
+        found += np.stack([wander.next(found.shape[1]) for _ in found])
+    return found
+
+
 @lru_cache(maxsize=1)
 def _canonical() -> JointMap:
     return load_joint_map("canonical")
 
 
-def _map_of(motions: Sequence[Motion]) -> JointMap:
+def _map_of(motions: Sequence[Motion], tracker: str | None, base_dir: Path | None) -> JointMap:
     """A tracker that delivers the joints that the recordings have, and no others."""
-    delivered = np.any([motion.observed.any(axis=0) for motion in motions], axis=0)
-    return replace(_canonical(), weights=_canonical().weights * delivered[:, None])
+    whole = _canonical()
+    if tracker is not None:
+        beside = (base_dir or Path()) / tracker
+        whole = delivered_by(
+            load_joint_map(str(beside) if tracker.endswith(MAP_ENDINGS) else tracker)
+        )
+    recorded = np.any([motion.observed.any(axis=0) for motion in motions], axis=0)
+    lacks = (whole.weights[:, ~recorded] != 0).any(axis=1)
+    return replace(whole, weights=np.where(lacks[:, None], 0.0, whole.weights))
 
 
 def together(motions: list[Motion]) -> NDArray[np.int64]:

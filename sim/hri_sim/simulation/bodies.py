@@ -21,7 +21,7 @@ from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.risk.zones.human_speed import joined_speeds
 from hri_predict.run import assemble
 from hri_predict.run.session import VIRTUAL_START_NS
-from hri_sim.simulation.approach import ApproachSource
+from hri_sim.simulation.approach import ApproachSource, exact
 from hri_sim.simulation.cell import Cell, Variant, with_risk
 from hri_sim.simulation.foreknown import TrueFuture, foreknown
 
@@ -85,7 +85,8 @@ def compute(
     for name in (v.name for v in variants if v.is_foreknown):
         last_s = found.zones[name][-1].zones.times_s[-1]
         end_ns = found.snapshots[-1].now_ns + round(last_s * 1e9)
-        future = TrueFuture(ApproachSource(settings, config.base_dir), VIRTUAL_START_NS, end_ns)
+        source = ApproachSource(exact(settings), config.base_dir)
+        future = TrueFuture(source, VIRTUAL_START_NS, end_ns)
         found.zones[name] = foreknown(found.snapshots, found.zones[name], future)
     return found
 

@@ -31,7 +31,7 @@ from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.scene import Scene
 from hri_sim.controllers.cell import MockCell
 from hri_sim.referee import Referee, TruePeople
-from hri_sim.simulation.approach import ApproachSettings, ApproachSource
+from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact
 from hri_sim.simulation.bodies import Bodies
 from hri_sim.simulation.cell import Cell, Variant, with_risk, with_scenario
 from hri_sim.simulation.scenario import Scenario
@@ -122,7 +122,7 @@ def run_episode(
         trackers=tuple(trackers),
         node=node,
     )
-    truth = TruePeople(ApproachSource(cell_settings(config), config.base_dir))
+    truth = TruePeople(ApproachSource(exact(cell_settings(config)), config.base_dir))
     referee = Referee(cell.models, config.node.risk.clearance_m)
     recorder = _Recorder(mock, truth, referee, cell)
     step_all(assembly=assembly, pace=Pace(), beside=mock, each_tick=recorder.observe)

@@ -34,6 +34,7 @@ class Plan:
         modes, coverages: see ``cell.variants``.
         motions: names of the recordings, or procedural scripts.
         joint_map: of the recordings; ``None``: the configuration's, or found by names.
+        seen: how people are seen: keys of ``source:`` (``ApproachSettings``) and their values.
         episodes: number of approaches.
         seed: random seed of everything.
         people: number of people at the same time.
@@ -46,6 +47,7 @@ class Plan:
     coverages: tuple[float, ...]
     motions: tuple[str, ...]
     joint_map: str | None
+    seen: tuple[tuple[str, str | float], ...]
     episodes: int
     seed: int
     people: int
@@ -56,8 +58,11 @@ class Plan:
         from pathlib import Path
 
         config = configuration.load(Path(self.config)).quiet()
+        changes = dict(self.seen)
         if self.joint_map is not None:
-            config = config.with_source(config.source.model_dump() | {"joint_map": self.joint_map})
+            changes["joint_map"] = self.joint_map
+        if changes:
+            config = config.with_source(config.source.model_dump() | changes)
         if predictor is None or predictor == config.predictor.name:
             return config
         return config.with_predictor(predictor, horizon_s=config.predictor.horizon_s)

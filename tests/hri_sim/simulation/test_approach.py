@@ -1,11 +1,13 @@
 """An approach as a source: an empty room first, then everybody where they were put."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from hri_predict.errors import ConfigError
+from hri_predict.joint_map import load_joint_map
 from hri_predict.skeleton import JOINTS
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, over_floor
 from hri_sim.simulation.motion import load_motion
@@ -86,3 +88,49 @@ def test_the_tracker_delivers_what_the_recordings_have(tmp_path):
     np.testing.assert_array_equal(one.joint_map.mapped, ~np.isin(JOINTS, lacking))
     both = [str(tmp_path / "walk.csv"), "procedural:1"]
     assert source(motions=both, places=[[0.0, 0.0, 0.0]] * 2).joint_map.mapped.all()
+
+
+def noisy(place, **settings):
+    errors = {"noise_m": 0.02, "wander_m": 0.01, "lead_in_s": 0.5} | settings
+    return source(motions=["procedural:1"], places=[place], **errors)
+
+
+def test_noise_moves_with_the_motion_and_the_truth_has_none():
+    here, there = (scenes(noisy(place)) for place in ([0, 0, 0], [1.0, 2.0, math.pi / 2]))
+    approach = noisy([0, 0, 0])
+    approach.open(1_000)
+    motion = load_motion("procedural:1", 30.0)
+    x, y, z = here[20].people[0].positions.T
+    expected = np.stack([1.0 - y, 2.0 + x, z], axis=-1)
+    np.testing.assert_allclose(there[20].people[0].positions, expected, atol=1e-12)
+    off = []
+    for k, scene in enumerate(here[15:]):
+        positions, known = approach.truth(scene.stamp_ns)[1]
+        np.testing.assert_allclose(positions[known], motion.positions[k][known], atol=1e-9)
+        off.append(scene.people[0].positions - positions)
+    deviation = np.std(off)
+    assert 0.9 * math.hypot(0.02, 0.01) < deviation < 1.1 * math.hypot(0.02, 0.01)
+
+
+def test_a_tracker_delivers_its_joints_and_the_truth_has_all():
+    approach = source(motions=["procedural:1"], places=[[0, 0, 0]], tracker="coco17", lead_in_s=0.5)
+    found = scenes(approach)
+    approach.open(1_000)
+    hand = JOINTS.index("l_hand")
+    assert not approach.joint_map.mapped[hand]
+    assert not found[20].people[0].observed[hand]
+    assert found[20].people[0].observed[JOINTS.index("l_wrist")]
+    _, known = approach.truth(found[20].stamp_ns)[1]
+    assert known[hand]
+
+
+def test_a_joint_between_two_that_were_not_recorded_is_not_delivered(monkeypatch):
+    motion = load_motion("procedural:1", 30.0)
+    lacking = motion.observed.copy()
+    lacking[:, JOINTS.index("l_hip")] = False
+    lacks = dataclasses.replace(motion, observed=lacking)
+    monkeypatch.setattr("hri_sim.simulation.approach.load_motion", lambda *_: lacks)
+    approach = source(motions=["procedural:1"], places=[[0, 0, 0]], tracker="coco17")
+    assert load_joint_map("coco17").mapped[JOINTS.index("waist")]
+    assert not approach.joint_map.mapped[[JOINTS.index("waist"), JOINTS.index("l_hip")]].any()
+    assert approach.joint_map.mapped[JOINTS.index("r_hip")]

@@ -22,6 +22,7 @@ def plan(motions, count):
         coverages=(),
         motions=tuple(map(str, range(motions))),
         joint_map=None,
+        seen=(),
         episodes=count,
         seed=0,
         people=1,
@@ -77,6 +78,18 @@ def test_a_simulation_reproduces_and_resumes_to_the_same_table(request_of, tmp_p
     assert text(simulate(request_of(), lambda *_: None)) == text(whole)
     other = simulate(request_of(seed=1), lambda *_: None)
     assert text(other) != text(whole)
+
+
+@pytest.mark.long
+def test_a_tracker_with_noise_changes_what_is_seen_in_both_ways_of_running(request_of):
+    walk = {"motions": ("procedural:0",), "episodes": 1}
+    exact = simulate(request_of(**walk), lambda *_: None)
+    tracked = request_of(tracker="coco17", noise_m=0.02, wander_m=0.01, **walk)
+    seen = simulate(tracked, lambda *_: None)
+    assert seen.checks == 1  # the episode again through the whole node
+    assert seen.disagreements == []
+    assert [r.outcomes for r in seen.results] != [r.outcomes for r in exact.results]
+    assert "tracker coco17; noise_m 0.02; wander_m 0.01" in report(seen, None).notes[-1]
 
 
 @pytest.fixture
