@@ -28,7 +28,11 @@ from hri_predict.predictors.neural.network import (
     mpjpe,
     network_class_of,
 )
-from hri_predict.predictors.neural.predictor import NeuralPredictor, NeuralSettings
+from hri_predict.predictors.neural.predictor import (
+    NeuralPredictor,
+    NeuralSettings,
+    shipped_weights,
+)
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
 from hri_predict.settings import validated
 
@@ -159,6 +163,10 @@ class AggregatedSettings(NeuralSettings):
 
     inner: str = Field("trajectorycnn", description="trained predictor whose network is repeated")
     steps: int = Field(5, ge=1, le=1000, description="steps used from each repetition")
+
+    def files(self) -> tuple[Path, ...]:
+        """The inner predictor's weights, unless others are named."""
+        return (shipped_weights(self.inner) if self.weights is None else Path(self.weights),)
 
 
 class AggregatedPredictor(NeuralPredictor):

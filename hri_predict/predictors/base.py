@@ -34,6 +34,10 @@ class PredictorSettings(Settings):
         """The same with relative paths taken from ``base_dir``, the configuration's folder."""
         return self
 
+    def files(self) -> tuple[Path, ...]:
+        """Files that its forecasts depend on: a calibration is refused when one has changed."""
+        return ()
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Forecast:

@@ -54,6 +54,10 @@ class NeuralSettings(PredictorSettings):
             return self
         return self.model_copy(update={"weights": str(base_dir / self.weights)})
 
+    def files(self) -> tuple[Path, ...]:
+        """Its weights."""
+        return (shipped_weights(self.name) if self.weights is None else Path(self.weights),)
+
 
 def shipped_weights(method: str) -> Path:
     """Path of the shipped weights of a method; the file may be missing."""

@@ -278,11 +278,13 @@ def _table(rows: Any, shape: tuple[int, ...]) -> Floats:
 def identity(settings: PredictorSettings) -> tuple[dict[str, Any], str | None]:
     """The settings that a predictor's errors depend on, and the hash of its weights."""
     values = settings.model_dump(mode="json", exclude={"name", "horizon_s", "weights"})
-    weights = getattr(settings, "weights", None)
-    path = Path(weights) if weights else FOLDER / f"{settings.name}.safetensors"
-    if not path.is_file():
+    known = [path for path in settings.files() if path.is_file()]
+    if not known:
         return values, None
-    return values, hashlib.sha256(path.read_bytes()).hexdigest()[:_HASHED]
+    digest = hashlib.sha256()
+    for path in known:
+        digest.update(path.read_bytes())
+    return values, digest.hexdigest()[:_HASHED]
 
 
 def calibration_for(

@@ -262,18 +262,26 @@ def test_one_that_was_asked_for_is_refused_where_it_does_not_fit(folder, other, 
 
 
 def test_other_weights_are_another_predictor(folder, make_calibration):
-    weights = folder / "zero_velocity.safetensors"
-    weights.write_bytes(b"first")
-    values, mark = identity(SETTINGS)
+    parts = [folder / "one.safetensors", folder / "other.safetensors"]
+
+    class Weighted(ZeroVelocitySettings):
+        def files(self):
+            return tuple(parts)
+
+    trained = Weighted(**SETTINGS.model_dump())
+    assert identity(trained) == identity(SETTINGS)  # there are no such files yet
+    for path, content in zip(parts, (b"fir", b"st"), strict=True):
+        path.write_bytes(content)
+    values, mark = identity(trained)
     assert mark == "a7937b64b8caa58f03721bb6bacf5c78cb235febe0e70b1b84cd99541461a08e"[:16]
-    assert calibration_for(SETTINGS, CoverageSettings(), folder) is None  # it was without weights
+    assert calibration_for(trained, CoverageSettings(), folder) is None  # it was without weights
     own = folder / "own.json"
     own.write_text(save_text(make_calibration(settings=values, weights=mark)), encoding="utf-8")
     coverage = CoverageSettings(calibration="own.json")
-    assert calibration_for(SETTINGS, coverage, folder) is not None
-    weights.write_bytes(b"second")
+    assert calibration_for(trained, coverage, folder) is not None
+    parts[1].write_bytes(b"second")
     with pytest.raises(ConfigError, match="was made with other weights"):
-        calibration_for(SETTINGS, coverage, folder)
+        calibration_for(trained, coverage, folder)
 
 
 def test_who_ships_none_is_not_calibrated_and_a_broken_one_is_no_secret(folder):

@@ -1,0 +1,98 @@
+"""The average of several predictors' forecasts: what they err differently in, partly cancels.
+
+Any registered predictors can be members. Each reads as much of the history as it wants; the average
+reaches as far as the shortest of them. For why the average of forecasts is better than most of its
+members: J. Bates, C. Granger, "The Combination of Forecasts", Operational Research Quarterly 20
+(1969) 451; equal weights are hard to beat: R. Clemen, International Journal of Forecasting 5 (1989)
+559.
+"""
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from hri_predict import registry
+from hri_predict.arrays import Bools, Floats
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.base import Forecast, Predictor, PredictorSettings
+from hri_predict.settings import validated
+from hri_predict.skeleton import CANONICAL, Skeleton
+
+
+class AverageSettings(PredictorSettings):
+    """Settings of the average."""
+
+    members: tuple[str, ...] = Field(
+        ("sinn", "stb"), min_length=2, max_length=8, description="predictors, by name"
+    )
+    threads: int = Field(1, ge=1, le=64, description="CPU threads that torch may use")
+
+    @field_validator("members")
+    @classmethod
+    def _each_once_and_none_within(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(value)) < len(value):
+            raise ValueError("names a predictor twice; name each once")
+        if "average" in value:
+            raise ValueError("an average of averages; name their members")
+        return value
+
+    def files(self) -> tuple[Path, ...]:
+        """The weights of all members."""
+        return tuple(path for member in self.of_members() for path in member.files())
+
+    def of_members(self) -> list[PredictorSettings]:
+        """The members' settings: shipped weights, the same rate and horizon.
+
+        Raises:
+            ConfigError: there is no such predictor.
+        """
+        found = []
+        for name in self.members:
+            model = registry.load("predictors", name).settings_model
+            asked = {"name": name, "rate_hz": self.rate_hz, "horizon_s": self.horizon_s}
+            if "threads" in model.model_fields:
+                asked["threads"] = self.threads
+            found.append(validated(model, asked, f"predictor.members: {name}"))
+        return found
+
+
+class AveragePredictor:
+    """The average of several predictors' forecasts; see ``base.Predictor`` for the attributes.
+
+    Attributes:
+        members: the predictors.
+    """
+
+    settings_model: ClassVar[type[AverageSettings]] = AverageSettings
+
+    def __init__(self, settings: AverageSettings, skeleton: Skeleton = CANONICAL) -> None:
+        """Build the members.
+
+        Raises:
+            ConfigError: there is no such predictor, or it cannot be built.
+            PredictorError: a member's weights are broken.
+        """
+        self.members: list[Predictor] = [
+            registry.load("predictors", own.name)(own, skeleton) for own in settings.of_members()
+        ]
+        for name, member in zip(settings.members, self.members, strict=True):
+            if member.skeleton is not skeleton:
+                raise ConfigError(
+                    f"predictor average: {name} works on skeleton '{member.skeleton.name}', not "
+                    f"on '{skeleton.name}'; take it out of predictor.members"
+                )
+        self.skeleton = skeleton
+        self.rate_hz = settings.rate_hz
+        self.history_steps = max(member.history_steps for member in self.members)
+        self.horizon_steps = min(member.horizon_steps for member in self.members)
+
+    def predict(self, history: Floats, observed: Bools) -> Forecast:
+        """Predict with every member; see ``base.Predictor.predict``."""
+        total = np.zeros((len(history), self.horizon_steps, len(self.skeleton.joints), 3))
+        for member in self.members:
+            own = slice(self.history_steps - member.history_steps, None)
+            forecast = member.predict(history[:, own], observed[:, own])
+            total += forecast.positions[:, : self.horizon_steps]
+        return Forecast(total / len(self.members), None)

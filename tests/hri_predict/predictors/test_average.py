@@ -1,0 +1,70 @@
+"""The average of several predictors' forecasts."""
+
+import numpy as np
+import pytest
+
+from hri_predict import registry
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.average import AveragePredictor, AverageSettings
+from hri_predict.predictors.neural.predictor import shipped_weights
+from hri_predict.run.config import predictor_settings
+
+BASELINES = ("zero_velocity", "constant_velocity", "kalman")
+
+
+def average(*members, **settings):
+    return AveragePredictor(AverageSettings(name="average", members=members, **settings))
+
+
+def alone(name, **settings):
+    return registry.load("predictors", name)(predictor_settings({"name": name, **settings}, "test"))
+
+
+@pytest.fixture
+def people():
+    rng = np.random.default_rng(0)
+    history = rng.normal(0, 0.02, (2, 25, 21, 3)).cumsum(axis=1)
+    return history, rng.random((2, 25, 21)) > 0.2
+
+
+def test_it_is_the_mean_of_what_each_says_of_its_own_history(people):
+    history, observed = people
+    found = average(*BASELINES)
+    assert found.history_steps == max(alone(n).history_steps for n in BASELINES)
+    own = slice(25 - found.history_steps, None)
+    said = []
+    for name in BASELINES:
+        member = alone(name)
+        last = slice(25 - member.history_steps, None)
+        said.append(member.predict(history[:, last], observed[:, last]).positions)
+    forecast = found.predict(history[:, own], observed[:, own])
+    # a sum of three and a division: an epsilon each, of magnitudes up to 3 m
+    np.testing.assert_allclose(forecast.positions, np.mean(said, axis=0), atol=1e-14)
+    assert forecast.std is None
+
+
+def test_it_reaches_as_far_as_all_its_members():
+    found = average("zero_velocity", "trajectorycnn", horizon_s=1.2)
+    reach = alone("trajectorycnn", horizon_s=1.2).horizon_steps
+    assert found.horizon_steps == reach < alone("zero_velocity", horizon_s=1.2).horizon_steps
+
+
+def test_all_weights_decide_which_calibration_is_its_own():
+    settings = AverageSettings(name="average", members=("sinn", "stb", "kalman"))
+    assert settings.files() == (shipped_weights("sinn"), shipped_weights("stb"))
+
+
+@pytest.mark.parametrize(
+    ("members", "said"),
+    [
+        (["sinn"], "members"),
+        (["sinn", "sinn"], "names a predictor twice; name each once"),
+        (["average", "sinn"], "an average of averages; name their members"),
+        (["sinn", "nobody"], "nobody"),
+    ],
+)
+def test_mistakes_are_one_line(members, said):
+    with pytest.raises(ConfigError) as error:
+        alone("average", members=members)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
