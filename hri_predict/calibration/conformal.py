@@ -30,6 +30,7 @@ from hri_predict.risk.zones.motion_ranges import SHORT_S, motion_ranges, short_r
 from hri_predict.skeleton import Skeleton
 
 LEAST_RECORDINGS = 4
+_CAUTION = 8.0
 
 
 def calibrate(
@@ -154,7 +155,7 @@ def caution(recordings: float) -> float:
     worst case alone, impossible at 99 % with fewer than 99 recordings, and too much on average: see
     ``docs/decisions/few-recordings.md``.
     """
-    return min(0.5, LEAST_RECORDINGS / recordings)
+    return min(0.5, _CAUTION / recordings)
 
 
 def guaranteed_radii(

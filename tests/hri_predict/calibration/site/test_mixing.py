@@ -70,12 +70,12 @@ def test_few_parts_change_little_and_many_outweigh_the_base():
 
 def test_the_mixture_by_hand():
     # 15 parts err by 3 in every hundredth window, by 0.1 otherwise. Of the mixture with the base
-    # as 15, 1 % may be above: 30 x 0.01, less 4 / 15 of the site's 0.15: 0.26, of which the site
-    # takes 0.15 below 3. So the base may have 0.11 / 15 above.
+    # as 15, 1 % may be above: 30 x 0.01, less half of the site's 0.15: 0.225, of which the site
+    # takes 0.15 below 3. So the base may have 0.075 / 15 above.
     parts = site([[3.0] + [0.1] * 99] * 15)
     found = moved(BASE, parts)
     assert GROW == 15
-    assert found[-1] == pytest.approx(BaseTail(BASE).ratio(0.11 / 15), rel=1e-6)
+    assert found[-1] == pytest.approx(BaseTail(BASE).ratio(0.075 / 15), rel=1e-6)
 
 
 def test_what_shrinks_stays_at_least_the_sites_own_quantile():
