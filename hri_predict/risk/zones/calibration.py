@@ -36,7 +36,7 @@ from hri_predict.files import package_path, read_text
 from hri_predict.predictors.base import PredictorSettings
 from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.learned_scale import ScaleNetwork
-from hri_predict.risk.zones.motion_class import SPEED_CLASSES
+from hri_predict.risk.zones.motion_class import SPEED_CLASSES, trunk_joints
 from hri_predict.risk.zones.motion_ranges import MotionRanges
 from hri_predict.settings import Settings, validated
 from hri_predict.skeleton import JOINTS, Skeleton
@@ -150,10 +150,17 @@ class Calibration:
         return sum(used.windows[speed_class] > 0 for used in self.recordings)
 
     def motion_ranges(self, skeleton: Skeleton) -> MotionRanges:
-        """The ranges by joint of ``skeleton``; unbounded for joints without a calibration."""
-        speed = self.ranges["speed_m_s"]
+        """The ranges by joint of ``skeleton``; unbounded for joints without a calibration.
+
+        The trunk carries every joint, so no joint's range is below the trunk's: a joint that few
+        recordings show may have been slow in all of them.
+        """
+        known = self.ranges["speed_m_s"]
+        speed = np.array([known.get(plain(name), np.inf) for name in skeleton.joints])
+        trunk = speed[trunk_joints(skeleton)]
+        carried = float(trunk[np.isfinite(trunk)].max(initial=0.0))
         return MotionRanges(
-            speed_m_s=np.array([speed.get(plain(name), np.inf) for name in skeleton.joints]),
+            speed_m_s=np.maximum(speed, carried),
             ratio_short=float(self.ranges["ratio_short"]),
         )
 

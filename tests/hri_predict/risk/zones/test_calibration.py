@@ -220,6 +220,16 @@ def test_ranges_are_by_joint_and_unbounded_where_unknown(make_calibration):
     assert ranges.ratio_short == 1.5
 
 
+def test_no_joint_is_slower_than_the_trunk_that_carries_it(make_calibration):
+    # the crown, seen in a few recordings of people who stand, must not make every walker "unlike"
+    speeds = {"neck": 3.0, "hip": 2.0, "head_top": 1.0, "hand": 6.0}
+    own = replace(make_calibration(), ranges={"speed_m_s": speeds, "ratio_short": 1.5})
+    found = dict(zip(JOINTS, own.motion_ranges(CANONICAL).speed_m_s.tolist(), strict=True))
+    assert found["head_top"] == found["l_hip"] == found["neck"] == 3.0
+    assert found["r_hand"] == 6.0
+    assert found["l_wrist"] == np.inf
+
+
 # -- whose it is ----------------------------------------------------------------------------------
 
 
