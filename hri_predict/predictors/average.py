@@ -59,7 +59,9 @@ class AverageSettings(PredictorSettings):
 
 
 class AveragePredictor:
-    """The average of several predictors' forecasts; see ``base.Predictor`` for the attributes.
+    """Averages the forecasts of several predictors.
+
+    See ``base.Predictor`` for the other attributes.
 
     Attributes:
         members: the predictors.

@@ -345,13 +345,11 @@ def _shipped(name: str) -> dict[str, Any]:
         return {"path": None}
     header = read_header(path)
     rate_hz = header.shape.rate_hz
-    validation = header.card.get("validation")
     return {
         "path": str(path),
         "rate_hz": rate_hz,
         "history_s": header.shape.history_steps / rate_hz,
         "horizon_s": header.shape.horizon_steps / rate_hz,
-        "validation_mm": validation.get("mpjpe_mm") if isinstance(validation, dict) else None,
     }
 
 
@@ -360,9 +358,8 @@ def _weights_text(weights: dict[str, Any] | None) -> str:
         return ""
     if weights["path"] is None:
         return "none shipped: set predictor.weights to your own"
-    text = (
+    # validation errors are no comparison: not all were measured on the same recordings
+    return (
         f"{weights['rate_hz']:g} Hz, {weights['history_s']:.2g} s of history, "
         f"{weights['horizon_s']:.2g} s ahead"
     )
-    error_mm = weights["validation_mm"]
-    return text if error_mm is None else f"{text}, validation error {error_mm:.0f} mm"
