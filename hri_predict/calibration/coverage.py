@@ -138,7 +138,7 @@ def as_run(
             )
         ):
             held[window] = _holds(entry, window, spheres, predictor.rate_hz)
-            widened += bool((trust.widen > 1).any())
+            widened += bool(trust.widened.any())
             unlike += bool(trust.out_of_distribution.any())
         known = np.isfinite(entry.error_m)
         inside.append((held & known, known))

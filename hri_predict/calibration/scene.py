@@ -134,7 +134,7 @@ def zone_scene(
         known=entry.truth.observed[captures],
         forecast=path[at],
         zones=Capsules(capsules.a[0, at], capsules.b[0, at], capsules.radius[0, at]),
-        widened=bool((trust.widen > 1).any() or trust.out_of_distribution.any()),
+        widened=bool(trust.widened.any() or trust.out_of_distribution.any()),
     )
 
 

@@ -43,7 +43,6 @@ class StandingBody:
             error_m=np.zeros((1, len(LEADS_S), len(JOINTS))),
             widen=np.ones((1, steps)),
             out_of_distribution=np.zeros(1, np.bool_),
-            reasons=(),
         )
         self._trust = None if calibration is None else calm
         self._builder = ZoneBuilder(

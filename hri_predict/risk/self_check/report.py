@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.arrays import Floats
+from hri_predict.risk.self_check.trust import Trust
 
 _SUMS = 5
 """Judged, judged with radii in use, missed as calibrated, missed as used, mean errors."""
@@ -30,12 +31,12 @@ class Tally:
         self._ticks = self._widened_ticks = self._outside_ticks = 0
         self._largest = 1.0
 
-    def tick(self, widen: Floats, out_of_distribution: Bools) -> None:
-        """Count one tick's factors (P, H), and who is out of distribution (P,)."""
+    def tick(self, trust: Trust) -> None:
+        """Count whether somebody is widened or out of distribution in this tick."""
         self._ticks += 1
-        self._widened_ticks += bool((widen > 1.0).any())
-        self._outside_ticks += bool(out_of_distribution.any())
-        self._largest = max(self._largest, float(widen.max(initial=1.0)))
+        self._widened_ticks += bool(trust.widened.any())
+        self._outside_ticks += bool(trust.out_of_distribution.any())
+        self._largest = max(self._largest, float(trust.widen.max(initial=1.0)))
 
     def add(self, slots: NDArray[np.intp], sums: Floats) -> None:
         """Add (Q, ``_SUMS``, B) to those of Q people."""

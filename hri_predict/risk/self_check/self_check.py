@@ -22,7 +22,7 @@ This state ends after ``hold_s`` of captures without such a sign.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -31,10 +31,10 @@ from hri_predict.arrays import Bools, Floats, Ints, Stamps
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
-from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.self_check.drift import Drift
 from hri_predict.risk.self_check.past_forecasts import Judged, PastForecasts, mean_error
 from hri_predict.risk.self_check.report import Tally
+from hri_predict.risk.self_check.trust import Trust
 from hri_predict.risk.self_check.widening import AdaptiveWidening
 from hri_predict.risk.zones.human_speed import Velocities, velocities_in
 from hri_predict.risk.zones.learned_scale import LEAD_TOLERANCE_S, LEADS_S
@@ -83,34 +83,6 @@ class SelfCheckConstants:
     speed_margin: float = 1.2
     hold_s: float = 1.0
     max_people: int = 64
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trust:
-    """How far this tick's forecasts can be trusted. P people of the snapshot, H steps.
-
-    Attributes:
-        residual_m: (P,) metres; NaN if no forecast is old enough to be judged.
-        error_m: (P, 2, J) metres, see ``learned_scale.Evidence``; NaN if unknown.
-        widen: (P, H) factors >= 1 for the calibrated radii.
-        out_of_distribution: (P,) whose motion lies outside the calibration: use physical limits.
-        reasons: ``MOTION_UNLIKE`` and ``ZONES_WIDENED`` as they apply, worst first.
-    """
-
-    residual_m: Floats
-    error_m: Floats
-    widen: Floats
-    out_of_distribution: Bools
-    reasons: tuple[Reason, ...]
-
-    def residual_alone(self) -> "Trust":
-        """The past errors alone, which the scale reads: no widening, no physical limits."""
-        return replace(
-            self,
-            widen=np.ones_like(self.widen),
-            out_of_distribution=np.zeros_like(self.out_of_distribution),
-            reasons=(),
-        )
 
 
 class SelfCheck:
@@ -182,7 +154,7 @@ class SelfCheck:
                 velocities = velocities_in(snapshot, self._rate_hz)
             self._judge(snapshot, new, slots[new], velocities)
         trust = self._trust(snapshot, slots)
-        self._tally.tick(trust.widen, trust.out_of_distribution)
+        self._tally.tick(trust)
         return trust
 
     def note(self, snapshot: PeopleSnapshot, forecast: Forecast, radius: Floats) -> None:
@@ -377,18 +349,9 @@ class SelfCheck:
             error_m=np.where(kept[:, None, None], self._error[slots], np.nan),
             widen=widen,
             out_of_distribution=out_of_distribution,
-            reasons=_reasons(widen, out_of_distribution),
         )
 
     def _is_out_of_distribution(self, slots: Ints, capture: Stamps) -> Bools:
         """(Q,) whether a person showed a sign within the hold time before ``capture`` (Q,)."""
         sign = self._sign_ns[slots]
         return (sign != NEVER) & (capture - np.maximum(sign, 0) <= self._hold_ns)
-
-
-def _reasons(widen: Floats, out_of_distribution: Bools) -> tuple[Reason, ...]:
-    found: Sequence[tuple[bool, Reason]] = (
-        (bool(out_of_distribution.any()), Reason.MOTION_UNLIKE),
-        (bool((widen[~out_of_distribution] > 1.0).any()), Reason.ZONES_WIDENED),
-    )
-    return tuple(reason for holds, reason in found if holds)

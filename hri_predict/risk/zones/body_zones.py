@@ -227,7 +227,7 @@ def _trusted(trust: Trust | None, people: int) -> Bools:
     """(P,) whether forecasts are neither widened nor out of distribution."""
     if trust is None:
         return np.ones(people, np.bool_)
-    return ~trust.out_of_distribution & (trust.widen <= 1.0).all(1)
+    return ~trust.out_of_distribution & ~trust.widened
 
 
 def _oldest_capture(snapshot: PeopleSnapshot) -> int | None:

@@ -36,7 +36,6 @@ SURE = Trust(
     error_m=np.zeros((1, 2, len(JOINTS))),
     widen=np.ones((1, STEPS)),
     out_of_distribution=np.zeros(1, np.bool_),
-    reasons=(),
 )
 
 

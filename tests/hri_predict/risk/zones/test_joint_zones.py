@@ -72,7 +72,6 @@ def trusted(people=1, residual=0.0, widen=1.0, out_of_distribution=False, error=
         error_m=np.full((people, 2, COUNT), error),
         widen=np.broadcast_to(np.asarray(widen, float), (people, STEPS)),
         out_of_distribution=np.broadcast_to(np.asarray(out_of_distribution, bool), (people,)),
-        reasons=(),
     )
 
 
