@@ -25,7 +25,7 @@ class AverageSettings(PredictorSettings):
     """Settings of the average."""
 
     members: tuple[str, ...] = Field(
-        ("sinn", "stb"), min_length=2, max_length=8, description="predictors, by name"
+        ("sinn", "mixer"), min_length=2, max_length=8, description="predictors, by name"
     )
     threads: int = Field(1, ge=1, le=64, description="CPU threads that torch may use")
 
