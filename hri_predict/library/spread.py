@@ -25,7 +25,9 @@ class Spread:
 
     It is the standard deviation of the normal distribution, alike in all directions, of which as
     much lies within the calibrated radius as that radius was stated to hold (90 % of joints).
-    Errors have heavier tails than this; for zones use the radii themselves.
+    Errors have heavier tails than this; for zones use the radii themselves. Nothing is widened, and
+    motion unlike the calibration is not told. Only the steps a second are compared: whoever gives
+    the calibration of another predictor gets numbers that mean nothing.
 
     Args:
         calibration: of the predictor.

@@ -16,7 +16,7 @@ from pydantic import Field, field_validator
 from hri_predict import registry
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError
-from hri_predict.predictors.base import Forecast, Predictor, PredictorSettings
+from hri_predict.predictors.base import Forecast, Predictor, PredictorSettings, checked
 from hri_predict.settings import validated
 from hri_predict.skeleton import CANONICAL, Skeleton
 
@@ -49,7 +49,12 @@ class AverageSettings(PredictorSettings):
             ConfigError: there is no such predictor.
         """
         found = []
+        known = registry.names("predictors")
         for name in self.members:
+            if name not in known:
+                raise ConfigError(
+                    f"predictor.members: unknown predictor '{name}' (known: {', '.join(known)})"
+                )
             model = registry.load("predictors", name).settings_model
             asked = {"name": name, "rate_hz": self.rate_hz, "horizon_s": self.horizon_s}
             if "threads" in model.model_fields:
@@ -91,10 +96,17 @@ class AveragePredictor:
         self.horizon_steps = min(member.horizon_steps for member in self.members)
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Predict with every member; see ``base.Predictor.predict``."""
+        """The mean of what every member predicts; see ``base.Predictor.predict``.
+
+        ``std`` is ``None``, even where members have one.
+
+        Raises:
+            PredictorError: a member's forecast is of the wrong shape or not finite.
+        """
         total = np.zeros((len(history), self.horizon_steps, len(self.skeleton.joints), 3))
         for member in self.members:
             own = slice(self.history_steps - member.history_steps, None)
             forecast = member.predict(history[:, own], observed[:, own])
+            forecast = checked(forecast, len(history), member)
             total += forecast.positions[:, : self.horizon_steps]
         return Forecast(total / len(self.members), None)

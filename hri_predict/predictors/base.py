@@ -35,8 +35,12 @@ class PredictorSettings(Settings):
         return self
 
     def files(self) -> tuple[Path, ...]:
-        """Files that its forecasts depend on: a calibration is refused when one has changed."""
-        return ()
+        """Files that its forecasts depend on: a calibration is refused when one has changed.
+
+        By default the file that a setting ``weights`` names, if there is such a setting.
+        """
+        weights = getattr(self, "weights", None)
+        return (Path(weights),) if isinstance(weights, str | Path) else ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,7 +29,7 @@ TICK_NS = 40_000_000
 AGE_NS = 10_000_000
 _STATES = 40
 _PHASES_S = (1.6, 4.8)  # phases of the two arms on their trajectories
-_PEOPLE_AT = ((1.75, 4.75), (2.5, -4.75), (-2.0, -4.5), (4.75, 4.5))
+_PEOPLE_AT = ((2.2, 5.9), (3.1, -5.9), (-2.5, -5.6), (5.9, 5.6))
 _WALK_TICKS = 50  # people come into view and walk up; then the next people come
 
 

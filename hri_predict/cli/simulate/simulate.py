@@ -119,6 +119,9 @@ def simulate(
     was touched by a moving robot.
     """
     if occlude:
+        for flag, value in (("--tracker", tracker), ("--noise", noise), ("--wander", wander)):
+            if value is not None:
+                raise ConfigError(f"{flag}: has no effect with --occlude; leave one of them out")
         return occluded(
             OcclusionRequest(
                 config=configuration.find(config),

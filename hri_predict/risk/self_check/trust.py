@@ -31,8 +31,8 @@ class Trust:
 
     @property
     def widened(self) -> Bools:
-        """(P,) whose radii are widened by more than chance would."""
-        return np.asarray((self.widen > BY_CHANCE).any(1))
+        """(P,) whose radii are widened by more than chance would; NaN counts as that."""
+        return ~np.asarray((self.widen <= BY_CHANCE).all(1))
 
     @property
     def reasons(self) -> tuple[Reason, ...]:

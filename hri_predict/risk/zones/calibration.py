@@ -285,13 +285,14 @@ def _table(rows: Any, shape: tuple[int, ...]) -> Floats:
 def identity(settings: PredictorSettings) -> tuple[dict[str, Any], str | None]:
     """The settings that a predictor's errors depend on, and the hash of its weights."""
     values = settings.model_dump(mode="json", exclude={"name", "horizon_s", "weights"})
-    known = [path for path in settings.files() if path.is_file()]
-    if not known:
+    found = [
+        hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "missing"
+        for path in settings.files()
+    ]
+    if all(each == "missing" for each in found):
         return values, None
-    digest = hashlib.sha256()
-    for path in known:
-        digest.update(path.read_bytes())
-    return values, digest.hexdigest()[:_HASHED]
+    whole = found[0] if len(found) == 1 else hashlib.sha256(" ".join(found).encode()).hexdigest()
+    return values, whole[:_HASHED]
 
 
 def calibration_for(

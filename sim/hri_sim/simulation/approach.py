@@ -159,7 +159,7 @@ def noise(motion: Motion, noise_m: float, wander_m: float, wander_s: float) -> F
     """(N, J, 3) metres in the motion's own frame: the same for the same motion, wherever it is."""
     if noise_m == 0 and wander_m == 0:
         return np.zeros(3)
-    seed = zlib.crc32(motion.name.encode())
+    seed = zlib.crc32(Path(motion.name).name.encode())
     found = np.random.default_rng([seed, 0]).normal(0.0, noise_m, motion.positions.shape)
     if wander_m > 0:
         wander = Wander(wander_m, wander_s, motion.rate_hz, [seed, 1])

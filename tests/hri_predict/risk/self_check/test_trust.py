@@ -33,6 +33,11 @@ def test_more_is_said_of_each_person():
     assert found.reasons == (Reason.ZONES_WIDENED,)
 
 
+def test_a_factor_that_is_no_number_is_no_trust():
+    assert trust(np.nan).widened.all()
+    assert trust(np.inf).reasons == (Reason.ZONES_WIDENED,)
+
+
 def test_who_has_physical_limits_is_not_widened_as_well():
     assert trust(3.0, out_of_distribution=[0]).reasons == (Reason.MOTION_UNLIKE,)
     both = trust(3.0, 2.0, out_of_distribution=[0])
