@@ -291,8 +291,8 @@ def memory(
 
     Example: hri-predict bench memory --hours 1
     """
-    if not 0.1 <= hours <= 1000:
-        raise ConfigError(f"--hours {hours}: give 0.1 to 1000")
+    if not 0.2 <= hours <= 1000:
+        raise ConfigError(f"--hours {hours}: give 0.2 to 1000")
     view = _MemoryView()
     config = configuration.load(configuration.shipped("demo.yaml")).quiet()
     config = config.with_predictor("constant_velocity")
