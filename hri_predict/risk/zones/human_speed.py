@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.arrays import Bools, Floats, Ints, known_median
 from hri_predict.geometry import norm
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.risk.settings import HumanLimits
@@ -179,7 +179,7 @@ class SpeedRule:
         trunk = np.where(of_trunk, speeds.speed, np.nan)
         trunk[unknown] = 0.0
         walks = ~(self._trunk & (speeds.surely > self._assumed)).any(1)
-        swing = GAIT * np.nanmedian(trunk, axis=1) * walks if len(trunk) else np.zeros(0)
+        swing = GAIT * known_median(trunk) * walks if len(trunk) else np.zeros(0)
         limit = np.where(self._leg, np.maximum(self._assumed, swing[:, None]), self._assumed)
         over: Bools = (speeds.surely > limit) & ~unknown[:, None]
         speed = np.where(over, speeds.speed, 0.0)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.arrays import Bools, Floats, known_median
 from hri_predict.geometry import norm
 from hri_predict.people.snapshot import RecentCaptures
 
@@ -125,7 +125,7 @@ def _noise(place: Floats, ages: Floats, used: Bools) -> Floats:
     variance = np.where(free > 0, (left**2).sum((1, 3)) / np.maximum(free, 1), np.nan)
     enough: Bools = np.any(free > 0, axis=1)
     known = np.where(enough[:, None], variance, 0.0)
-    return np.sqrt(np.nanmedian(known, axis=1))
+    return np.sqrt(known_median(known))
 
 
 def _centred(ages: Floats, used: Bools) -> tuple[Floats, Floats, Floats]:
