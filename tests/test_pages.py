@@ -11,7 +11,7 @@ CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 CHANGELOG = ROOT / "CHANGELOG.md"
 DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 HEADINGS = ["Context", "Decision", "Why", "What it costs", "When to revisit"]
-UNIQUE = {"NAME.yaml", "live_NAME.yaml", "NAME_real.yaml", "NAME.py"}
+UNIQUE = {"NAME.yaml", "live_NAME.yaml", "NAME_real.yaml", "NAME_benchmark.yaml", "NAME.py"}
 BASES = (
     *(".", "configs", "drivers", "drivers/c", "drivers/hri_drivers", "sim/hri_sim/faults"),
     *("hri_predict", "hri_predict/predictors", "hri_predict/recording", "hri_predict/risk/zones"),

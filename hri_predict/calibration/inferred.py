@@ -11,13 +11,12 @@ have odd bones (the hand of cmu38 is 0.4 to 0.6 forearms long). So each set coun
 with the recorded direction, and the length that people have from wrist to knuckles, or from ankle
 to ball. No recording marks the crown: it is as far from the ears as people's, along the skull.
 
-Run it as ``python -m hri_predict.calibration.inferred ../shared/data``. It reads the lists *fit*
-and *calibration* of ``configs/training/splits.yaml``, and of ``motion/`` all recordings of nobody
-who is in a test.
+``hri-predict bench joint-maps --fit ../shared/data`` prints them. It reads the lists *fit* and
+*calibration* of ``configs/training/splits.yaml``, and of ``motion/`` all recordings of nobody who
+is in a test.
 """
 
 import csv
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -166,16 +165,17 @@ def samples_of(name: str, poses: Mapping[str, Floats]) -> list[Floats]:
     return found
 
 
-def main(data: Path) -> None:
-    """Fit all rules and print them as the lines of ``_FITTED``."""
+def fitted(data: Path) -> dict[str, tuple[tuple[float, float, float], float]]:
+    """Fit all rules: place and radius by the rule's name, both in bones.
+
+    Args:
+        data: the folder of the data pack.
+
+    Raises:
+        ConfigError: it lacks recordings.
+    """
     poses = {
         name: np.concatenate([read_poses(path) for path in paths])
         for name, paths in recordings(data).items()
     }
-    for name, rule in SHAPES.items():
-        place, within = fit(rule, samples_of(name, poses))
-        print(f'    "{name}": ({place}, {within}),')
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    return {name: fit(rule, samples_of(name, poses)) for name, rule in SHAPES.items()}

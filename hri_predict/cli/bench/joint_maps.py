@@ -9,7 +9,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from hri_predict.calibration.inferred import fitted
 from hri_predict.cli.check.joint_map import StandingBody
+from hri_predict.cli.common import without_effect
 from hri_predict.joint_map import load_joint_map, map_names
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
@@ -22,6 +24,10 @@ def joint_maps(
         Path | None,
         typer.Option(help="Take the predictor and the zones from it; default: the demo's."),
     ] = None,
+    fit: Annotated[
+        Path | None,
+        typer.Option(help="Fit on this folder's recordings where missing joints are; print that."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
     """Compare the shipped joint maps: the volume of the zones around a person who stands still.
@@ -30,6 +36,11 @@ def joint_maps(
 
     Example: hri-predict bench joint-maps
     """
+    if fit is not None:
+        without_effect({"--config": config, "--json": as_json or None}, "with --fit")
+        for name, (place, within) in fitted(fit).items():
+            print(f'    "{name}": ({place}, {within}),')
+        return
     loaded = configuration.load(config or configuration.shipped("demo.yaml"))
     body = StandingBody(loaded, assemble.build_predictor(loaded))
     steps = [body.step_at(seconds) for seconds in _AT_S]

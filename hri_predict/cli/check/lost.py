@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from hri_predict.people.lost.free_space import BODY_M, CELL_M
 from hri_predict.risk.areas import floor_distance
-from hri_predict.risk.zones.whereabouts import ARM_M
+from hri_predict.risk.zones.lost_places import ARM_M
 from hri_predict.robots.model import RobotModel
 from hri_predict.run.config import Config
 

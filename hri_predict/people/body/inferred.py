@@ -5,9 +5,9 @@ and torso). ``RULES`` place such a joint in a frame that moves with the body: an
 whose length is the person's own measured bone, and for some a direction to the joint's side. Both
 the place and the radius that holds the true joint are shares of that bone, so no scale is assumed.
 
-The shares are fitted on recordings by ``python -m hri_predict.calibration.inferred DATA``, which
-prints ``_FITTED`` (docs/measured/joint-maps.md). A joint without a rule, or whose anchors the
-tracker does not deliver either, stays unobserved.
+The shares are fitted on recordings by ``hri-predict bench joint-maps --fit DATA``, which prints
+``_FITTED`` (docs/measured/joint-maps.md). A joint without a rule, or whose anchors the tracker does
+not deliver either, stays unobserved.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Demands: what one tick demands of one robot, and how several demands combine."""
+"""Demands: what one tick demands of one robot, and how the worst of several is picked."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

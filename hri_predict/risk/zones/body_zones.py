@@ -30,8 +30,8 @@ from hri_predict.risk.zones.human_speed import (
 )
 from hri_predict.risk.zones.joint_speeds import joint_speeds
 from hri_predict.risk.zones.joint_zones import FRESH_S, JointZones
+from hri_predict.risk.zones.lost_places import anywhere_in
 from hri_predict.risk.zones.radii import Radii
-from hri_predict.risk.zones.whereabouts import anywhere_in
 from hri_predict.skeleton import Skeleton
 
 

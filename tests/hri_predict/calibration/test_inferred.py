@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.calibration.inferred import HELD, fit, main, recordings, shares
+from hri_predict.calibration.inferred import HELD, fit, recordings, shares
+from hri_predict.cli.bench.joint_maps import joint_maps
 from hri_predict.errors import ConfigError
 from hri_predict.people.body import inferred
 from hri_predict.people.body.inferred import SHAPES, Inference
@@ -76,7 +77,7 @@ def test_nobody_of_the_tests_is_fitted():
 @needs_data
 @pytest.mark.long
 def test_the_table_is_what_the_recordings_give(capsys):
-    main(DATA)
+    joint_maps(fit=DATA)
     told = literal_eval("{" + capsys.readouterr().out + "}")
     assert set(told) == set(inferred._FITTED)
     for name, (place, within) in inferred._FITTED.items():

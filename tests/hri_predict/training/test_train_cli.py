@@ -23,7 +23,8 @@ from hri_predict.training.building import build_network, open_samples
 from hri_predict.training.config import TrainingConfig, load_training_config
 from hri_predict.training.windows.motion import MotionSamples
 
-METHODS = ("kdformer", "trajectorycnn", "auxformer", "stb", "sinn", "mixer")
+_REAL = sorted(path.stem for path in data_path("training").glob("*_real.yaml"))
+METHODS = [stem.removesuffix("_real") for stem in _REAL]
 
 
 def write_walk(folder: Path, name: str, frames: int) -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hri_predict.people.snapshot import LostPerson
-from hri_predict.risk.zones.whereabouts import ARM_M, anywhere_in
+from hri_predict.risk.zones.lost_places import ARM_M, anywhere_in
 
 
 def lost(places, **heights):
