@@ -307,7 +307,7 @@ def check_told(kind: type, row: dict[str, int], got: dict[str, Any]) -> None:
 def built(source: Path, folder: str) -> str:
     """Path of the program built from ``source``."""
     program = f"{folder}/{source.stem}"
-    files = [str(source), str(C / "hri_predict.c")]
+    files = [source, *sorted(C.glob("*.c"))]
     subprocess.run(["cc", "-std=c99", "-O2", f"-I{C}", "-o", program, *files], check=True)
     return program
 

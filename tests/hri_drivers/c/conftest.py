@@ -31,7 +31,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
         if key not in built:
             built[key] = folder / f"{source.stem}-{len(built)}"
             debug = ["-g", "-O1", *SANITIZERS] if sanitize else ["-O2"]
-            sources = [f"-I{C}", str(source), str(C / "hri_predict.c")]
+            sources = [f"-I{C}", *map(str, [source, *sorted(C.glob("*.c"))])]
             command = [compiler, *WARNINGS, *debug, *options, "-o", str(built[key]), *sources]
             done = subprocess.run(command, capture_output=True, text=True)
             assert done.returncode == 0, done.stderr

@@ -6,6 +6,7 @@ The long runs, by hand: ``fuzz CORPUS 10000000`` and ``errors CORPUS 1000000 100
 
 import json
 import math
+import shutil
 import subprocess
 import sys
 from dataclasses import asdict, replace
@@ -176,3 +177,14 @@ def test_the_socketcan_example_compiles(build: Any) -> None:
     if not Path("/usr/include/linux/can.h").exists():
         pytest.skip("no Linux CAN headers here")
     build(FUZZ.parent / "examples" / "socketcan.c", sanitize=False)
+
+
+def test_the_commands_of_the_readme_compile(tmp_path: Path) -> None:
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler (cc) here")
+    lines = (FUZZ.parent / "README.md").read_text(encoding="utf-8").splitlines()
+    commands = [line.replace("/tmp/", f"{tmp_path}/") for line in lines if line.startswith("cc ")]
+    assert len(commands) == 3
+    for command in commands:
+        done = subprocess.run(command, shell=True, cwd=FUZZ.parent, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
