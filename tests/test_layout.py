@@ -14,6 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {"hri_predict": ROOT, "hri_drivers": ROOT / "drivers", "hri_sim": ROOT / "sim"}
 MAX_FILES, MAX_LINES = 15, 400
+SOURCES = ("*.py", "*.c", "*.h", "*.st")
 
 # Files directly in hri_predict: "core" needs nothing, "contracts" say what a part must be (for a
 # predictor ``predictors.base`` does), "library" is what ``import hri_predict`` offers (the version
@@ -121,6 +122,13 @@ def forbidden(module: str, source: str) -> list[str]:
     return [name for name in imported(source, MODULES) if room_of(name) not in allowed]
 
 
+def too_long(*folders: Path) -> dict[str, int]:
+    """Path -> lines, of each source file somewhere in ``folders`` that has too many."""
+    paths = (path for folder in folders for kind in SOURCES for path in folder.rglob(kind))
+    lines = {str(path): path.read_text(encoding="utf-8").count("\n") for path in paths}
+    return {path: count for path, count in lines.items() if count > MAX_LINES}
+
+
 def test_every_room_is_listed():
     assert {room_of(m) for m in MODULES} <= set(MAY_IMPORT)
 
@@ -171,12 +179,18 @@ def test_rooms_and_files_stay_small():
     folders: dict[Path, int] = {}
     for path in MODULES.values():
         folders[path.parent] = folders.get(path.parent, 0) + 1
-        lines = path.read_text(encoding="utf-8").count("\n")
-        assert lines <= MAX_LINES, f"{path} has {lines} lines"
     assert {str(f): n for f, n in folders.items() if n > MAX_FILES} == {}
-    for path in (ROOT / "tests").rglob("*.py"):
-        lines = path.read_text(encoding="utf-8").count("\n")
-        assert lines <= MAX_LINES, f"{path} has {lines} lines"
+    assert too_long(*(ROOT / folder for folder in ("hri_predict", "drivers", "sim", "tests"))) == {}
+
+
+@pytest.mark.parametrize("kind", SOURCES)
+def test_a_file_that_is_too_long_is_found(kind, tmp_path):
+    path = tmp_path / "deep" / kind.replace("*", "long")
+    path.parent.mkdir()
+    path.write_text(MAX_LINES * "\n")
+    assert too_long(tmp_path) == {}
+    path.write_text((MAX_LINES + 1) * "\n")
+    assert too_long(tmp_path) == {str(path): MAX_LINES + 1}
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
