@@ -29,18 +29,15 @@ class Path(Protocol):
     def duration_s(self) -> float:
         """Seconds of one cycle at nominal speed."""
 
-    def at(self, t_s: float) -> tuple[Floats, Floats]:
-        """Joints (N,) rad and velocities (N,) rad/s."""
+    def at(self, t_s: float | Floats) -> tuple[Floats, Floats]:
+        """Joints (..., N) rad and velocities (..., N) rad/s, at times (...)."""
 
 
 def nominal_speeds(model: Kinematics, trajectory: Path) -> Floats:
     """(M,) speed of the fastest point over one cycle at full speed, evenly spaced in time, m/s."""
     duration_s = float(trajectory.duration_s)
     count = max(2, math.ceil(duration_s / _GRID_S)) + 1
-    samples = [trajectory.at(float(t)) for t in np.linspace(0.0, duration_s, count)]
-    return np.asarray(
-        model.tip_speed(np.array([q for q, _ in samples]), np.array([v for _, v in samples]))
-    )
+    return np.asarray(model.tip_speed(*trajectory.at(np.linspace(0.0, duration_s, count))))
 
 
 class SimulatedArm:

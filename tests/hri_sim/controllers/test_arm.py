@@ -26,7 +26,8 @@ class Turning:
     duration_s = 2 * math.pi
 
     def at(self, t_s):
-        return np.array([t_s]), np.array([1.0])
+        t = np.asarray(t_s, float)[..., None]
+        return t, np.ones_like(t)
 
 
 class Swinging:
@@ -36,7 +37,8 @@ class Swinging:
     w = 2 * math.pi / 4.0
 
     def at(self, t_s):
-        return np.array([-math.cos(self.w * t_s)]), np.array([self.w * math.sin(self.w * t_s)])
+        angle = self.w * np.asarray(t_s, float)[..., None]
+        return -np.cos(angle), self.w * np.sin(angle)
 
 
 class Dwelling:
@@ -45,10 +47,9 @@ class Dwelling:
     duration_s = 3.0
 
     def at(self, t_s):
-        t = t_s % 3.0
-        if t >= 2.0:
-            return np.array([0.0]), np.array([0.0])
-        return np.array([1 - math.cos(math.pi * t)]), np.array([math.pi * math.sin(math.pi * t)])
+        t = np.minimum(np.asarray(t_s, float)[..., None] % 3.0, 2.0)
+        speed = np.where(t < 2.0, math.pi * np.sin(math.pi * t), 0.0)
+        return 1 - np.cos(math.pi * t), speed
 
 
 def moved(arm, permitted, seconds, start_ns=0, period_ns=8 * MS):
