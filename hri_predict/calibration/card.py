@@ -19,12 +19,24 @@ def write_section(card: Path, judged: ZoneJudgement) -> None:
     Raises:
         ConfigError: the card cannot be read or written.
     """
+    text = read_card(card) or f"# {judged.predictor}\n"
     try:
-        text = card.read_text(encoding="utf-8") if card.exists() else f"# {judged.predictor}\n"
         kept = text.partition(f"\n{HEAD}\n")[0].rstrip()
         atomic_write(card, f"{kept}\n\n{section(judged)}".encode())
     except (OSError, ValueError) as error:
         raise ConfigError(f"--card {card}: cannot be written: {error}; name another") from error
+
+
+def read_card(card: Path) -> str:
+    """A card's text; empty if there is none.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    try:
+        return card.read_text(encoding="utf-8") if card.exists() else ""
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--card {card}: cannot be read: {error}; name another") from error
 
 
 def section(judged: ZoneJudgement) -> str:

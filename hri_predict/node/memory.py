@@ -13,6 +13,7 @@ import contextlib
 import fcntl
 import json
 import logging
+import math
 import os
 import threading
 import time
@@ -194,6 +195,8 @@ class Memory(Listener):
 
     def _recall(self, data: dict[str, Any]) -> None:
         age_s = self._wall_s() - float(data["written"])
+        if not math.isfinite(age_s):
+            raise ValueError("when it was written is no number")
         parts = _aged(data["parts"], age_s if age_s >= 0 else LONG_AGO_S)
         for name, part in self._parts.items():
             part.recall(parts[name])

@@ -8,17 +8,18 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError
 from hri_predict.joint_map import JointMap
+from hri_predict.people.body.canonical import canonical_body
 from hri_predict.people.body.inferred import Inference
 from hri_predict.people.body.posture_watch import PostureWatch
-from hri_predict.people.body.size import is_human_sized
 from hri_predict.people.clock.scene_gate import SceneGate
 from hri_predict.people.inferring import with_inferred
 from hri_predict.people.lost.free_space import FreeSpace
 from hri_predict.people.lost.lost_people import LostPeople
 from hri_predict.people.lost.remembered import RemembersLost
+from hri_predict.people.lost.unplaced import Unplaced, Why
 from hri_predict.people.recent import recent_captures
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
-from hri_predict.people.roster import Appearing, Roster
+from hri_predict.people.roster import SAME_PLACE_M, Appearing, Roster
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.people.track import Body, MotionLimits, Track
@@ -29,8 +30,8 @@ from hri_predict.source import SourceSettings
 
 FREE_SPACE_M = 60.0
 """Where free space is seen, the node keeps a grid: larger ones would delay the advice."""
-ROOM_LIMIT_M = 1000.0
-"""No room is larger: a coordinate beyond this is an error."""
+ELSEWHERE_M = 2.5
+"""Nobody moves so far in the time that a scene may be late."""
 
 
 class People(RemembersLost):
@@ -101,11 +102,10 @@ class People(RemembersLost):
         self._receipt_ns: int | None = None
         self._newest_good_ns: int | None = None
         self._captures = 0
+        self._unplaced = Unplaced(self._gap_ns, settings.reaccept_captures)
         self._blind = False
         self._impossible = False
         self._misplaced = False
-        self._crowded = False
-        self._unlocated = False
         self._recalled, self._has_recalled = [], False
 
     # -- in ---------------------------------------------------------------------------------------
@@ -119,29 +119,28 @@ class People(RemembersLost):
             capture_ns = self._gate.admit(scene, receipt_ns)
             if capture_ns is not None:
                 self._take(scene, capture_ns, receipt_ns)
+            elif self._captures:
+                self._look_at_refused(scene)
 
     def _take(self, scene: Scene, capture_ns: int, now_ns: int) -> None:
         """Track all people in a scene that advances."""
         self._blind = not scene.sees_room
         self._counters["blind_scenes"] += self._blind
-        self._impossible = self._misplaced = self._crowded = False
+        self._impossible = self._misplaced = False
         frozen = False
         starts: list[Appearing] = []
-        seen: set[int] = set()
-        nowhere: list[int] = []
+        seen: dict[int, Body | None] = {}
         for person in scene.people:
             if person.id in seen:
-                self._refuse("duplicate_ids")
+                self._refuse_second(person, seen[person.id], capture_ns)
                 continue
-            seen.add(person.id)
             track = self._tracks.get(person.id)
             if track is None and len(starts) >= self._settings.max_people:
                 self._counters["excess_people"] += 1
-                self._crowded = True
+                self._unplaced.note(Why.ONE_TOO_MANY, person.id, capture_ns)
                 continue
-            body = self._body(person)
+            body = seen[person.id] = self._body(person)
             if body is None:
-                nowhere.append(person.id)
                 continue
             if (wrong := self._posture.judge(body, capture_ns)) is not None:
                 self._counters[wrong.value] += 1
@@ -152,14 +151,17 @@ class People(RemembersLost):
                 frozen = True
             elif (risen := self._follow(track, body, capture_ns, now_ns)) is not None:
                 starts.append((body, risen))
-        self._crowded |= self._roster.begin(starts, capture_ns, now_ns)
+        for refused in self._roster.begin(starts, capture_ns, now_ns):
+            self._unplaced.note(Why.ONE_TOO_MANY, refused, capture_ns)
+        nowhere = [number for number, body in seen.items() if body is None]
+        self._note_unlocated(nowhere, capture_ns)
         if scene.sees_room:
             self._roster.expire(capture_ns)
-        unlocated = self._unlocatable(nowhere)
-        self._counters["unlocated_people"] += unlocated
-        self._unlocated = unlocated > 0
+            self._lost.lose_places(self._unplaced.update(self._tracks, capture_ns))
+        # nobody knows yet which of an id's two places is true
+        self._impossible |= any(track.rival is not None for track in self._tracks.values())
         self._counters["unjudged_bodies"] = self._posture.unjudged
-        bad = self._impossible or self._misplaced or self._crowded or self._unlocated or frozen
+        bad = self._impossible or self._misplaced or frozen or bool(self._unplaced)
         if scene.sees_room and not bad:
             self._newest_good_ns = capture_ns
             self._captures += 1
@@ -171,44 +173,52 @@ class People(RemembersLost):
         self._counters[why] += 1
         self._impossible = True
 
-    def _unlocatable(self, ids: list[int]) -> int:
-        """Count people with no visible joint who are neither tracked nor lost.
+    def _refuse_second(self, person: Person, first: Body | None, capture_ns: int) -> None:
+        """Refuse another body of an id: it is somebody else, unless it is the same body again."""
+        self._refuse("duplicate_ids")
+        body = canonical_body(person, self._joint_map).body
+        if body is None or first is None or _apart(body, first) > SAME_PLACE_M:
+            self._unplaced.note(Why.SECOND_BODY, person.id, capture_ns)
+
+    def _look_at_refused(self, scene: Scene) -> None:
+        """A scene that does not advance changes nothing, but it may show somebody else.
+
+        Late and repeated packets show who is tracked, near where they are. Others are a sign of two
+        senders, or of a scene that comes in parts.
+        """
+        capture_ns = self._gate.capture_ns
+        for person in scene.people:
+            track = self._tracks.get(person.id)
+            if track is None:
+                if not self._roster.lost_lately(person.id, capture_ns):
+                    self._unplaced.note(Why.OLD_SCENE, person.id, capture_ns)
+                continue
+            body = canonical_body(person, self._joint_map).body
+            if body is not None and np.linalg.norm(body.centroid - track.centroid) > ELSEWHERE_M:
+                self._unplaced.note(Why.OLD_SCENE_ELSEWHERE, person.id, capture_ns)
+
+    def _note_unlocated(self, ids: list[int], capture_ns: int) -> None:
+        """Note people with no visible joint who are neither tracked nor lost.
 
         A tracked person is where they were last seen, a lost one is in the lost zone. Any other
         person is at an unknown place in the room.
         """
-        known = self._tracks.keys() | {lost.id for lost in self._lost.people}
-        return sum(number not in known for number in ids)
+        for number in ids:
+            if number not in self._tracks and not self._roster.still_lost(number, capture_ns):
+                self._counters["unlocated_people"] += 1
+                self._unplaced.note(Why.NO_JOINT, number, capture_ns)
 
     def _body(self, person: Person) -> Body | None:
         """Return the person's canonical joints; ``None`` if no joint is usable."""
-        count = len(self._joint_map.source_joints)
-        if person.positions.shape != (count, 3) or person.observed.shape != (count,):
-            self._refuse("malformed_bodies")
-            return None
-        # false for NaN and infinity as well
-        sound = (np.abs(person.positions) < ROOM_LIMIT_M).all(axis=1)
-        usable = person.observed & sound
-        unusable = int(np.count_nonzero(person.observed)) - int(np.count_nonzero(usable))
+        body, trouble, unusable = canonical_body(person, self._joint_map)
         self._counters["unusable_joints"] += unusable
-        if not usable.any():
-            if unusable:
-                self._refuse("unusable_bodies")
-            return None
-        positions, observed = self._joint_map.map(
-            np.where(usable[:, None], person.positions, 0.0), usable
-        )
-        observed = observed & np.isfinite(positions).all(axis=1)
-        if not observed.any():
-            return None
-        if not is_human_sized(positions, observed):
-            self._refuse("wrong_size_bodies")
-            return None
-        return Body(person.id, np.where(observed[:, None], positions, 0.0), observed)
+        if trouble is not None:
+            self._refuse(trouble)
+        return body
 
     def _is_repeat(self, track: Track, body: Body, capture_ns: int) -> bool:
         """Return whether a source that declares noise sent identical joints again."""
-        if not (self._declares_noise and track.newest and body.same_as(track.newest)):
+        if not (self._declares_noise and body.print in track.prints):
             return False
         track.present_ns = capture_ns
         track.repeats += 1
@@ -316,20 +326,25 @@ class People(RemembersLost):
         stale = self._newest_good_ns is None or now_ns - self._newest_good_ns > self.stale_ns
         repeats = [self._gate.repeats, *(track.repeats for track in self._tracks.values())]
         frozen = max(repeats) >= self._settings.frozen_scenes
+        unplaced = self._unplaced.reasons
         found = [
             (stale and silent, Reason.INPUT_STALE),
             (self._blind, Reason.SOURCE_BLIND),
             (frozen and not silent, Reason.INPUT_FROZEN),
             (self._gate.alignment.jumped, Reason.CLOCK_JUMP),
-            (self._impossible, Reason.INPUT_IMPOSSIBLE),
+            (self._impossible or Reason.INPUT_IMPOSSIBLE in unplaced, Reason.INPUT_IMPOSSIBLE),
             (self._misplaced, Reason.BODY_NOT_UPRIGHT),
-            (self._unlocated, Reason.PERSON_NOT_LOCATED),
-            (self._crowded, Reason.TOO_MANY_PEOPLE),
+            (Reason.PERSON_NOT_LOCATED in unplaced, Reason.PERSON_NOT_LOCATED),
+            (Reason.TOO_MANY_PEOPLE in unplaced, Reason.TOO_MANY_PEOPLE),
             (stale and not silent and self._gate.alignment.late, Reason.CLOCK_DRIFT),
             (stale and not silent, Reason.INPUT_STALE),
             (self._lost.forgotten, Reason.ROOM_NOT_SEEN_EMPTY),
         ]
         return tuple(reason for holds, reason in found if holds)
+
+
+def _apart(body: Body, other: Body) -> float:
+    return float(np.linalg.norm(body.centroid - other.centroid))
 
 
 def _free_space(settings: PeopleSettings, source: SourceSettings) -> FreeSpace | None:

@@ -65,6 +65,7 @@ class Roster:
         self._gap_ns = gap_ns
         self._found_ns = max(round(settings.found_within_s * 1e9), gap_ns)
         self._history = history
+        self._unseen_ns: dict[int, int] = {}  # ids of lost people, still in scenes without a joint
 
     def start(self, body: Body, capture_ns: int, now_ns: int) -> Track:
         """A new track whose first capture is ``body``."""
@@ -79,16 +80,16 @@ class Roster:
             self._doors.follow(track)
         return result
 
-    def begin(self, starts: Sequence[Appearing], capture_ns: int, now_ns: int) -> bool:
+    def begin(self, starts: Sequence[Appearing], capture_ns: int, now_ns: int) -> list[int]:
         """Start to track bodies that appear: new ids, and ids that jumped and stayed there.
 
         So two ids that swapped bodies get each other's history.
 
         Returns:
-            whether there are more people than can be tracked.
+            the ids for which there is no room.
         """
         if not starts:
-            return False
+            return []
         left = [self.tracks.pop(body.id) for body, risen in starts if risen is not None]
         gone = [t for t in self.tracks.values() if t.present_ns != capture_ns]
         places: list[Track | Lost] = [*left, *gone, *self.lost.people]
@@ -98,7 +99,7 @@ class Roster:
         pairs = match_places(
             [body.centroid for body, _ in starts], [place.centroid for place in places], radii
         )
-        crowded = False
+        refused = []
         for index, (body, risen) in enumerate(starts):
             place = places[pairs[index]] if index in pairs else None
             if place is not None:
@@ -116,12 +117,40 @@ class Roster:
                 body=body, risen=risen, track=track, capture_ns=capture_ns, now_ns=now_ns
             )
             if not admitted:
-                crowded = True
+                refused.append(body.id)
                 if track is not None:
                     self.lost.add(track)
         for track in left:
             self._vanish(track)
-        return crowded
+        return refused
+
+    def still_lost(self, number: int, capture_ns: int) -> bool:
+        """Whether an id that shows no joint is that of a lost person, and so in the lost zone.
+
+        If a source does not keep its ids, that holds as long as the id stays in the scenes.
+        """
+        newest_ns = self._newest_of_lost(number)
+        if newest_ns is None:
+            return False
+        if self._keeps_ids:
+            return True
+        in_scene_ns = max(newest_ns, self._unseen_ns.get(number, newest_ns))
+        if capture_ns - in_scene_ns > self._found_ns:
+            return False
+        lost = {each.id for each in self.lost.people}
+        self._unseen_ns = {n: ns for n, ns in self._unseen_ns.items() if n in lost}
+        self._unseen_ns[number] = capture_ns
+        return True
+
+    def lost_lately(self, number: int, capture_ns: int) -> bool:
+        """Whether the person with this id was lost so shortly before that a late scene may show
+        that person."""
+        newest_ns = self._newest_of_lost(number)
+        return newest_ns is not None and capture_ns - newest_ns <= self._found_ns
+
+    def _newest_of_lost(self, number: int) -> int | None:
+        stamps = [lost.capture_ns for lost in self.lost.people if lost.id == number]
+        return max(stamps, default=None)
 
     def expire(self, capture_ns: int) -> None:
         """End the tracks of people absent for too long: they left by an exit, or vanished."""

@@ -1,5 +1,6 @@
 """One tracked body: its history, and the check whether a new capture of it can be true."""
 
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,8 @@ _WHOLE_BODY_JOINTS = 4
 """With this many common joints, their mean describes the body and not one fast hand."""
 _DISJOINT_REACH_M = 2.5
 """Greatest distance of two joints of one body: the arm span or height of a tall person."""
+BUFFERS = 8
+"""A frozen source repeats at most so many pictures."""
 _GLITCHES = 0.25
 """Up to this share of joints beyond the speed limit is noise of those joints, not of the body."""
 
@@ -29,12 +32,10 @@ class Body:
         centroid: Floats = self.positions[self.observed].mean(axis=0)
         return centroid
 
-    def same_as(self, other: "Body") -> bool:
-        """Whether both are bit-identical."""
-        return bool(
-            np.array_equal(self.positions, other.positions)
-            and np.array_equal(self.observed, other.observed)
-        )
+    @property
+    def print(self) -> int:
+        """A number that bit-identical bodies share, and by chance one pair in 2^60 of others."""
+        return hash((self.positions.tobytes(), self.observed.tobytes()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,8 @@ class Track:
         present_ns: newest scene that contained it, believed or not.
         positions: (J, 3) where each joint was last observed; NaN if never.
         stamps: (J,) when; ``NEVER`` if never.
-        newest: the newest believed body, to detect repeats.
+        prints: of the newest believed bodies, to detect repeats: a frozen source may send one
+            picture again and again, or the few that its buffers hold.
         repeats: number of consecutive bit-identical captures.
         rival: the track that the captures refused since the last believed one would form; it takes
             over when enough of them agree with each other.
@@ -85,7 +87,7 @@ class Track:
     stamps: Stamps
     capture_ns: int = NEVER
     present_ns: int = NEVER
-    newest: Body | None = None
+    prints: deque[int] = field(default_factory=lambda: deque(maxlen=BUFFERS))
     repeats: int = 0
     rival: "Track | None" = field(default=None)
     captures: int = 0
@@ -166,7 +168,7 @@ class Track:
             self.capture_ns = capture_ns
             self.positions[believed] = body.positions[believed]
             self.stamps[believed] = capture_ns
-            self.newest = body
+            self.prints.append(body.print)
             self.repeats = 0
             self.rival = None
             self.captures += 1

@@ -140,8 +140,8 @@ _TEXT = {
         "the controller reports automatic mode",
     ),
     Reason.ROBOT_STATE_INVALID: (
-        "RobotState is outside the robot's limits",
-        "the controller reports joints within the robot's limits",
+        "RobotState is outside the robot's limits, or its counter does not count",
+        "the controller reports joints within the robot's limits, and its counter advances by 1",
     ),
     Reason.ROBOT_VELOCITY_WRONG: (
         "the velocities in RobotState do not match how its positions change",

@@ -1,6 +1,6 @@
 """Settings of the risk stage (``risk:`` in the configuration)."""
 
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 from pydantic import Field, field_validator, model_validator
 
@@ -11,6 +11,9 @@ LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
 
 LEVELS = (0.9, 0.95, 0.99)
 """Coverage levels of calibrated zones."""
+
+RiskMode = Literal["iso", "predictive", "reactive", "fixed"]
+RISK_MODES: tuple[str, ...] = get_args(RiskMode)
 
 
 class Reach(Settings):
@@ -118,7 +121,7 @@ class RiskSettings(Settings):
     around the robot's base: nobody may be inside while the robot moves.
     """
 
-    mode: Literal["iso", "predictive", "reactive", "fixed"] = "iso"
+    mode: RiskMode = "iso"
     fixed_radius_m: float | None = Field(
         None,
         gt=0,

@@ -59,6 +59,15 @@ HELD_S = 3.0
 COUNTERS = 1 << 16
 RESTART = 1000
 """A counter that advances by more has restarted."""
+RESTARTS, RESTARTS_S = 3, 2.0
+"""A counter that restarts so often in this time does not count: nothing can be compared."""
+
+
+_COUNTER = {
+    Reason.ROBOT_VELOCITY_WRONG: "velocity_wrong",
+    Reason.ROBOT_STATE_JUMPED: "jumped",
+    Reason.ROBOT_STATE_INVALID: "miscounted",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +90,7 @@ class StateCheck:
         unreported: (N,) rad/s by which the positions prove the reported velocities too low, but too
             little for a finding; ``None`` if there is none. The true velocity may be this much
             higher.
-        counters: numbers of the findings ``velocity_wrong`` and ``jumped``.
+        counters: numbers of the findings ``velocity_wrong``, ``jumped`` and ``miscounted``.
     """
 
     def __init__(self, velocity_max: Floats) -> None:
@@ -96,7 +105,8 @@ class StateCheck:
         self._found: Reason | None = None
         self.confirmed = False
         self.unreported: Floats | None = None
-        self.counters = {"velocity_wrong": 0, "jumped": 0}
+        self._restarts_ns: deque[int] = deque(maxlen=RESTARTS)
+        self.counters = {"velocity_wrong": 0, "jumped": 0, "miscounted": 0}
 
     def take(
         self, counter: int, q: tuple[float, ...], qd: tuple[float, ...], received_ns: int
@@ -107,7 +117,9 @@ class StateCheck:
         found = None
         if before is not None:
             self._follow(before, state)
-            if self._jumps(before, state):
+            if self._miscounts(state):
+                found = Reason.ROBOT_STATE_INVALID
+            elif self._jumps(before, state):
                 found = Reason.ROBOT_STATE_JUMPED
         self._keep(state)
         if found is None and received_ns - self._compared_ns >= APART_S * 1e9:
@@ -125,9 +137,15 @@ class StateCheck:
         steps = (state.counter - before.counter) % COUNTERS
         if steps > RESTART:
             self._arrivals.clear()
+            self._restarts_ns.append(state.received_ns)
         if steps > RESTART or state.received_ns - before.received_ns > PAUSE_S * 1e9:
             self._window.clear()
             self.confirmed, self.unreported = False, None
+
+    def _miscounts(self, state: _State) -> bool:
+        """Whether the counter restarts again and again."""
+        restarts = self._restarts_ns
+        return len(restarts) == RESTARTS and state.received_ns - restarts[0] <= RESTARTS_S * 1e9
 
     def _keep(self, state: _State) -> None:
         """Keep the state and its arrival; keep only the last of several close together."""
@@ -149,8 +167,7 @@ class StateCheck:
         if found is None:
             return
         self._found = found
-        jumped = found is Reason.ROBOT_STATE_JUMPED
-        self.counters["jumped" if jumped else "velocity_wrong"] += 1
+        self.counters[_COUNTER[found]] += 1
         self._held_until_ns = now_ns + round(HELD_S * 1e9)
         self.confirmed, self.unreported = False, None
         newest = self._window[-1]

@@ -84,7 +84,7 @@ class RobotTracker:
         settings, model: as given.
         plan: the path that it follows; ``None`` if unknown.
         counters: states ``accepted``, ``repeated`` (same counter, so not fresh), ``invalid``, and
-            found to be ``velocity_wrong`` or ``jumped`` (see ``StateCheck``).
+            found to be ``velocity_wrong``, ``jumped`` or ``miscounted`` (see ``StateCheck``).
 
     Raises:
         RobotError: the trajectory or the standing position does not fit the robot.
@@ -169,7 +169,7 @@ class RobotTracker:
     @property
     def counters(self) -> dict[str, int]:
         """What came of the RobotStates; see the class."""
-        counts = {**self._counts, "velocity_wrong": 0, "jumped": 0}
+        counts = {**self._counts, "velocity_wrong": 0, "jumped": 0, "miscounted": 0}
         for check in self._checks.values():
             for name, count in check.counters.items():
                 counts[name] += count

@@ -33,10 +33,13 @@ def check(
 ) -> None:
     """Measure a calibration and print tables."""
     from hri_predict.calibration import judgement
+    from hri_predict.calibration.card import read_card, write_section
 
     if out is not None:
         need_plots()
         check_writable(out)
+    if card is not None:
+        read_card(card)  # before minutes of work
     built = registry.load("predictors", settings.name)(settings)
     calibration = _calibration(settings, path)
     scores = scores_of(built=built, name=settings.name, data=data, default="test", tracked=tracked)
@@ -83,8 +86,6 @@ def check(
             )
         )
     if card is not None:
-        from hri_predict.calibration.card import write_section
-
         write_section(card, judged)
         tell([card])
     if as_json:

@@ -10,11 +10,20 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
-from hri_predict.cli.common import JointMapOption, files, map_path, need_plots, one_of, progress
+from hri_predict.cli.common import (
+    JointMapOption,
+    files,
+    map_path,
+    need_plots,
+    one_of,
+    progress,
+    without_effect,
+)
 from hri_predict.cli.simulate.occlude import occluded
 from hri_predict.datasets.splits import USES
 from hri_predict.errors import ConfigError
 from hri_predict.peers import OcclusionRequest, SimulationReport, SimulationRequest
+from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
 
 _PROCEDURAL = "procedural"
@@ -46,7 +55,9 @@ def simulate(
     seed: Annotated[
         int, typer.Option(min=0, help="Random seed of places, phases and message losses.")
     ] = 0,
-    people: Annotated[int, typer.Option(min=1, max=4, help="People at once.")] = 1,
+    people: Annotated[
+        int | None, typer.Option(min=1, max=4, help="People at once.", show_default="1")
+    ] = None,
     data: Annotated[
         list[Path] | None,
         typer.Option(
@@ -91,24 +102,34 @@ def simulate(
     rates: Annotated[
         list[float] | None,
         typer.Option(
-            help="With --occlude: captures per second. Repeatable.", show_default="8 15 30"
+            min=1,
+            max=240,
+            help="With --occlude: captures per second. Repeatable.",
+            show_default="8 15 30",
         ),
     ] = None,
     cameras: Annotated[
-        int, typer.Option(min=0, max=4, help="With --occlude: cameras; 0: nothing is hidden.")
-    ] = 1,
+        int | None,
+        typer.Option(
+            min=0,
+            max=4,
+            help="With --occlude: cameras; 0: nothing is hidden.",
+            show_default="1",
+        ),
+    ] = None,
     free_space: Annotated[
         bool, typer.Option("--free-space", help="With --occlude: the cameras see free space.")
     ] = False,
     first: Annotated[
-        int,
+        int | None,
         typer.Option(
             min=0,
             max=1_000_000_000,
             help="With --occlude: number of the first episode, to play a long run in parts or one "
             "episode again.",
+            show_default="0",
         ),
-    ] = 0,
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> int:
     """Simulate people who approach a robot that follows the advice, and count what happens.
@@ -119,9 +140,24 @@ def simulate(
     was touched by a moving robot.
     """
     if occlude:
-        for flag, value in (("--tracker", tracker), ("--noise", noise), ("--wander", wander)):
-            if value is not None:
-                raise ConfigError(f"{flag}: has no effect with --occlude; leave one of them out")
+        without_effect(
+            {
+                "--coverage": coverage,
+                "--people": people,
+                "--data": data,
+                "--split": split,
+                "--joint-map": joint_map,
+                "--tracker": tracker,
+                "--noise": noise,
+                "--wander": wander,
+                "--out": out,
+                "--resume": resume or None,
+            },
+            "with --occlude",
+        )
+        for each in mode or ():
+            one_of("--mode", each, RISK_MODES)
+        cameras = 1 if cameras is None else cameras
         return occluded(
             OcclusionRequest(
                 config=configuration.find(config),
@@ -129,7 +165,7 @@ def simulate(
                 modes=_each_once("--mode", mode) or ("predictive", "iso", "fixed"),
                 rates_hz=tuple(rates or (8.0, 15.0, 30.0)),
                 episodes=episodes,
-                first=first,
+                first=first or 0,
                 seed=seed,
                 cameras=max(cameras, 1),
                 free_space=free_space,
@@ -138,6 +174,15 @@ def simulate(
             ),
             as_json=as_json,
         )
+    without_effect(
+        {
+            "--rates": rates,
+            "--cameras": cameras,
+            "--free-space": free_space or None,
+            "--first": first,
+        },
+        "without --occlude",
+    )
     simulation = registry.load("simulations", "closed_loop")
     if out is not None:
         need_plots()
@@ -155,7 +200,7 @@ def simulate(
         wander_m=wander,
         episodes=episodes,
         seed=seed,
-        people=people,
+        people=people or 1,
         jobs=jobs,
         out=out,
         resume=resume,

@@ -24,6 +24,7 @@ class SceneGate:
 
     Attributes:
         alignment: alignment of the source's clock with the node's.
+        capture_ns: of the newest scene that passed (node's clock).
         repeats: number of consecutive scenes that did not advance.
         counters: counts of the scenes by their fate.
     """
@@ -37,7 +38,7 @@ class SceneGate:
         self._sequence: int | None = None
         self._refused_sequence: int | None = None
         self._refused_run = 0
-        self._capture_ns = NEVER
+        self.capture_ns = NEVER
 
     def admit(self, scene: Scene, receipt_ns: int) -> int | None:
         """Return the scene's capture time (node's clock); ``None`` if it does not advance."""
@@ -47,11 +48,11 @@ class SceneGate:
             return None
         self._sequence = scene.sequence
         capture_ns = self.alignment.align(scene.stamp_ns, scene.sequence, receipt_ns)
-        if capture_ns <= self._capture_ns:
+        if capture_ns <= self.capture_ns:
             self.counters["stamps_out_of_order"] += 1
             self.repeats += 1
             return None
-        self._capture_ns = capture_ns
+        self.capture_ns = capture_ns
         self.repeats = 0
         return capture_ns
 

@@ -184,8 +184,13 @@ class LostPeople:
         if len(self.people) > self._most:
             oldest = min(self.people, key=lambda p: p.capture_ns)
             self.people.remove(oldest)
+            self.lose_places([oldest.capture_ns])
+
+    def lose_places(self, last_seen_ns: Sequence[int]) -> None:
+        """People were last seen then (each), and it is not known where they are."""
+        for capture_ns in last_seen_ns:
             self.forgotten = True
-            self._dropped_ns = max(self._dropped_ns or oldest.capture_ns, oldest.capture_ns)
+            self._dropped_ns = max(self._dropped_ns or capture_ns, capture_ns)
 
 
 def match_places(starts: list[Floats], places: list[Floats], radii: Floats) -> dict[int, int]:

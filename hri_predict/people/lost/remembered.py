@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.people.lost.lost_people import Lost, LostPeople
+from hri_predict.people.lost.unplaced import Unplaced
 from hri_predict.skeleton import JOINTS
 
 _LONG_AGO_S = 1e8
@@ -17,6 +18,7 @@ class RemembersLost:
 
     _lock: threading.Lock
     _lost: LostPeople
+    _unplaced: Unplaced
     _now_ns: int
     _recalled: list[dict[str, Any]]  # lost people of an earlier run, not yet taken
     _has_recalled: bool
@@ -25,7 +27,8 @@ class RemembersLost:
         """Lost people, for a restart of the node."""
         with self._lock:
             lost = [*lost_as_data(self._lost.people, self._now_ns), *self._recalled]
-            return {"lost": lost, "forgotten": self._lost.forgotten}
+            forgotten = self._lost.forgotten or bool(self._unplaced)
+            return {"lost": lost, "forgotten": forgotten}
 
     def recall(self, data: Mapping[str, Any]) -> None:
         """Take the lost people of an earlier run; they appear with the next snapshot.

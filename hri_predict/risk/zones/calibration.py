@@ -99,7 +99,7 @@ class CalibrationFile(Settings):
     guaranteed_mm: dict[str, list[list[list[Row]]]] = Field(
         description="of, level, speed class, joint"
     )
-    recordings: tuple[UsedRecording, ...]
+    recordings: tuple[UsedRecording, ...] = Field(min_length=1)
     ranges: RangesFile
     made: date | None = Field(None, description="the day on which it was made")
     site: SiteParts | None = None
@@ -248,6 +248,9 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         raise ValueError("joints must be those of the canonical skeleton, each once")
     classes = len(LEVELS), len(SPEED_CLASSES)
     shape = (*classes, len(file.joints), file.steps)
+    for table in (file.estimated_thousandths, file.guaranteed_mm):
+        if set(table) != set(OFS):
+            raise ValueError(f"a table is not for {' and '.join(OFS)}")
     factors = {of: _table(file.estimated_thousandths[of], (*classes, file.steps)) for of in OFS}
     guaranteed = {of: _table(file.guaranteed_mm[of], shape) for of in OFS}
     if not all((table[..., 1:] >= table[..., :-1]).all() for table in guaranteed.values()):

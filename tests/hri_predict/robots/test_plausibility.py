@@ -183,3 +183,33 @@ def test_a_sender_that_begins_anew_is_no_jump_of_its_counter():
     list(line.send(motion, 0.0, 2.0))
     line.counter = 30_000
     assert {found for _, found in line.send(motion, 2.0, 2.0)} == {None}
+
+
+COUNTS = {
+    "a timer of microseconds": lambda k: 20_000 * k,
+    "downwards": lambda k: -k,
+    "to and fro": lambda k: k % 2,
+    "at random": lambda k: 7919 * k * k,
+}
+
+
+@pytest.mark.parametrize("count", COUNTS.values(), ids=COUNTS)
+def test_a_counter_that_does_not_count_is_found(count):
+    check, found = StateCheck(FASTEST), []
+    for k in range(200):
+        received_ns = round(k * PERIOD_S * 1e9)
+        check.take(count(k) % COUNTERS, (0.004 * k,) * JOINTS, (0.0,) * JOINTS, received_ns)
+        found.append(check.reason(received_ns))
+    assert found[8] is Reason.ROBOT_STATE_INVALID
+    assert set(found[8:]) == {Reason.ROBOT_STATE_INVALID}
+    assert check.counters["miscounted"] > 0
+
+
+@pytest.mark.parametrize("restarts", [1, 2])
+def test_a_controller_may_restart(restarts):
+    check, counter = StateCheck(FASTEST), 0
+    for k in range(200):
+        counter += 5000 if 50 <= k < 50 + restarts else 1
+        received_ns = round(k * PERIOD_S * 1e9)
+        check.take(counter % COUNTERS, (0.0,) * JOINTS, (0.0,) * JOINTS, received_ns)
+        assert check.reason(received_ns) is None

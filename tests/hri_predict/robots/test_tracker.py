@@ -97,7 +97,8 @@ def test_a_repeated_counter_does_not_refresh() -> None:
         followed.update(state(7), k * 20 * MS)
     assert followed.at(400 * MS).reasons == (Reason.ROBOT_STATE_STALE,)
     assert followed.counters == {
-        "accepted": 1, "repeated": 19, "invalid": 0, "velocity_wrong": 0, "jumped": 0
+        "accepted": 1, "repeated": 19, "invalid": 0, "velocity_wrong": 0, "jumped": 0,
+        "miscounted": 0,
     }  # fmt: skip
     followed.update(state(8), 400 * MS)
     assert followed.at(410 * MS).reasons == ()
