@@ -237,10 +237,7 @@ def _judgement(path: Path | None) -> Any:
     if path is None:
         return None
     try:
-        read = json.loads(path.read_text(encoding="utf-8"))
-        if read is None:
-            raise ValueError("there is nothing in it")
-        return read
+        return json.loads(path.read_text(encoding="utf-8")) or {}  # null is no judgement either
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(f"results {path}: cannot be read ({error}); evaluate again") from error
 

@@ -128,7 +128,9 @@ def test_a_validation_that_is_no_number_is_none(weights, tmp_path):
 
 
 @pytest.mark.parametrize("option", ["--real", "--benchmark"])
-@pytest.mark.parametrize("text", ["[1, 2]", "{}", '{"results": [3]}', '{"results": {"a": 1}}', "7"])
+@pytest.mark.parametrize(
+    "text", ["[1, 2]", "{}", "null", '{"results": [3]}', '{"results": {"a": 1}}', "7"]
+)
 def test_what_is_no_judgement_changes_nothing_shipped(weights, tmp_path, option, text):
     odd = tmp_path / "odd.json"
     odd.write_text(text, encoding="utf-8")

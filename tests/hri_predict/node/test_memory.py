@@ -104,6 +104,8 @@ def test_an_old_file_is_not_trusted_but_one_of_a_node_that_ran_on_is(tmp_path):
         b'{"version": 2, "written": 1000, "parts": {}}',
         b'{"version": 1, "written": 1000, "parts": {}}',
         b'{"version": 1, "written": "x", "parts": {"part": {"latch": 1}}}',
+        b'{"version": 1, "written": NaN, "parts": {"part": {"latch": 1}}}',
+        b'{"version": 1, "written": -Infinity, "parts": {"part": {"latch": 1}}}',
         b'{"version": 1, "written": 1000, "parts": {"part": {"latch": "x"}}}',
         b'{"version": 1, "written": 1000, "parts": {"part": [1]}}',
         b'{"version": 1, "written": 1' + b"0" * 400 + b', "parts": {"part": {"latch": 1}}}',

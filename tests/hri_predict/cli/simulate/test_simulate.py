@@ -67,6 +67,11 @@ def test_tables_files_and_resumed_json(cli, small, tmp_path):
         (["--data", "procedural", "--data", "procedural"], "procedural is named twice"),
         (["--episodes", "0"], "episodes"),
         (["--people", "9"], "people"),
+        (["--cameras", "2"], "--cameras: has no effect without --occlude"),
+        (["--free-space"], "--free-space: has no effect without --occlude"),
+        (["--first", "3"], "--first: has no effect without --occlude"),
+        (["--rates", "30"], "--rates: has no effect without --occlude"),
+        (["--occlude", "--data", "walk.npz"], "--data: has no effect with --occlude"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(cli, arguments, message, tmp_path, monkeypatch):
@@ -77,6 +82,30 @@ def test_a_mistake_is_one_line_and_status_2(cli, arguments, message, tmp_path, m
     assert out == ""
     assert err.startswith("error: ")
     assert err.count("\n") == 1
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--mode", "bogus"], "--mode bogus: unknown (iso, predictive, reactive, fixed)"),
+        (["--mode", "foreknown"], "--mode foreknown: unknown"),
+        (["--rates", "0.01"], "rates"),
+        (["--rates", "nan"], "rates"),
+        (["--rates", "1000"], "rates"),
+        *(
+            ([flag, *value], f"{flag}: has no effect with --occlude")
+            for flag, *value in [
+                ("--coverage", "0.9"), ("--people", "2"), ("--split", "test"), ("--resume",),
+                ("--joint-map", "coco17"), ("--tracker", "coco17"), ("--noise", "0.01"),
+                ("--wander", "0.01"), ("--out", "runs"),
+            ]
+        ),
+    ],
+)  # fmt: skip
+def test_a_mistake_with_occlude_is_one_line_and_status_2(cli, arguments, message):
+    status, out, err = cli("--occlude", "--episodes", "1", *arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1)
     assert message in err
 
 
