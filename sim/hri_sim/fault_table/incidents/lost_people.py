@@ -3,6 +3,7 @@
 from typing import Any
 
 from hri_predict.protocol.reasons import Reason
+from hri_predict.skeleton import JOINTS
 from hri_sim.fault_table.incident import Incident
 
 _DOOR = [[3.2, 2.0], [4.2, 2.0], [4.2, 3.0], [3.2, 3.0]]
@@ -31,6 +32,24 @@ def _stands(place: list[float], number: int, enter_s: float, seconds: float) -> 
     return {
         "id": number, "start": place, "enter_s": enter_s, "repeat": False, "script": script,
     }  # fmt: skip
+
+
+_FAR = _stands([4.0, -2.5], 2, enter_s=0.0, seconds=60.0)
+"""Somebody who is seen all the while, so that scenes go on."""
+
+
+def _untracked(name: str, faults: tuple[str, ...], says: Reason, **settings: Any) -> Incident:
+    """Somebody whom the node cannot track vanishes after five seconds, and later reaches out."""
+    return Incident(
+        name=f"lost: {name}",
+        people=(_FAR, _reaches_out(12.0)),
+        duration_s=28.0,
+        faults=("vanish@5+23:person=1", *faults),
+        settings=settings,
+        not_clear=(1.0, 28.0),
+        not_moving=(1.0, 28.0),
+        says=(says, Reason.ROOM_NOT_SEEN_EMPTY),
+    )
 
 
 _RUNNER = {
@@ -113,5 +132,12 @@ LOST_PEOPLE = (
         },
         not_clear=(5.0, 28.0),
         says=(Reason.PERSON_LOST,),
+    ),
+    _untracked("one too many", (), Reason.TOO_MANY_PEOPLE, people={"max_people": 1}),
+    _untracked("under the id of another", ("rename@0+28:person=1,to=2",), Reason.INPUT_IMPOSSIBLE),
+    _untracked(
+        "never showed a joint",
+        (f"hide@0+28:person=1,joints=[{','.join(JOINTS)}]",),
+        Reason.PERSON_NOT_LOCATED,
     ),
 )
