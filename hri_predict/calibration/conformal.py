@@ -14,7 +14,7 @@ recordings that are ranked: it is the fixed growth ``body_shape``.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,8 +41,11 @@ def calibrate(
     weights: str | None,
     rate_hz: float,
     skeleton: Skeleton,
+    on_fit: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
     """Make a calibration; the same scores give the same calibration on the same machine.
+
+    ``on_fit`` is called before each fit of the scale, which takes a minute or more.
 
     Raises:
         ConfigError: there are fewer than ``LEAST_RECORDINGS`` recordings, or they show no joint
@@ -56,7 +59,7 @@ def calibrate(
             f" {LEAST_RECORDINGS} at least ({needed(LEVELS[0])} for a guarantee of"
             f" {100 * LEVELS[0]:g} %)"
         )
-    network, scale = cross_scales(scores, rate_hz, skeleton)
+    network, scale = cross_scales(scores, rate_hz, skeleton, on_fit)
     error = np.concatenate([s.error_m for s in scores])
     ratio = np.concatenate([s.error_m / own for s, own in zip(scores, scale, strict=True)])
     unit = np.concatenate([np.full(len(s.error_m), names.index(s.name)) for s in scores])

@@ -8,7 +8,7 @@ factors on the scale (``conformal``) are as valid as if these recordings were ne
 is shipped is fitted to all.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
@@ -85,16 +85,27 @@ def _some(evidence: Evidence, chosen: Bools) -> Evidence:
 
 
 def cross_scales(
-    scores: Sequence[Scores], rate_hz: float, skeleton: Skeleton
+    scores: Sequence[Scores],
+    rate_hz: float,
+    skeleton: Skeleton,
+    on_fit: Callable[[str], None] = lambda _: None,
 ) -> tuple[ScaleNetwork, list[Floats]]:
-    """The network fitted to all, and (W, H, J) of each entry by one that has not seen it."""
+    """The network fitted to all, and (W, H, J) of each entry by one that has not seen it.
+
+    Args:
+        on_fit: called before each fit, which takes a minute or more, with what it is.
+        scores, rate_hz, skeleton: see ``conformal.calibrate``.
+    """
     rows = _Rows(scores, rate_hz, skeleton)
     fold_of = {name: k % FOLDS for k, name in enumerate(rows.names)}
     of_unit = np.array([fold_of[name] for name in rows.names])
+    folds = min(FOLDS, len(fold_of))
+    on_fit(f"fitting the scale, 1 of {1 + folds}")
     network = _fitted(rows, np.arange(len(rows.unit)))
     steps = scores[0].error_m.shape[1]
     found: list[Floats] = [np.zeros(0)] * len(scores)
-    for fold in range(min(FOLDS, len(fold_of))):
+    for fold in range(folds):
+        on_fit(f"fitting the scale, {2 + fold} of {1 + folds}")
         others = np.flatnonzero(of_unit[rows.unit] != fold)
         own = LearnedScale(_fitted(rows, others), skeleton, rate_hz, steps)
         for i, entry in enumerate(scores):

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, JustifyMethod
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table as ScreenTable
 
 from hri_predict import registry
@@ -181,6 +188,13 @@ def progress() -> Progress:
         transient=True,
         disable=not console.is_terminal,
     )
+
+
+def stage(bar: Progress, task: TaskID, what: str) -> None:
+    """Name the stage of a long command: on the bar, or in a line where there is no terminal."""
+    bar.update(task, description=what)
+    if bar.disable:
+        print(what, file=sys.stderr, flush=True)
 
 
 def show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hri_predict import registry
 from hri_predict.cli.calibrate.inputs import Data, scores_of
-from hri_predict.cli.common import check_writable, progress, show, tell
+from hri_predict.cli.common import check_writable, progress, show, stage, tell
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.base import PredictorSettings
 
@@ -40,7 +40,7 @@ def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_j
             predictor=built,
             scores=known,
             judged=judged,
-            on_part=lambda p: bar.update(task, description=f"calibrating without {p}"),
+            on_part=lambda p: stage(bar, task, f"calibrating without {p}"),
         )
     report = {"predictor": settings.name, "sets": judgement.as_json(found)}
     if out is not None:

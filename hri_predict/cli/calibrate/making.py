@@ -10,7 +10,7 @@ from rich.console import Console
 
 from hri_predict import registry
 from hri_predict.cli.calibrate.inputs import Data, scores_of
-from hri_predict.cli.common import check_writable, tell
+from hri_predict.cli.common import check_writable, progress, stage, tell
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.base import PredictorSettings
 
@@ -38,17 +38,18 @@ def make(
         built=built, name=settings.name, data=data, default="calibration", tracked=tracked
     )
     values, digest = identity(settings)
-    made = replace(
-        conformal(
+    with progress() as bar:
+        task = bar.add_task("fitting the scale", total=None)
+        fitted = conformal(
             scores=scores,
             predictor=settings.name,
             settings=values,
             weights=digest,
             rate_hz=built.rate_hz,
             skeleton=built.skeleton,
-        ),
-        made=date.today(),
-    )
+            on_fit=lambda what: stage(bar, task, what),
+        )
+    made = replace(fitted, made=date.today())
     write_calibration(out, made)
     if as_json:
         print(json.dumps({"file": str(out), **_made(made)}))

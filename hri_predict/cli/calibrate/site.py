@@ -51,7 +51,7 @@ def commission(
     gain = gains.measured_gain(base, parts, built.skeleton)
     write_calibration(out, made)
     tables = gains.tables(gain)
-    notes = _notes(base, parts)
+    notes = _notes(base, parts, made)
     found = {"file": str(out), "predictor": settings.name, **gains.as_json(gain), "notes": notes}
     written = [out]
     if report is not None:
@@ -119,7 +119,7 @@ def _parts(built: Any, base: "Calibration", data: Data) -> "list[Part]":
         )
 
 
-def _notes(base: "Calibration", parts: "list[Part]") -> list[str]:
+def _notes(base: "Calibration", parts: "list[Part]", made: "Calibration") -> list[str]:
     """What a reader of the tables must know."""
     from hri_predict.calibration.site.mixing import GROW, SHRINK, weights_of
     from hri_predict.calibration.site.parts import PART_S
@@ -129,17 +129,28 @@ def _notes(base: "Calibration", parts: "list[Part]") -> list[str]:
     per = ", ".join(f"{name} {w:.1f}" for name, w in zip(SPEED_CLASSES, weights, strict=True))
     notes = [
         f"the base was made from {len(base.recordings)} recordings; here it counts as {GROW:g} "
-        f"where zones grow, as {SHRINK:g} where they shrink",
+        f"recordings where zones grow and as {SHRINK:g} where they shrink",
         f"parts of up to {PART_S / 60:g} minutes that show people: {len(parts)}; by speed they "
         f"count as {per}",
         "before and after are of the radii alone, without the live self-check and the limits of "
         "what bodies can do",
     ]
+    if _unchanged(base, made):
+        notes.insert(0, f"too little data to change the zones (parts by speed: {per}); record more")
     if len(parts) == 1:
         notes.append("of one part none can be held out: record longer to know what was gained")
     else:
         notes.append("after: each part with factors that the parts far from it in time moved")
     return notes
+
+
+def _unchanged(base: "Calibration", made: "Calibration") -> bool:
+    """Whether no factor moved by more than a thousandth, and no speed class was added."""
+    import numpy as np
+
+    from hri_predict.risk.zones.calibration import OFS
+
+    return all(np.allclose(made.estimated[of], base.estimated[of], rtol=1e-3) for of in OFS)
 
 
 def _page(predictor: str, notes: list[str], tables: Any) -> str:

@@ -3,7 +3,10 @@
 from datetime import date
 from typing import Any
 
+import numpy as np
+
 from hri_predict.risk.zones.calibration import Calibration, levels_text
+from hri_predict.risk.zones.motion_class import SPEED_CLASSES
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 
@@ -48,6 +51,13 @@ def facts_of(calibration: Calibration, today: date) -> dict[str, Any]:
         "recordings": len(calibration.recordings),
         "site_parts": 0 if site is None else len(site.recordings),
         "levels": levels_text(calibration),
+        "uncalibrated": [
+            name
+            for name, factors in zip(
+                SPEED_CLASSES, calibration.estimated["joint"].swapaxes(0, 1), strict=True
+            )
+            if not np.isfinite(factors).any()
+        ],
     }
 
 
@@ -68,4 +78,14 @@ def calibration_lines(facts: dict[str, Any] | None) -> list[str]:
     return [
         f"calibration: {age}; from {facts['recordings']} recordings{site}",
         *(f"  {line}" for line in facts["levels"]),
+    ]
+
+
+def calibration_notes(facts: dict[str, Any] | None) -> list[str]:
+    """What a thin calibration lacks: speed classes that too few recordings show."""
+    if facts is None or not facts["uncalibrated"]:
+        return []
+    return [
+        f"the calibration has too few recordings of people who are "
+        f"{' or '.join(facts['uncalibrated'])}; physical limits are used for them instead"
     ]

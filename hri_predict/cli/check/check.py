@@ -14,6 +14,7 @@ from hri_predict import registry
 from hri_predict.cli.check.calibration import (
     calibration_facts,
     calibration_lines,
+    calibration_notes,
     zones_text,
 )
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
@@ -88,9 +89,10 @@ def check(
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
     console.print(
-        f"source's clock: a drift of {found['clock']['max_drift_ppm']:g} ppm is believed, and "
-        f"{found['clock']['wander_s'] * 1e3:g} ms beyond a steady one (source.clock_wander_s); by "
-        f"so much a delay that grows over hours makes an age too small",
+        f"source's clock: up to {found['clock']['max_drift_ppm']:g} ppm of clock drift is "
+        f"accepted, plus {found['clock']['wander_s'] * 1e3:g} ms of wander "
+        f"(source.clock_wander_s); a delay that grows over hours can make captures look that much "
+        f"fresher than they are",
         highlight=False,
     )
     for line in joint_map_lines(found["joint_map"]):
@@ -132,6 +134,7 @@ def examine(config: Config) -> dict[str, Any]:
     reaction_time_s = sum(terms.values())
     terms["controller_reaction"] = terms.pop("reaction")  # one part of T_r, not all of it
     risk = _risk_needs(config, assembly, budget)
+    calibration = calibration_facts(config, date.today())
     needed = {
         model.name: (model, risk["robots"][model.name]["protective_distance_m"])
         for model in assembly.robots
@@ -148,7 +151,7 @@ def examine(config: Config) -> dict[str, Any]:
         "risk": risk,
         "links": [asdict(load) for load in loads],
         "zones": zones_text(config),
-        "calibration": calibration_facts(config, date.today()),
+        "calibration": calibration,
         "joint_map": joint_map_cost(
             config, assembly.prediction.predictor, assembly.source.joint_map
         ),
@@ -159,6 +162,7 @@ def examine(config: Config) -> dict[str, Any]:
             *_notes(config),
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),
+            *calibration_notes(calibration),
         ],
     }
 

@@ -21,7 +21,7 @@ right joints share their radii.
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -339,15 +339,23 @@ def mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
     return ""
 
 
-def levels_text(calibration: Calibration, missing: Sequence[str] = SPEED_CLASSES) -> list[str]:
+_DO = {"still": "stand still", "slow": "move slowly", "brisk": "move briskly"}
+
+
+def levels_text(calibration: Calibration) -> list[str]:
     """One line per level: guaranteed, or estimated and how many recordings are missing."""
     lines = []
     for level in LEVELS:
         lacks = {
             name: needed(level) - calibration.independent(index)
-            for index, name in enumerate(missing)
+            for index, name in enumerate(SPEED_CLASSES)
         }
-        short = ", ".join(f"{n} more with people {name}" for name, n in lacks.items() if n > 0)
-        said = f"estimated; a guarantee takes {short}" if short else "guaranteed"
+        short = [f"{n} of people who {_DO[name]}" for name, n in lacks.items() if n > 0]
+        if short:
+            first, *others = short
+            listed = ", ".join([first.replace(" of ", " more recordings of ", 1), *others])
+            said = f"estimated; a guarantee needs {listed}"
+        else:
+            said = "guaranteed"
         lines.append(f"{100 * level:g} %: {said}")
     return lines

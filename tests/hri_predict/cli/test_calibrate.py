@@ -79,11 +79,13 @@ def made(folder, tmp_path_factory):
 
 def test_a_calibration_is_made_and_says_what_it_rests_on(cli, folder, tmp_path):
     out = tmp_path / "cv.json"
-    status, text, _ = cli(*CV, "--data", folder, "--out", out)
+    status, text, err = cli(*CV, "--data", folder, "--out", out)
     assert status == 0
+    told = [f"fitting the scale, {k} of 6" for k in range(1, 7)]  # no terminal: a line for each
+    assert [line for line in err.splitlines() if line.startswith("fitting")] == told
     assert "5 recordings" in text
-    assert "estimated; a guarantee takes" in text
-    assert "94 more with people brisk" in " ".join(text.split())  # 99 % takes 99
+    assert "estimated; a guarantee needs" in text
+    assert "94 of people who move briskly" in " ".join(text.split())  # 99 % takes 99
     calibration = load_calibration(out)
     assert calibration.predictor == "constant_velocity"
     assert calibration.steps == 30

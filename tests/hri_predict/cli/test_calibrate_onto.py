@@ -87,6 +87,17 @@ def test_of_one_part_nothing_can_be_held_out(place, tmp_path, capsys):
     assert any("record longer" in note for note in told["notes"])
 
 
+def test_what_moves_no_zone_is_told_as_too_little(place, tmp_path, capsys, monkeypatch):
+    one = ["--data", place / "site" / "walking_10.npz", "--onto", place / "base.json"]
+    assert run(*CV, *one, "--out", tmp_path / "moved.json", "--json") == 0
+    said = "too little data to change the zones (parts by speed: "
+    assert said not in capsys.readouterr().out
+    # a part with no window of any speed, as of somebody whose trunk is hardly ever seen
+    monkeypatch.setattr("hri_predict.calibration.site.mixing.FULL_WINDOWS", 10**9)
+    assert run(*CV, *one, "--out", tmp_path / "same.json", "--json") == 0
+    assert said in json.loads(capsys.readouterr().out)["notes"][0]
+
+
 def test_a_recording_of_the_base_would_count_twice(place, tmp_path, refused):
     data = ["--data", place / "many" / "walking_0.npz", "--onto", place / "base.json"]
     line = refused(*CV, *data, "--out", tmp_path / "site.json")

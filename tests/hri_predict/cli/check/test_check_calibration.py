@@ -3,9 +3,10 @@
 from dataclasses import replace
 from datetime import date
 
+import numpy as np
 import pytest
 
-from hri_predict.cli.check.calibration import calibration_lines, facts_of
+from hri_predict.cli.check.calibration import calibration_lines, calibration_notes, facts_of
 from hri_predict.risk.zones.calibration import (
     SiteParts,
     UsedRecording,
@@ -40,7 +41,7 @@ def test_each_level_tells_whether_it_is_guaranteed():
     assert first.startswith("calibration:")
     assert levels[0].strip() == "90 %: guaranteed"
     assert levels[1].strip() == "95 %: guaranteed"
-    assert "99 %: estimated; a guarantee takes 79 more" in levels[2]
+    assert "99 %: estimated; a guarantee needs 79 more recordings of" in levels[2]
 
 
 def test_parts_of_a_site_are_told_and_guarantee_nothing():
@@ -65,3 +66,14 @@ def test_date_and_site_survive_the_file(tmp_path):
 
 def test_without_a_calibration_nothing_is_said():
     assert calibration_lines(None) == []
+    assert calibration_notes(None) == []
+
+
+def test_a_speed_that_too_few_recordings_show_is_told():
+    whole = calibration_of(recordings=20)
+    assert calibration_notes(facts_of(whole, TODAY)) == []
+    estimated = {of: table.copy() for of, table in whole.estimated.items()}
+    for table in estimated.values():
+        table[:, 0] = np.inf
+    (note,) = calibration_notes(facts_of(replace(whole, estimated=estimated), TODAY))
+    assert "too few recordings of people who are still; physical limits are used" in note

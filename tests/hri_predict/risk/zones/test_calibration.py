@@ -211,8 +211,8 @@ def test_levels_are_labelled(make_calibration):
     assert levels_text(made) == [
         "90 %: guaranteed",
         "95 %: guaranteed",
-        "99 %: estimated; a guarantee takes 80 more with people still, 80 more with people slow,"
-        " 80 more with people brisk",
+        "99 %: estimated; a guarantee needs 80 more recordings of people who stand still, 80 of "
+        "people who move slowly, 80 of people who move briskly",
     ]
 
 
