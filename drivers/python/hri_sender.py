@@ -182,7 +182,17 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=30.0, help="scenes per second")
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after this time")
     arguments = parser.parse_args()
-    sender = SceneSender(arguments.host, arguments.port, CANONICAL, arguments.key_file)
+    if not arguments.rate > 0:
+        parser.error(f"--rate {arguments.rate:g}: give a number above 0")
+    try:
+        if arguments.key_file is not None:
+            read_key(arguments.key_file)
+    except (OSError, ValueError) as error:
+        parser.error(f"--key-file: {error}; give a copy of the node's source.key_file")
+    try:
+        sender = SceneSender(arguments.host, arguments.port, CANONICAL, arguments.key_file)
+    except OSError as error:
+        parser.error(f"--host {arguments.host}: {error}; give the node's source.host")
     start = time.monotonic()
     try:
         while time.monotonic() - start < arguments.seconds:

@@ -11,6 +11,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "../hri_predict.h"
 
+#include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
 #include <stdio.h>
@@ -71,8 +72,14 @@ int main(int argc, char **argv)
     settings.tolerated_errors = (uint16_t)(argc > 4 ? atoi(argv[4]) : 0);
     settings.error_window_ms = 500;
     settings.first_state_counter = (uint16_t)(state_due / STATE_PERIOD_MS);
-    if (argc < 2 || (port = open_port(argv[1])) < 0 || !hri_init(&receiver, &settings)) {
+    if (argc < 2 || !hri_init(&receiver, &settings)) {
         fprintf(stderr, "usage: serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS]]]\n");
+        return 2;
+    }
+    port = open_port(argv[1]);
+    if (port < 0) {
+        fprintf(stderr, "serial: %s cannot be opened: %s; check the port\n", argv[1],
+                strerror(errno));
         return 2;
     }
     memcpy(state.position_urad, posture, sizeof posture);

@@ -9,6 +9,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "../hri_predict.h"
 
+#include <errno.h>
 #include <linux/can.h>
 #include <linux/can/raw.h>
 #include <net/if.h>
@@ -90,10 +91,16 @@ int main(int argc, char **argv)
                              .error_window_ms = 500};
     uint32_t state_due = now_ms();
     unsigned shown = 1;
-    int bus = argc > 1 ? open_bus(argv[1], settings.base_id) : -1;
+    int bus;
     settings.first_state_counter = (uint16_t)(state_due / STATE_PERIOD_MS);
-    if (bus < 0 || !hri_init(&receiver, &settings)) {
+    if (argc < 2 || !hri_init(&receiver, &settings)) {
         fprintf(stderr, "usage: socketcan INTERFACE (such as can0, which must be up)\n");
+        return 2;
+    }
+    bus = open_bus(argv[1], settings.base_id);
+    if (bus < 0) {
+        fprintf(stderr, "socketcan: %s cannot be opened: %s; check 'ip link'\n", argv[1],
+                strerror(errno));
         return 2;
     }
     for (;;) {

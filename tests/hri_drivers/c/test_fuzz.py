@@ -176,7 +176,26 @@ def test_python_c_and_cantools_agree_on_random_messages(build: Any) -> None:
 def test_the_socketcan_example_compiles(build: Any) -> None:
     if not Path("/usr/include/linux/can.h").exists():
         pytest.skip("no Linux CAN headers here")
-    build(FUZZ.parent / "examples" / "socketcan.c", sanitize=False)
+    program = build(FUZZ.parent / "examples" / "socketcan.c", sanitize=False)
+    done = subprocess.run([program, "no_bus"], capture_output=True, text=True, timeout=10)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("socketcan: no_bus cannot be opened: ")
+
+
+def test_the_serial_example_tells_a_missing_argument_from_a_port_that_cannot_be_opened(
+    build: Any, tmp_path: Path
+) -> None:
+    program = build(FUZZ.parent / "examples" / "serial.c")
+    (tmp_path / "file").touch()
+    for arguments, said in (
+        ([], "usage: serial PORT"),
+        ([tmp_path / "gone"], f"serial: {tmp_path}/gone cannot be opened: No such file"),
+        ([tmp_path / "file"], f"serial: {tmp_path}/file cannot be opened: Inappropriate ioctl"),
+    ):
+        done = subprocess.run([program, *arguments], capture_output=True, text=True, timeout=10)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith(said)
+        assert len(done.stderr.splitlines()) == 1
 
 
 def test_the_commands_of_the_readme_compile(tmp_path: Path) -> None:

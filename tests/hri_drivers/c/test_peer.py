@@ -71,7 +71,7 @@ def configured(path: Path, port: str) -> Path:
     data["links"] = [link | {"silence_timeout_s": SILENCE_MS / 1000}]
     data["predictor"] = BASELINE
     data["source"]["people"] = PERSON
-    data["people"] = {}  # nobody leaves, and with this delay the demo's exit is too near
+    data["people"] = {}  # nobody leaves, and with this delay the demo's exit is too close
     data["risk"] = {"mode": "iso"}
     data["alerts"] = {"terminal": False}
     path.write_text(yaml.safe_dump(data))

@@ -42,7 +42,7 @@ def configured(folder: Path, name: str, people: list[Any]) -> Path:
     data["links"] = [bus | {"silence_timeout_s": SILENCE_MS / 1000}]
     data["predictor"] = BASELINE
     data["source"]["people"] = people
-    data["people"] = {}  # with this delay the demo's exit is too near to the robot
+    data["people"] = {}  # with this delay the demo's exit is too close to the robot
     data["risk"] = {"mode": "iso"}
     data["alerts"] = {"terminal": False}
     path = folder / f"{name}.yaml"
