@@ -122,6 +122,7 @@ def _chosen(
 
 def _summary(recording: Recording, output: Path, kind: str, written: Written) -> dict[str, Any]:
     notes = [recording.note] if recording.note else []
+    joints = len(recording.joint_map.source_joints) if written.joints is None else written.joints
     notes += written.notes
     if not recording.joint_map.mapped.any():
         notes.append("no canonical joint follows from the joints' names, so it cannot be replayed")
@@ -134,7 +135,7 @@ def _summary(recording: Recording, output: Path, kind: str, written: Written) ->
         "rate_hz": recording.rate_hz,
         "seconds": recording.duration_s,
         "people": written.people,
-        "joints": len(recording.joint_map.source_joints),
+        "joints": joints,
         "dropped": {what: count for what, count in written.dropped.items() if count},
         "notes": notes,
     }

@@ -26,12 +26,14 @@ class Written:
         people: ids of the people in them.
         dropped: what the format cannot hold: a plural noun and a count.
         notes: what else the user should know, one line each.
+        joints: number of joints written; ``None``: all that the recording has.
     """
 
     frames: int
     people: list[int]
     dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
+    joints: int | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

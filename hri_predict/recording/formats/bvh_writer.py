@@ -4,6 +4,7 @@ A BVH file holds rotations of one hierarchy for one person. So the joints become
 ones, bone lengths become constant, and an unobserved joint stays where it was last seen.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,11 +55,11 @@ def write_bvh(path: Path, recording: Recording) -> Written:
     bones = follow(held[:, joints], parents, _rest(names, joints))
     path.write_text(_text(names, parents, bones, frames.rate_hz), encoding="utf-8", newline="\n")
 
-    written = frames.written
+    used = sorted(set(joints))
+    written = replace(frames.written, joints=len(used))
     written.dropped["joints that are none of the canonical ones"] += int(
         np.count_nonzero(~(recording.joint_map.weights > 0).any(axis=0))
     )
-    used = sorted(set(joints))
     unseen = int(np.count_nonzero(~seen[:, used]))
     written.dropped["joint positions that were not observed"] += unseen
     if unseen:

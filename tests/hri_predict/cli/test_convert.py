@@ -161,3 +161,16 @@ def test_a_converted_recording_is_a_source_of_the_node(cli, ending):
     joints, seen = source.joint_map.map(scene.people[0].positions, scene.people[0].observed)
     assert [JOINTS[k] for k in np.flatnonzero(seen)] == ["waist", "l_wrist"]
     np.testing.assert_allclose(joints[0], [0.05, 2, 1], atol=1e-6)
+
+
+def test_the_joints_that_were_written_are_counted(cli):
+    assert json.loads(cli("two.csv", "two.trc", "--json")[1])["joints"] == 2
+    odd = [*JOINTS, "tool"]  # a BVH holds bodies, a TRC any marker
+    head = ",".join(f"{joint}_{axis}" for joint in odd for axis in "xyz")
+    places = ",".join(f"{k / 10},0,{k / 20}" for k in range(len(odd)))
+    rows = "".join(f"{k / 50},1,{places}\n" for k in range(5))
+    Path("odd.csv").write_text(f"time_s,person,{head}\n{rows}")
+    for output, joints in (("odd.bvh", len(JOINTS)), ("odd.trc", len(odd))):
+        status, out, _ = cli("odd.csv", output)
+        assert status == 0
+        assert out.endswith(f", {joints} joints\n"), output
