@@ -20,6 +20,8 @@ LEAST_APART_M = 0.5
 """Points nearer than this turn the sensor by a degree for each 9 mm of error."""
 LEAST_OFF_LINE_M = 0.1
 """Root mean square distance of the points from the line that fits them best."""
+SAME_PLACE_M = 0.05
+"""A hand that rests is seen within this: trackers' noise and a swaying body."""
 SCALE_WITHIN = 0.03
 """Lengths of source and room that differ by more than this are worth a warning."""
 
@@ -53,9 +55,14 @@ def solve(seen: Floats, known: Floats) -> Registration:
     """Return the pose that carries the points ``seen`` (n, 3) by the source to ``known`` (n, 3).
 
     Raises:
-        ConfigError: too few points, too near each other, or on one line.
+        ConfigError: too few points, too close to each other, or on one line; or the joint stayed
+            where it was.
     """
     _check_spread(known, "the points")
+    if len(seen) >= LEAST_POINTS and _apart(seen) < SAME_PLACE_M:
+        raise ConfigError(
+            "the hand was seen in the same place each time: touch each point when it is named"
+        )
     _check_spread(seen, "the places where the source saw the joint")
     seen_middle, known_middle = seen.mean(axis=0), known.mean(axis=0)
     a, b = seen - seen_middle, known - known_middle
@@ -71,10 +78,15 @@ def solve(seen: Floats, known: Floats) -> Registration:
     )
 
 
+def _apart(points: Floats) -> float:
+    """The largest distance of two points."""
+    return float(norm(points[:, None] - points[None]).max())
+
+
 def _check_spread(points: Floats, what: str) -> None:
     if len(points) < LEAST_POINTS:
         raise ConfigError(f"{len(points)} points; give at least {LEAST_POINTS}, not on one line")
-    apart = float(norm(points[:, None] - points[None]).max())
+    apart = _apart(points)
     if apart < LEAST_APART_M:
         raise ConfigError(
             f"{what} are at most {apart:.2f} m apart; choose points at least {LEAST_APART_M:g} m, "

@@ -79,3 +79,11 @@ def test_a_wrong_point_shows_in_the_residuals():
 def test_points_that_fix_no_rotation_are_refused(points, why):
     with pytest.raises(ConfigError, match=why):
         solve(points, points)
+
+
+def test_a_hand_that_touched_no_point_is_told_from_points_that_are_too_near():
+    resting = np.zeros((4, 3)) + np.random.default_rng(0).normal(0.0, 0.003, (4, 3))
+    with pytest.raises(ConfigError, match="seen in the same place each time: touch each point"):
+        solve(resting, CORNERS)
+    with pytest.raises(ConfigError, match=r"where the source saw the joint are at most 0\.25 m"):
+        solve(CORNERS * 0.1, CORNERS)
