@@ -15,7 +15,10 @@ def main() -> None:
 
     The exit status is 130 after Ctrl-C. Otherwise the command sets it (1: a person was touched).
     """
-    logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s", stream=sys.stderr)
+    for level in (logging.WARNING, logging.ERROR):
+        logging.addLevelName(level, logging.getLevelName(level).lower())
+    line = "%(levelname)s: %(message)s"
+    logging.basicConfig(level=logging.WARNING, format=line, stream=sys.stderr)
     status: object = 0
     try:
         status = _run()

@@ -4,6 +4,7 @@ import hashlib
 import hmac
 import logging
 import os
+import shlex
 import stat
 from pathlib import Path
 
@@ -16,7 +17,7 @@ MIN_BYTES, MAX_BYTES = 32, 1024
 """Length of the key; RFC 2104 clause 3: a key shorter than the hash is weaker."""
 TAG_BYTES = 16
 """RFC 2104 clause 5: at least half of the hash, and at least 80 bits."""
-_MAKE = 'python -c "import secrets; print(secrets.token_hex(32))"'
+_MAKE = '(umask 077; python -c "import secrets; print(secrets.token_hex(32))" > {})'
 
 
 class Key:
@@ -63,7 +64,7 @@ def read_key(path: str, base_dir: Path | None = None) -> Key:
     if not MIN_BYTES <= len(secret) <= MAX_BYTES:
         raise SourceError(
             f"key_file {file}: holds {len(secret)} bytes, expected {MIN_BYTES} to {MAX_BYTES}; "
-            f"make one with: {_MAKE} > {file}"
+            f"make one with: {_MAKE.format(shlex.quote(str(file)))}"
         )
     if os.name == "posix" and mode & (stat.S_IRWXG | stat.S_IRWXO):
         log.warning("key_file %s: other users can read it; run chmod 600 on it", file)

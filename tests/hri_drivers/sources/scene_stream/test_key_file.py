@@ -1,6 +1,8 @@
 import logging
 import os
 import pickle
+import subprocess
+import sys
 
 import pytest
 
@@ -41,6 +43,19 @@ def test_a_key_of_a_wrong_length_is_refused_in_one_line(file, content, why):
         read_key(str(file))
     assert "\n" not in str(caught.value)
     assert "token_hex" in str(caught.value)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="this system has no umask")
+def test_the_command_in_the_remedy_makes_a_key_that_is_taken_without_a_warning(tmp_path, caplog):
+    (tmp_path / "a key").write_bytes(b"short")
+    with pytest.raises(SourceError) as caught:
+        read_key(str(tmp_path / "a key"))
+    (tmp_path / "a key").unlink()  # the file of the mistake keeps its own mode
+    command = str(caught.value).partition("make one with: ")[2].replace("python", sys.executable)
+    subprocess.run(command, shell=True, check=True)
+    with caplog.at_level(logging.WARNING):
+        read_key(str(tmp_path / "a key"))
+    assert not caplog.records
 
 
 @pytest.mark.parametrize("name", ["missing.key", ".", "a\0b"])
