@@ -73,6 +73,7 @@ class Summary:
     counted: dict[str, int] = field(default_factory=dict)
     controllers: list[dict[str, Any]] = field(default_factory=list)
     node_state: str = ""
+    shadow: bool = False
     self_check: dict[str, Any] | None = None
     source: dict[str, Any] = field(default_factory=dict)
     recording: dict[str, Any] | None = None
@@ -115,6 +116,8 @@ class Summary:
             ),
             ("counters", _counts(self.counted)),
         ]
+        if self.shadow:
+            rows.insert(0, ("shadow mode", "links were told unknown"))
         if self.recording is not None:
             rows.insert(-1, ("recording", _recording(self.recording)))
         if self.self_check is not None:
@@ -185,12 +188,16 @@ def summarise(
         stops=levels.stops,
         contacts=None,
         contacts_standing=None,
-        ticks_at=levels.time_at,
+        ticks_at={name: levels.time_at[name] for name in _LEVELS if name in levels.time_at},
         unknown_because=levels.unknown_because,
         counted=counted,
         node_state=node.state.name.lower(),
         self_check=node.self_check(),
     )
+
+
+_LEVELS = ("clear", "warn", "slow", "stop", "unknown", "fault")
+"""From the mildest on."""
 
 
 def _link_row(link: Link, connected: bool) -> dict[str, Any]:
@@ -244,16 +251,14 @@ def _counts(counts: dict[str, int]) -> str:
 def _held(check: dict[str, Any]) -> str:
     """Return the result of the live self-check in one line."""
     ticks = check["ticks"] or 1
-    shares = [
-        f"{what} {100 * check[key] / ticks:.0f} %"
-        for what, key in (("widened", "ticks_widened"), ("unlike", "ticks_unlike"))
-    ]
+    widened = f"zones widened {100 * check['ticks_widened'] / ticks:.0f} %"
+    outside = f"motion out of distribution {100 * check['ticks_unlike'] / ticks:.0f} % of the time"
     covered = check["covered"]
     held = "-" if covered is None else f"{100 * covered:.1f} %"
     drift = check["drift"]
     fits = "; the calibration does not fit any more" if drift["drifting"] else ""
     fits = fits or ("; for a time the calibration did not fit" if drift["raised"] else "")
-    return f"{held} of {check['judged_in_use']}; zones {', '.join(shares)} of the time{fits}"
+    return f"{held} of {check['judged_in_use']}; {widened}, {outside}{fits}"
 
 
 def _short(value: Any) -> str:

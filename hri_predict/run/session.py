@@ -266,6 +266,7 @@ class _Session:
             levels=self.levels,
             counters=counters,
         )
+        result.shadow = self.options.shadow
         if self.referee is not None:
             self.referee.add_to(result)
         result.source = source_report(

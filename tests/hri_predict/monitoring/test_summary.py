@@ -98,7 +98,7 @@ def test_smallest_separation_of_all_robots_and_ticks():
     assert counter.min_separation_m == 0.75
 
 
-def summary_of(ticks_ms=(1.0, 2.0, 30.0), checked=None):
+def summary_of(ticks_ms=(1.0, 2.0, 30.0), checked=None, levels=((C,), (S,), (X,))):
     pace = Pace()
     for ms in ticks_ms:
         pace.note(ms * 1e-3)
@@ -122,9 +122,9 @@ def summary_of(ticks_ms=(1.0, 2.0, 30.0), checked=None):
         SimpleNamespace(name="drive", counters=counters, last_error="bus-off: [can0] is gone"),
         SimpleNamespace(name="plc", counters=LinkCounters(messages_sent=5), last_error=None),
     ]
-    levels = counted([(C,), (S,), (X,)], separations=[0.51234567])
+    counter = counted(levels, separations=[0.51234567])
     return summarise(
-        node=node, pace=pace, links=links, levels=levels, counters={"stale": 4, "nothing": 0}
+        node=node, pace=pace, links=links, levels=counter, counters={"stale": 4, "nothing": 0}
     )
 
 
@@ -156,7 +156,23 @@ def test_the_self_check_is_told_where_there_is_one():
     assert summary.as_dict()["self_check"] == told
     summary.print(Console(file=shown, width=120))
     text = " ".join(shown.getvalue().split())
-    assert "98.8 % of 431; zones widened 25 %, unlike 1 % of the time; the calibration" in text
+    assert "98.8 % of 431; zones widened 25 %, motion out of distribution 1 % of the time" in text
+
+
+def test_levels_stand_in_one_order_and_none_is_lost():
+    told = summary_of(levels=[(level,) for level in reversed(Level)] + [(U,)]).ticks_at
+    assert list(told) == ["clear", "warn", "slow", "stop", "unknown", "fault"]
+    assert list(told.values()) == [1, 1, 1, 1, 2, 1]
+
+
+def test_shadow_mode_is_told():
+    summary, shown = summary_of(), io.StringIO()
+    summary.print(Console(file=shown, width=120))
+    assert "shadow mode" not in shown.getvalue()
+    summary.shadow = True
+    summary.print(Console(file=shown, width=120))
+    assert "shadow mode" in shown.getvalue()
+    assert "links were told unknown" in shown.getvalue()
 
 
 def test_times_of_ticks_are_percentiles():
