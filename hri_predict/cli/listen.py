@@ -181,7 +181,7 @@ class Printer:
         for hidden in ("capture_ns", "detail"):
             fields.pop(hidden, None)
         shown = {k: v.name.lower() if isinstance(v, IntEnum) else v for k, v in fields.items()}
-        if isinstance(message, Advice):
+        if isinstance(message, Advice) and message.reason.clears_when:
             shown["clears_when"] = message.reason.clears_when
         return shown
 

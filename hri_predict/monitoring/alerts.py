@@ -62,7 +62,8 @@ class Alert:
 
     def line(self) -> str:
         """One line for a person."""
-        why = self.detail or f"{self.robot}: {self.reason}; clears when {self.clears_when}"
+        clears = f"; clears when {self.clears_when}" if self.clears_when else ""
+        why = self.detail or f"{self.robot}: {self.reason}{clears}"
         return f"[{self.time_s:8.2f} s] {self.was} -> {self.level}: {why}"
 
 

@@ -84,8 +84,8 @@ def _clock(clock: Mapping[str, Any]) -> str:
     drift = clock["drift_ppm"]
     fast = "drift not yet known" if drift is None else f"fast by {drift:.1f} ppm"
     believed = (
-        f"{clock['rise_s'] * 1e3:+.1f} ms of drift believed, {clock['wandered_s'] * 1e3:.1f} ms "
-        f"beyond a steady one"
+        f"{clock['rise_s'] * 1e3:.1f} ms put down to drift, {clock['wandered_s'] * 1e3:.1f} ms to "
+        f"wander"
     )
     late = f", scenes late by {clock['late_s'] * 1e3:.0f} ms" if clock["late_s"] > LATE_S else ""
     return f"{offset}, {fast}; {believed}{late}; jumps {clock['jumps']}, spikes {clock['spikes']}"

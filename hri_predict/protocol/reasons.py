@@ -57,12 +57,12 @@ class Reason(IntEnum):
 
     @property
     def clears_when(self) -> str:
-        """What clears it, for a person."""
+        """What clears it, for a person; "" for NONE."""
         return _TEXT[self][1]
 
 
 _TEXT = {
-    Reason.NONE: ("nothing is near", "nothing to clear"),
+    Reason.NONE: ("nothing is near", ""),
     Reason.PERSON_NEAR: (
         "a person is too close",
         "the separation exceeds its limit by risk.band_m",
@@ -97,7 +97,7 @@ _TEXT = {
         "the person slows down",
     ),
     Reason.SPEED_UNKNOWN: (
-        "nobody could measure yet how fast a person is; physical limits are used instead",
+        "the person's speed is not known yet; physical limits are used",
         "the person's joints are seen for long enough",
     ),
     Reason.NO_INPUT: ("no scene received yet", "the source delivers scenes"),

@@ -65,7 +65,7 @@ class RiskEngine:
 
     Raises:
         ConfigError: the delay budget goes past the horizon, a zone names an unknown robot, no
-            segment of the body is left, or a door is too near to a robot.
+            segment of the body is left, or a door is too close to a robot.
     """
 
     def __init__(
@@ -315,7 +315,7 @@ def _check_door(key: str, door: Region, robots: Sequence[RobotConstants]) -> Non
         reach_m, needed_m = robot.model.reach_m, robot.needed_m()
         if distance_m < reach_m + needed_m:
             raise ConfigError(
-                f"{key}: {reach_m + needed_m - distance_m:.2f} m too near to robot {robot.name}: "
+                f"{key}: {reach_m + needed_m - distance_m:.2f} m too close to robot {robot.name}: "
                 f"it is {distance_m:.2f} m from the base, and must be farther than the robot's "
                 f"reach of {reach_m:.2f} m and the separation distance of {needed_m:.2f} m; move "
                 f"it, or make it smaller"

@@ -20,7 +20,7 @@ _COLUMNS = {  # key of a row: head, form
     "predictive_m_s": ("predictive m/s", "{:.3f}"),
     "iso_m_s": ("iso m/s", "{:.3f}"),
     "ratio": ("ratio", "{:.2f}"),
-    "clear_too_near": ("clear too near", "{}"),
+    "clear_too_near": ("clear too close", "{}"),
     "contacts": ("contacts", "{}"),
 }
 
@@ -36,7 +36,7 @@ def trackers(
     """Let people walk up to a robot and away, seen by several trackers with several kinds of noise.
 
     The whole node runs on the virtual clock, in modes predictive and iso. Exit status 1 if a robot
-    was advised "clear" too near to somebody, or touched somebody while it moved.
+    was advised "clear" too close to somebody, or touched somebody while it moved.
 
     Example: hri-predict bench trackers --only "coco17 none" --walks 1
     """

@@ -28,7 +28,7 @@ def lost_notes(
         ends += ["an exit"] if people.exits else []
         ends += ["the same id"] if source.keeps_ids else []
         return [
-            f"who vanishes for longer than {found} stays lost until {' or '.join(ends)} ends it; "
+            f"who vanishes for longer than {found} stays lost until {_listed(ends)} ends it; "
             f"see {PAGE}"
         ]
     notes = []
@@ -44,7 +44,13 @@ def lost_notes(
             short_m = model.reach_m + needed_m + around_m - floor_distance(shadow, model.base)
             if short_m > 0:
                 notes.append(
-                    f"source.shadows.{i}: {short_m:.2f} m too near to robot {name} for it to go on "
-                    f"at full speed after somebody vanished there, until an Acknowledge"
+                    f"source.shadows.{i}: {short_m:.2f} m too close to robot {name} for it to go "
+                    f"on at full speed after somebody vanished there, until an Acknowledge"
                 )
     return notes
+
+
+def _listed(ends: list[str]) -> str:
+    """Such as "a, b or c"."""
+    *first, last = ends
+    return f"{', '.join(first)} or {last}" if first else last

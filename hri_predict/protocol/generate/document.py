@@ -136,7 +136,7 @@ def reasons() -> str:
     """Return the reasons and what clears them."""
     return table(
         ("value", "name", "meaning", "clears when"),
-        ((int(r), r.name, r.text, r.clears_when) for r in Reason),
+        ((int(r), r.name, r.text, r.clears_when or "–") for r in Reason),
     )
 
 

@@ -253,7 +253,7 @@ def _detail(
         segment = bodies.zones.segments[who.segment]
         parts.append(f"person {ids[who.person]}, {segment}, {where(robot, who)}")
         if who.slack_m < 0:
-            parts.append(f"{-who.slack_m:.2f} m too near at its present speed")
+            parts.append(f"{-who.slack_m:.2f} m too close for the robot's present speed")
     for i in np.flatnonzero(speeds.fast):
         joint = JOINTS[speeds.fastest_joint[i]]
         parts.append(f"person {ids[i]} is fast: {joint} {speeds.fastest_m_s[i]:.1f} m/s")

@@ -6,8 +6,8 @@ captures, and the speed limit rises at a limited rate. A latch also needs an ack
 acknowledgement alone starts nothing. The causes of a latch are configured (``risk.latch``), and
 every cause that has set it since the last acknowledgement is named.
 
-A stop also removes its own cause: a person who is too near for a moving robot is not too near for a
-standing one. So a stop is released only if the new speed can last: if the permitted speed falls
+A stop also removes its own cause: a person who is too close for a moving robot is not too close for
+a standing one. So a stop is released only if the new speed can last: if the permitted speed falls
 while captures are counted, it must be enough for the same number of further captures.
 """
 

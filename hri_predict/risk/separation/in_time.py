@@ -71,7 +71,7 @@ class TimeByTime:
     highest of ``SPEED_LEVELS`` speeds for which it and all slower ones are clear. (A faster robot
     may pass a person before a slower one would meet them, so all slower speeds must be clear.) Each
     distance is the smallest over all links and people: a robot may be faster only if no link comes
-    too near to anybody.
+    too close to anybody.
 
     Attributes:
         times_s: (K+1,) as in ``Zones``; a course's steps are 1..K of it.

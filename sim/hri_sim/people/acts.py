@@ -197,7 +197,7 @@ def _lean_to(body: Body, standing: Stance) -> float:
             raise ValueError("the target is overhead; give one in front")
         if distance < near:
             raise ValueError(
-                f"the target is {distance:.2f} m from the shoulder, too near; stand "
+                f"the target is {distance:.2f} m from the shoulder, too close; stand "
                 f"{near - distance:.2f} m farther away"
             )
         if distance <= far:

@@ -300,7 +300,7 @@ def test_a_door_within_a_robots_reach_and_separation_is_refused(kind):
     door = {"polygon": [[1.5, 0.0], [2.5, 0.0], [2.5, 1.0], [1.5, 1.0]]}
     people = loaded.node.people.model_copy(update={kind: [Region(**door)]})
     node = loaded.node.model_copy(update={"people": people})
-    with pytest.raises(ConfigError, match=rf"people.{kind}.0: \d\.\d\d m too near to robot arm"):
+    with pytest.raises(ConfigError, match=rf"people.{kind}.0: \d\.\d\d m too close to robot arm"):
         play(replace(loaded, node=node), duration_s=0.1)
 
 

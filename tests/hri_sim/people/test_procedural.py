@@ -253,7 +253,7 @@ def test_it_ends_when_it_is_told_to() -> None:
     ("script", "words"),
     [
         ([{"do": "reach", "to": [2.0, 0, 1.0]}], "nearer first"),
-        ([{"do": "reach", "to": [0.05, -0.2, 1.4]}], "too near"),
+        ([{"do": "reach", "to": [0.05, -0.2, 1.4]}], "too close"),
         ([{"do": "reach", "to": [0.1, -0.2, 2.1]}], "overhead"),
         ([{"do": "reach", "to": [0.5, 0, 1.0], "duration_s": 0.05}], "or more"),
         ([{"do": "walk", "to": [0, 0]}], "remove it"),

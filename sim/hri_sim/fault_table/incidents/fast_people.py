@@ -20,7 +20,7 @@ def _comes(speed_m_s: float, seconds: float = 6.0) -> dict[str, Any]:
 
 _HIPS_AND_HANDS = "hide@0+20:joints=[waist, torso, l_hip, r_hip, l_wrist, l_hand, r_wrist, r_hand]"
 _SLOW_CAMERA = {"source": {"rate_hz": 8.0}, "people": {"max_gap_s": 0.1, "exits": []}}
-"""Captures too far apart for the node to resample between them; by then the exit is too near."""
+"""Captures too far apart for the node to resample between them; by then the exit is too close."""
 
 FAST_PEOPLE = (
     Incident(

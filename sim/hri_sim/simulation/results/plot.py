@@ -91,7 +91,7 @@ def _said(result: Judged, results: Sequence[Judged]) -> str:
     contacts = result.totals["contacts"]
     near = result.estimates["violation_share"].value or 0.0
     touched = f"{contacts} contact{'' if contacts == 1 else 's'}"
-    return f"{_name(result, results)}: {touched}, too near {100 * near:.2g} % of time"
+    return f"{_name(result, results)}: {touched}, too close {100 * near:.2g} % of time"
 
 
 def _name(result: Judged, results: Sequence[Judged]) -> str:

@@ -33,7 +33,7 @@ METRICS = (
     Metric(
         key="contacts_standing", title="contacts, standing, /100", digits=1, factor=100.0, better=""
     ),
-    Metric(key="violation_share", title="too near, % of time", digits=2, factor=100.0),
+    Metric(key="violation_share", title="too close, % of time", digits=2, factor=100.0),
     Metric(
         key="moving_separation",
         title="nearest while moving, m",

@@ -20,7 +20,8 @@ def about(word, **source):
 
 
 @pytest.mark.parametrize(
-    ("keeps_ids", "end"), [(False, "until an Acknowledge ends"), (True, "or the same id ends")]
+    ("keeps_ids", "end"),
+    [(False, "until an Acknowledge ends"), (True, "until an Acknowledge or the same id ends")],
 )
 def test_it_says_what_ends_being_lost(keeps_ids, end):
     (note,) = about("stays lost", keeps_ids=keeps_ids)
@@ -40,3 +41,10 @@ def test_a_shadow_near_a_robot_keeps_it_waiting(x, is_near):
     free = {"sees_free_space": True, "field_of_view": FLOOR}
     found = about("source.shadows.0", shadows=[{"polygon": corners}], **free)
     assert len(found) == is_near
+
+
+def test_three_ends_are_listed_as_one_says_them():
+    config = baseline_demo()  # with an exit
+    source = config.source.model_dump() | {"keeps_ids": True}
+    notes = examine(config.with_source(source))["notes"]
+    assert any("until an Acknowledge, an exit or the same id ends it" in note for note in notes)

@@ -246,8 +246,8 @@ def test_demands_combine_to_the_severest():
     assert combined([], MAX) == CLEAR
 
 
-# A person who walks straight towards a robot, or away from it; the robot obeys. What is too near
-# for the robot at speed is not too near for the one that has stopped: the loop that could swing.
+# A person who walks straight towards a robot, or away from it; the robot obeys. What is too close
+# for the robot at speed is not too close for the one that has stopped: the loop that could swing.
 PERIOD_S = 1 / 30
 CURVE = StoppingCurve.of(lambda v: (v / 3.0, v * v / 6.0), MAX)
 DEFAULTS = RiskSettings()
