@@ -10,15 +10,21 @@ from hri_predict.errors import HriPredictError
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
+class _Line(logging.Formatter):
+    """``warning: ...`` or ``error: ...``, as the commands' own lines begin."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        return f"{record.levelname.lower()}: {record.message}"
+
+
 def main() -> None:
     """Run the command; report a user's mistake in one line on standard error, exit status 2.
 
     The exit status is 130 after Ctrl-C. Otherwise the command sets it (1: a person was touched).
     """
-    for level in (logging.WARNING, logging.ERROR):
-        logging.addLevelName(level, logging.getLevelName(level).lower())
-    line = "%(levelname)s: %(message)s"
-    logging.basicConfig(level=logging.WARNING, format=line, stream=sys.stderr)
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_Line())
+    logging.basicConfig(level=logging.WARNING, handlers=[handler])
     status: object = 0
     try:
         status = _run()
