@@ -174,8 +174,11 @@ def fitted(data: Path) -> dict[str, tuple[tuple[float, float, float], float]]:
     Raises:
         ConfigError: it lacks recordings.
     """
+    found = recordings(data)
+    for path in (path for paths in found.values() for path in paths):
+        if not path.is_file():
+            raise ConfigError(f"{path}: not there; give the folder of the recordings")
     poses = {
-        name: np.concatenate([read_poses(path) for path in paths])
-        for name, paths in recordings(data).items()
+        name: np.concatenate([read_poses(path) for path in paths]) for name, paths in found.items()
     }
     return {name: fit(rule, samples_of(name, poses)) for name, rule in SHAPES.items()}

@@ -31,7 +31,7 @@ from hri_predict.source import SourceSettings
 FREE_SPACE_M = 60.0
 """Where free space is seen, the node keeps a grid: larger ones would delay the advice."""
 ELSEWHERE_M = 2.5
-"""Nobody moves so far in the time that a scene may be late."""
+"""In a refused scene, a body farther than this from its id's track is another body."""
 
 
 class People(RemembersLost):
@@ -102,10 +102,13 @@ class People(RemembersLost):
         self._receipt_ns: int | None = None
         self._newest_good_ns: int | None = None
         self._captures = 0
-        self._unplaced = Unplaced(self._gap_ns, settings.reaccept_captures)
+        self._unplaced = Unplaced(
+            self._gap_ns, settings.reaccept_captures, source_settings.keeps_ids
+        )
         self._blind = False
         self._impossible = False
         self._misplaced = False
+        self._coasts = False
         self._recalled, self._has_recalled = [], False
 
     # -- in ---------------------------------------------------------------------------------------
@@ -119,14 +122,14 @@ class People(RemembersLost):
             capture_ns = self._gate.admit(scene, receipt_ns)
             if capture_ns is not None:
                 self._take(scene, capture_ns, receipt_ns)
-            elif self._captures:
+            elif self._gate.capture_ns != NEVER:
                 self._look_at_refused(scene)
 
     def _take(self, scene: Scene, capture_ns: int, now_ns: int) -> None:
         """Track all people in a scene that advances."""
         self._blind = not scene.sees_room
         self._counters["blind_scenes"] += self._blind
-        self._impossible = self._misplaced = False
+        self._impossible = self._misplaced = self._coasts = False
         frozen = False
         starts: list[Appearing] = []
         seen: dict[int, Body | None] = {}
@@ -135,12 +138,12 @@ class People(RemembersLost):
                 self._refuse_second(person, seen[person.id], capture_ns)
                 continue
             track = self._tracks.get(person.id)
+            body = seen[person.id] = self._body(person)
+            if body is None:
+                continue
             if track is None and len(starts) >= self._settings.max_people:
                 self._counters["excess_people"] += 1
                 self._unplaced.note(Why.ONE_TOO_MANY, person.id, capture_ns)
-                continue
-            body = seen[person.id] = self._body(person)
-            if body is None:
                 continue
             if (wrong := self._posture.judge(body, capture_ns)) is not None:
                 self._counters[wrong.value] += 1
@@ -157,11 +160,13 @@ class People(RemembersLost):
         self._note_unlocated(nowhere, capture_ns)
         if scene.sees_room:
             self._roster.expire(capture_ns)
-            self._lost.lose_places(self._unplaced.update(self._tracks, capture_ns))
+            vanished = self._unplaced.update(self._tracks, capture_ns)
+            self._counters["vanished_untracked"] += len(vanished)
+            self._lost.lose_places(vanished)
         # nobody knows yet which of an id's two places is true
         self._impossible |= any(track.rival is not None for track in self._tracks.values())
         self._counters["unjudged_bodies"] = self._posture.unjudged
-        bad = self._impossible or self._misplaced or frozen or bool(self._unplaced)
+        bad = self._impossible or self._misplaced or frozen or self._coasts or bool(self._unplaced)
         if scene.sees_room and not bad:
             self._newest_good_ns = capture_ns
             self._captures += 1
@@ -177,7 +182,7 @@ class People(RemembersLost):
         """Refuse another body of an id: it is somebody else, unless it is the same body again."""
         self._refuse("duplicate_ids")
         body = canonical_body(person, self._joint_map).body
-        if body is None or first is None or _apart(body, first) > SAME_PLACE_M:
+        if body is not None and (first is None or _apart(body, first) > SAME_PLACE_M):
             self._unplaced.note(Why.SECOND_BODY, person.id, capture_ns)
 
     def _look_at_refused(self, scene: Scene) -> None:
@@ -190,12 +195,14 @@ class People(RemembersLost):
         for person in scene.people:
             track = self._tracks.get(person.id)
             if track is None:
-                if not self._roster.lost_lately(person.id, capture_ns):
-                    self._unplaced.note(Why.OLD_SCENE, person.id, capture_ns)
+                if not self._roster.ended_lately(person.id, capture_ns):
+                    self._counters["people_in_refused_scenes"] += 1
+                    self._unplaced.note(Why.REFUSED_SCENE, person.id, capture_ns)
                 continue
             body = canonical_body(person, self._joint_map).body
             if body is not None and np.linalg.norm(body.centroid - track.centroid) > ELSEWHERE_M:
-                self._unplaced.note(Why.OLD_SCENE_ELSEWHERE, person.id, capture_ns)
+                self._counters["people_in_refused_scenes"] += 1
+                self._unplaced.note(Why.REFUSED_ELSEWHERE, person.id, capture_ns)
 
     def _note_unlocated(self, ids: list[int], capture_ns: int) -> None:
         """Note people with no visible joint who are neither tracked nor lost.
@@ -204,8 +211,12 @@ class People(RemembersLost):
         person is at an unknown place in the room.
         """
         for number in ids:
-            if number not in self._tracks and not self._roster.still_lost(number, capture_ns):
-                self._counters["unlocated_people"] += 1
+            if number in self._tracks or self._roster.still_lost(number, capture_ns):
+                continue
+            self._counters["unlocated_people"] += 1
+            if self._roster.still_ended(number, capture_ns):
+                self._coasts = True  # the tracker shows the id of somebody who left or was renamed
+            else:
                 self._unplaced.note(Why.NO_JOINT, number, capture_ns)
 
     def _body(self, person: Person) -> Body | None:
@@ -218,7 +229,7 @@ class People(RemembersLost):
 
     def _is_repeat(self, track: Track, body: Body, capture_ns: int) -> bool:
         """Return whether a source that declares noise sent identical joints again."""
-        if not (self._declares_noise and body.print in track.prints):
+        if not (self._declares_noise and body.fingerprint in track.fingerprints):
             return False
         track.present_ns = capture_ns
         track.repeats += 1
@@ -334,7 +345,10 @@ class People(RemembersLost):
             (self._gate.alignment.jumped, Reason.CLOCK_JUMP),
             (self._impossible or Reason.INPUT_IMPOSSIBLE in unplaced, Reason.INPUT_IMPOSSIBLE),
             (self._misplaced, Reason.BODY_NOT_UPRIGHT),
-            (Reason.PERSON_NOT_LOCATED in unplaced, Reason.PERSON_NOT_LOCATED),
+            (
+                self._coasts or Reason.PERSON_NOT_LOCATED in unplaced,
+                Reason.PERSON_NOT_LOCATED,
+            ),
             (Reason.TOO_MANY_PEOPLE in unplaced, Reason.TOO_MANY_PEOPLE),
             (stale and not silent and self._gate.alignment.late, Reason.CLOCK_DRIFT),
             (stale and not silent, Reason.INPUT_STALE),

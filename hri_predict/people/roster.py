@@ -66,6 +66,7 @@ class Roster:
         self._found_ns = max(round(settings.found_within_s * 1e9), gap_ns)
         self._history = history
         self._unseen_ns: dict[int, int] = {}  # ids of lost people, still in scenes without a joint
+        self._ended_ns: dict[int, int] = {}  # ids whose person left, was renamed or was found
 
     def start(self, body: Body, capture_ns: int, now_ns: int) -> Track:
         """A new track whose first capture is ``body``."""
@@ -103,6 +104,8 @@ class Roster:
         for index, (body, risen) in enumerate(starts):
             place = places[pairs[index]] if index in pairs else None
             if place is not None:
+                if place.id != body.id:
+                    self._note_end(place.id, capture_ns)
                 was_lost = self._forget(place)
                 if self._keeps_ids and risen is not None and was_lost and place.id == body.id:
                     # This person is back where the id had jumped from. The jump was a glitch of the
@@ -121,7 +124,7 @@ class Roster:
                 if track is not None:
                     self.lost.add(track)
         for track in left:
-            self._vanish(track)
+            self._vanish(track, capture_ns)
         return refused
 
     def still_lost(self, number: int, capture_ns: int) -> bool:
@@ -142,11 +145,28 @@ class Roster:
         self._unseen_ns[number] = capture_ns
         return True
 
-    def lost_lately(self, number: int, capture_ns: int) -> bool:
-        """Whether the person with this id was lost so shortly before that a late scene may show
-        that person."""
-        newest_ns = self._newest_of_lost(number)
-        return newest_ns is not None and capture_ns - newest_ns <= self._found_ns
+    def still_ended(self, number: int, capture_ns: int) -> bool:
+        """Whether an id that shows no joint has stayed in the scenes since its person left by an
+        exit, got another id or was found: some trackers keep an id for a while."""
+        if not self._is_recent(self._ended_ns.get(number), capture_ns):
+            return False
+        self._ended_ns[number] = capture_ns
+        return True
+
+    def ended_lately(self, number: int, capture_ns: int) -> bool:
+        """Whether the person with this id was lost, left or was renamed so shortly before that a
+        late scene may show that person."""
+        stamps = (self._newest_of_lost(number), self._ended_ns.get(number))
+        return any(self._is_recent(stamp, capture_ns) for stamp in stamps)
+
+    def _is_recent(self, stamp_ns: int | None, capture_ns: int) -> bool:
+        return stamp_ns is not None and capture_ns - stamp_ns <= self._found_ns
+
+    def _note_end(self, number: int, capture_ns: int) -> None:
+        self._ended_ns = {
+            n: ns for n, ns in self._ended_ns.items() if self._is_recent(ns, capture_ns)
+        }
+        self._ended_ns[number] = capture_ns
 
     def _newest_of_lost(self, number: int) -> int | None:
         stamps = [lost.capture_ns for lost in self.lost.people if lost.id == number]
@@ -157,7 +177,7 @@ class Roster:
         for track in list(self.tracks.values()):
             if capture_ns - track.present_ns > self._gap_ns:
                 del self.tracks[track.id]
-                self._vanish(track)
+                self._vanish(track, capture_ns)
 
     def _radius(
         self, body: Body, risen: Track | None, place: Track | Lost, capture_ns: int
@@ -215,13 +235,14 @@ class Roster:
             return False
         return True
 
-    def _vanish(self, track: Track) -> None:
+    def _vanish(self, track: Track, capture_ns: int) -> None:
         for place in (track, track.rival):
             if place is None:
                 continue
             place.rival = None
             if self._doors.has_left(place):
                 self.counters["left_by_exit"] += 1
+                self._note_end(place.id, capture_ns)
             else:
                 self.counters["vanished"] += 1
                 self.lost.add(place)

@@ -12,7 +12,7 @@ _WHOLE_BODY_JOINTS = 4
 """With this many common joints, their mean describes the body and not one fast hand."""
 _DISJOINT_REACH_M = 2.5
 """Greatest distance of two joints of one body: the arm span or height of a tall person."""
-BUFFERS = 8
+_PICTURES = 8
 """A frozen source repeats at most so many pictures."""
 _GLITCHES = 0.25
 """Up to this share of joints beyond the speed limit is noise of those joints, not of the body."""
@@ -33,7 +33,7 @@ class Body:
         return centroid
 
     @property
-    def print(self) -> int:
+    def fingerprint(self) -> int:
         """A number that bit-identical bodies share, and by chance one pair in 2^60 of others."""
         return hash((self.positions.tobytes(), self.observed.tobytes()))
 
@@ -68,7 +68,7 @@ class Track:
         present_ns: newest scene that contained it, believed or not.
         positions: (J, 3) where each joint was last observed; NaN if never.
         stamps: (J,) when; ``NEVER`` if never.
-        prints: of the newest believed bodies, to detect repeats: a frozen source may send one
+        fingerprints: of the newest believed bodies, to detect repeats: a frozen source may send one
             picture again and again, or the few that its buffers hold.
         repeats: number of consecutive bit-identical captures.
         rival: the track that the captures refused since the last believed one would form; it takes
@@ -87,7 +87,7 @@ class Track:
     stamps: Stamps
     capture_ns: int = NEVER
     present_ns: int = NEVER
-    prints: deque[int] = field(default_factory=lambda: deque(maxlen=BUFFERS))
+    fingerprints: deque[int] = field(default_factory=lambda: deque(maxlen=_PICTURES))
     repeats: int = 0
     rival: "Track | None" = field(default=None)
     captures: int = 0
@@ -168,7 +168,7 @@ class Track:
             self.capture_ns = capture_ns
             self.positions[believed] = body.positions[believed]
             self.stamps[believed] = capture_ns
-            self.prints.append(body.print)
+            self.fingerprints.append(body.fingerprint)
             self.repeats = 0
             self.rival = None
             self.captures += 1

@@ -6,13 +6,18 @@ no more, and was never tracked, nobody saw where they went: somebody may be anyw
 until an acknowledgement. A phantom of a few captures, without any place, leaves nothing behind.
 """
 
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, unique
 
+from hri_predict.people.track import Track
 from hri_predict.protocol.reasons import Reason
 
+MOST = 500
+"""More ids than this at once are no people; somebody may be anywhere."""
 
+
+@unique
 class Why(Enum):
     """Why a person is not tracked, and the fault that this is.
 
@@ -25,9 +30,9 @@ class Why(Enum):
     NO_JOINT = (Reason.PERSON_NOT_LOCATED, True, False)
     ONE_TOO_MANY = (Reason.TOO_MANY_PEOPLE, True, True)
     SECOND_BODY = (Reason.INPUT_IMPOSSIBLE, False, True)
-    OLD_SCENE = (Reason.INPUT_IMPOSSIBLE, True, False)
+    REFUSED_SCENE = (Reason.INPUT_IMPOSSIBLE, True, False)
     """In scenes that did not advance, and in no other."""
-    OLD_SCENE_ELSEWHERE = (Reason.INPUT_IMPOSSIBLE, False, False)
+    REFUSED_ELSEWHERE = (Reason.INPUT_IMPOSSIBLE, False, False)
     """The id is tracked, but such scenes show it far from there."""
 
     def __init__(self, reason: Reason, ends_if_tracked: bool, certain: bool) -> None:
@@ -36,8 +41,16 @@ class Why(Enum):
 
 @dataclass(slots=True)
 class _Presence:
+    first_ns: int
     newest_ns: int
-    captures: int = 0
+
+
+@dataclass(slots=True)
+class _Run:
+    """Captures, one after another, with anybody for one reason: ids may change meanwhile."""
+
+    newest_ns: int
+    captures: int = 1
 
 
 class Unplaced:
@@ -46,34 +59,52 @@ class Unplaced:
     Args:
         gap_ns: absence for longer than this is an absence.
         captures: so many captures show that somebody is there, where one does not.
+        keeps_ids: an id is the same person at any time.
     """
 
-    def __init__(self, gap_ns: int, captures: int) -> None:
+    def __init__(self, gap_ns: int, captures: int, keeps_ids: bool) -> None:
         self._gap_ns = gap_ns
         self._captures = captures
+        self._keeps_ids = keeps_ids
         self._present: dict[tuple[Why, int], _Presence] = {}
+        self._runs: dict[Why, _Run] = {}
+        self._gone: list[int] = []
 
     def note(self, why: Why, number: int, capture_ns: int) -> None:
         """The id ``number`` is in a scene, and not tracked."""
-        presence = self._present.setdefault((why, number), _Presence(capture_ns))
+        run = self._runs.get(why)
+        if run is None or capture_ns - run.newest_ns > self._gap_ns:
+            run = self._runs[why] = _Run(capture_ns)
+        elif capture_ns > run.newest_ns:
+            run.newest_ns = capture_ns
+            run.captures += 1
+        presence = self._present.get((why, number))
+        if presence is not None and self._is_over(presence, capture_ns) and not self._keeps_ids:
+            self._end(why, number)  # the id may be another person's now
+            presence = None
+        if presence is None:
+            presence = self._present[why, number] = _Presence(capture_ns, capture_ns)
         presence.newest_ns = max(presence.newest_ns, capture_ns)
-        presence.captures += 1
+        if len(self._present) > MOST:
+            self._present.clear()
+            self._gone.append(capture_ns)
 
-    def update(self, tracked: Collection[int], capture_ns: int) -> list[int]:
-        """Forget those who are tracked now, and let go of those who are absent.
+    def update(self, tracks: Mapping[int, Track], capture_ns: int) -> list[int]:
+        """End the presence of whoever is tracked or absent now.
+
+        A track that is older than the presence is that of another person, whose id changed.
 
         Returns:
             when each of those was last seen who was there, and now may be anywhere.
         """
-        last_seen = []
         for (why, number), presence in list(self._present.items()):
-            absent = capture_ns - presence.newest_ns > self._gap_ns
-            found = why.ends_if_tracked and number in tracked
-            if absent or found:
+            over = self._is_over(presence, capture_ns)
+            if self._is_found(why, tracks.get(number), presence) and (self._keeps_ids or not over):
                 del self._present[why, number]
-            if absent and not found and (why.certain or presence.captures >= self._captures):
-                last_seen.append(presence.newest_ns)
-        return last_seen
+            elif over:
+                self._end(why, number)
+        gone, self._gone = self._gone, []
+        return gone
 
     @property
     def reasons(self) -> set[Reason]:
@@ -83,3 +114,17 @@ class Unplaced:
     def __bool__(self) -> bool:
         """Whether anybody is."""
         return bool(self._present)
+
+    def _is_over(self, presence: _Presence, capture_ns: int) -> bool:
+        return capture_ns - presence.newest_ns > self._gap_ns
+
+    def _is_found(self, why: Why, track: Track | None, presence: _Presence) -> bool:
+        if track is None or not why.ends_if_tracked:
+            return False
+        # a source that restarts gives new ids, with the old tracks, to the same people
+        return why is Why.REFUSED_SCENE or track.began_ns >= presence.first_ns
+
+    def _end(self, why: Why, number: int) -> None:
+        presence = self._present.pop((why, number))
+        if why.certain or self._runs[why].captures >= self._captures:
+            self._gone.append(presence.newest_ns)

@@ -21,10 +21,6 @@ def nowhere(number):
     return Person(number, np.full((J, 3), np.nan), NONE)
 
 
-def two_under_one_id():
-    return [body(1, 6.0), body(1, 0.6)]
-
-
 CASES = {
     "no joint ever seen": ({}, [nowhere(2)], 5),
     "no coordinates": ({}, [Person(2, np.full((J, 3), np.inf), ALL)], 5),
@@ -74,6 +70,82 @@ def test_it_ends_when_that_person_is_tracked(make_room):
     snapshot = room.see(body(2, 0.6))
     assert (snapshot.ids, snapshot.reasons) == ((2,), ())
     assert [p.id for p in snapshot.lost] == [1]
+
+
+def test_an_id_that_gets_anothers_track_is_not_found(make_room):
+    for limits, person in (({"max_people": 1}, body(2, 0.6)), ({}, nowhere(2))):
+        room = make_room(**limits)
+        room.see(body(1, 6.0), times=5)
+        room.see(body(1, 6.0), person, times=50)
+        snapshot = room.see(body(2, 6.0), times=100)  # the ids were switched as one was hidden
+        assert (snapshot.ids, snapshot.reasons) == ((2,), ANYWHERE)
+
+
+def test_one_too_many_that_takes_over_the_track_beside_leaves_the_other_behind(make_room):
+    room = make_room(max_people=1)
+    room.see(body(1, 2.0), times=5)
+    room.see(body(1, 2.0), body(2, 2.4), times=10)
+    assert room.see(body(2, 2.4), times=21).reasons == ANYWHERE
+
+
+@pytest.mark.parametrize("person", [nowhere(2), body(2, 0.6)], ids=["no joint", "one too many"])
+def test_after_a_blind_time_an_id_may_be_another_person(make_room, person):
+    room = make_room(max_people=1 if person.observed.any() else 8)
+    room.see(body(1, 6.0), times=5)
+    room.see(body(1, 6.0), person, times=50)
+    room.see(sees_room=False, times=500)
+    assert Reason.ROOM_NOT_SEEN_EMPTY in room.see(body(2, 6.2), times=5).reasons
+
+
+def test_who_gets_another_id_each_few_captures_was_there_all_the_same(make_room):
+    room = make_room()
+    room.see(body(1, 6.0), times=5)
+    for k in range(100):
+        room.see(body(1, 6.0), nowhere(100 + k // 4))
+    assert room.see(body(1, 6.0), times=10).reasons == ANYWHERE
+
+
+def test_more_ids_than_people_may_be_anywhere_and_are_not_kept(make_room):
+    room = make_room()
+    room.see(body(1, 6.0), times=5)
+    for k in range(50):
+        room.see(body(1, 6.0), *(nowhere(100 + 20 * k + n) for n in range(20)), sees_room=False)
+    assert room.see(body(1, 6.0), times=10).reasons == ANYWHERE
+    assert len(room.people._unplaced._present) == 0
+
+
+EXIT = {"polygon": [[2, -3], [9, -3], [9, 3], [2, 3]], "z_min": -1, "z_max": 3}
+
+
+@pytest.mark.parametrize("captures", [7, 25, 100])
+def test_an_id_that_a_tracker_keeps_after_an_exit_leaves_nothing_behind(make_room, captures):
+    room = make_room(exits=[EXIT])
+    for step in range(31):
+        room.see(body(1, 0.1 * step), body(2, -3.0))
+    room.see(body(2, -3.0), nowhere(1), times=captures)
+    snapshot = room.see(body(2, -3.0), times=10)
+    assert snapshot.counters["left_by_exit"] == 1
+    assert snapshot.reasons == ()
+
+
+def test_an_old_id_that_a_tracker_keeps_beside_the_new_one_leaves_nothing_behind(make_room):
+    room = make_room()
+    room.see(body(1, 2.0), times=10)
+    room.see(body(2, 2.0), nowhere(1), times=30)
+    assert room.see(body(2, 2.0), times=10).reasons == ()
+
+
+def test_at_the_limit_a_phantom_without_a_joint_is_not_one_too_many(make_room):
+    room = make_room(max_people=1)
+    room.see(body(1, 2.0), nowhere(2))
+    assert room.see(body(1, 2.0), times=10).reasons == ()
+
+
+def test_an_id_twice_once_without_a_joint_is_a_fault_but_nobody_else(make_room):
+    room = make_room()
+    room.see(body(1, 6.0), times=5)
+    assert room.see(body(1, 6.0), nowhere(1)).reasons == (Reason.INPUT_IMPOSSIBLE,)
+    assert room.see(body(1, 6.0), times=10).reasons == ()
 
 
 def test_the_same_body_twice_is_a_fault_but_nobody_else(make_room):
@@ -159,6 +231,24 @@ def test_late_and_repeated_packets_of_the_same_people_change_nothing(make_room):
         assert room.see(body(1, 6.0), body(2, 3.0 + 0.1 * k)).reasons == ()
         assert resend(room, room.sequence, body(2, 3.0 + 0.1 * k)).reasons == ()
         assert resend(room, room.sequence - 3, body(2, 2.9 + 0.1 * k)).reasons == ()
+
+
+def test_a_source_that_restarts_gives_new_ids_to_the_same_people(make_room):
+    room = make_room()
+    room.see(body(1, 6.0), times=20)
+    room.sequence = -1
+    snapshot = room.see(body(7, 6.0), times=30)
+    assert (snapshot.ids, snapshot.reasons) == ((7,), ())
+    assert snapshot.counters["source_restarts"] == 1
+
+
+@pytest.mark.parametrize("copies", [1, 2])
+def test_late_packets_of_an_id_that_was_renamed_change_nothing(make_room, copies):
+    room = make_room()
+    room.see(body(1, 3.0), times=5)
+    room.see(body(2, 3.0))
+    for _ in range(copies):
+        assert resend(room, room.sequence - 1, body(1, 3.0)).reasons == ()
 
 
 def test_a_late_packet_of_somebody_just_lost_changes_nothing(make_room):
