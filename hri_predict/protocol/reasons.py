@@ -104,8 +104,8 @@ _TEXT = {
     Reason.INPUT_STALE: ("the newest scene is too old", "fresh scenes arrive"),
     Reason.INPUT_FROZEN: ("the source repeats the same data", "the source's data change again"),
     Reason.INPUT_IMPOSSIBLE: (
-        "a body moves impossibly fast, is not of human size (check the units), or has joints that "
-        "are not numbers",
+        "a body moves impossibly fast, is not of human size (check the units), has joints that are "
+        "not numbers, shares its id, or is only in scenes that do not advance",
         "plausible captures arrive",
     ),
     Reason.SOURCE_BLIND: (
@@ -114,13 +114,13 @@ _TEXT = {
     ),
     Reason.CLOCK_JUMP: ("the source's clock jumped", "the clock runs evenly again"),
     Reason.ROOM_NOT_SEEN_EMPTY: (
-        "more people vanished than the node can keep, or nobody knows who did: somebody may be "
-        "anywhere",
+        "somebody vanished whom the node did not track or could not keep, or nobody knows who did: "
+        "somebody may be anywhere",
         "an Acknowledge arrives",
     ),
     Reason.TOO_MANY_PEOPLE: (
         "more people are present than the node can follow",
-        "people leave, or people.max_people is raised",
+        "the node can follow everybody again, or people.max_people is raised",
     ),
     Reason.PERSON_NOT_LOCATED: (
         "somebody is present, but their position is unknown",

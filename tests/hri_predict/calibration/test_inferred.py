@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.calibration.inferred import HELD, fit, recordings, shares
+from hri_predict.calibration.inferred import HELD, fit, fitted, recordings, shares
 from hri_predict.cli.bench.joint_maps import joint_maps
 from hri_predict.errors import ConfigError
 from hri_predict.people.body import inferred
@@ -63,6 +63,13 @@ def test_a_rule_without_a_side_stays_on_its_axis():
 def test_the_folder_of_the_recordings_must_be_there(tmp_path):
     with pytest.raises(ConfigError, match=r"manifest\.csv: not there; give the folder"):
         recordings(tmp_path)
+
+
+def test_a_recording_that_is_missing_is_named(tmp_path):
+    (tmp_path / "motion").mkdir()
+    (tmp_path / "motion" / "manifest.csv").write_text("set,joints,name,person_in_test\n")
+    with pytest.raises(ConfigError, match=r"cmu_mocap.*\.npz: not there; give the folder"):
+        fitted(tmp_path)
 
 
 @needs_data
