@@ -202,3 +202,24 @@ def test_tests_mirror_the_packages(package):
         if folder.is_dir() and folder.name != "__pycache__":
             relative = folder.relative_to(ROOT / "tests" / package)
             assert (mirrored / relative).is_dir() or relative.parts[0] in outside, folder
+
+
+def _positional(path: Path) -> list[str]:
+    """Functions of a file with more than four parameters that may be given by place."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            names = [arg.arg for arg in (*node.args.posonlyargs, *node.args.args)]
+            if len([name for name in names if name not in ("self", "cls")]) > 4:
+                found.append(f"{path}: {node.name}")
+    return found
+
+
+def test_more_than_four_parameters_are_keywords_only(tmp_path: Path) -> None:
+    files = [path for name, root in PACKAGES.items() for path in (root / name).rglob("*.py")]
+    assert len(files) > 300
+    found = [each for path in files for each in _positional(path)]
+    assert found == []
+    odd = tmp_path / "odd.py"
+    odd.write_text("def f(a, b, c, d, e): ...\ndef g(self, a, b, c, d, *, e): ...\n")
+    assert _positional(odd) == [f"{odd}: f"]

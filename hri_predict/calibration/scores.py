@@ -110,7 +110,10 @@ def score_recordings(
         if tracked:
             seed = zlib.crc32(name.encode())
             drawn = [as_tracked(p, seed + i) for i, p in enumerate(presences)]
-            scored += [score_presence(predictor, name, recording.action, *each) for each in drawn]
+            scored += [
+                score_presence(predictor, name, recording.action, seen, delivered=delivered)
+                for seen, delivered in drawn
+            ]
         own = [replace(s, digest=recording.digest) for s in scored if s is not None]
         if not own:
             left_out.append(
@@ -130,6 +133,7 @@ def score_presence(
     name: str,
     action: str,
     presence: Presence,
+    *,
     delivered: Ints | None = None,
 ) -> Scores | None:
     """Score one presence of the recording ``name``; ``None`` if it is too short.

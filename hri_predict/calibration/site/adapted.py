@@ -54,7 +54,9 @@ def adapted(
         base,
         estimated=estimated,
         guaranteed=_guaranteed(base, pooled, group),
-        ranges=_ranges(base, parts, pooled, group, estimated["joint"][-1]),
+        ranges=_ranges(
+            base=base, parts=parts, pooled=pooled, group=group, factors=estimated["joint"][-1]
+        ),
         made=made,
         site=SiteParts(
             base=base_digest,
@@ -126,7 +128,7 @@ def _guaranteed(base: Calibration, pooled: _Pooled, group: Ints) -> dict[Of, Flo
 
 
 def _ranges(
-    base: Calibration, parts: Sequence[Part], pooled: _Pooled, group: Ints, factors: Floats
+    *, base: Calibration, parts: Sequence[Part], pooled: _Pooled, group: Ints, factors: Floats
 ) -> dict[str, Any]:
     """The base's, as wide as the parts need.
 

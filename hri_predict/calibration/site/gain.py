@@ -57,9 +57,17 @@ def measured_gain(base: Calibration, parts: Sequence[Part], skeleton: Skeleton) 
         after = moved_factors(base, others, skeleton) if others else None
         for part in (parts[i] for i in block):
             for of in OFS:
-                _add(sums, (of, BEFORE), _counts(part, base.estimated[of], of, calibrated, base))
+                _add(
+                    sums,
+                    (of, BEFORE),
+                    _counts(part, base.estimated[of], of=of, calibrated=calibrated, base=base),
+                )
                 if after is not None:
-                    _add(sums, (of, AFTER), _counts(part, after[of], of, calibrated, base))
+                    _add(
+                        sums,
+                        (of, AFTER),
+                        _counts(part, after[of], of=of, calibrated=calibrated, base=base),
+                    )
     unknown = np.full((len(LEVELS), base.steps), np.nan)
     held, radius, volume = {}, {}, {}
     for of in OFS:
@@ -72,7 +80,7 @@ def measured_gain(base: Calibration, parts: Sequence[Part], skeleton: Skeleton) 
 
 
 def _counts(
-    part: Part, factors: Floats, of: Of, calibrated: Bools, base: Calibration
+    part: Part, factors: Floats, *, of: Of, calibrated: Bools, base: Calibration
 ) -> list[Floats]:
     """Held, known, and sums of radii, volumes and their number; (L, H) each."""
     steps = base.steps

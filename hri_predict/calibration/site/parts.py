@@ -102,7 +102,15 @@ def score_parts(
             ]
             known = [entry for entry in scored if entry is not None]
             if known:
-                here.append(_part(part_name, digest, known, scale, predictor.rate_hz))
+                here.append(
+                    _part(
+                        name=part_name,
+                        digest=digest,
+                        known=known,
+                        scale=scale,
+                        rate_hz=predictor.rate_hz,
+                    )
+                )
         if not here:
             left_out.append(
                 f"recording {recording.path}: nobody is seen for a second without a break"
@@ -144,7 +152,7 @@ def _chosen(stretches: Sequence[Presence]) -> list[Presence]:
 
 
 def _part(
-    name: str, digest: str | None, known: Sequence[Scores], scale: LearnedScale, rate_hz: float
+    *, name: str, digest: str | None, known: Sequence[Scores], scale: LearnedScale, rate_hz: float
 ) -> Part:
     history = np.concatenate([entry.history[:, -HISTORY_STEPS:] for entry in known])
     observed = np.concatenate([entry.observed[:, -HISTORY_STEPS:] for entry in known])

@@ -36,6 +36,7 @@ from hri_predict.run.config import Config
 
 
 def check(
+    *,
     config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
     touched: Annotated[
         str | None,

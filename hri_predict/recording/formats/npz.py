@@ -139,8 +139,8 @@ def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
         )
     positions = _positions(path, arrays["positions"], len(names))
     positions[..., 2] -= _number(path, arrays, "floor_height", 0.0)  # z is up
-    positions[~_flags(path, arrays, "valid", positions, True)] = np.nan
-    positions[_flags(path, arrays, "jump", positions, False)] = np.nan
+    positions[~_flags(path, arrays, "valid", shape=positions.shape[:2], default=True)] = np.nan
+    positions[_flags(path, arrays, "jump", shape=positions.shape[:2], default=False)] = np.nan
     return _recording(
         path=path,
         kind="motion",
@@ -152,10 +152,9 @@ def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
 
 
 def _flags(
-    path: Path, arrays: Mapping[str, Any], key: str, positions: Floats, default: bool
+    path: Path, arrays: Mapping[str, Any], key: str, *, shape: tuple[int, ...], default: bool
 ) -> Bools:
     """(F, J) truth values of a key, or the default for all."""
-    shape = positions.shape[:2]
     flags = np.asarray(arrays.get(key, np.full(shape, default)))
     if flags.shape != shape or flags.dtype.kind not in "biu":
         raise RecordingError(

@@ -76,7 +76,13 @@ class Levels:
                 no longer slowed: it runs or it stands.
         """
         return tuple(
-            self._advise(robot, snapshot, bodies, findings, remarks[robot] if remarks else ())
+            self._advise(
+                robot=robot,
+                snapshot=snapshot,
+                bodies=bodies,
+                findings=findings,
+                remarks=remarks[robot] if remarks else (),
+            )
             for robot in range(len(self._robots))
         )
 
@@ -112,6 +118,7 @@ class Levels:
 
     def _advise(
         self,
+        *,
         robot: int,
         snapshot: PeopleSnapshot,
         bodies: BodyZones,

@@ -183,12 +183,15 @@ class Separation:
         for (i, motion), judge, outlook in zip(motions.items(), judging, found, strict=True):
             standard = None
             if self._may_permit_more(self._robots[i], outlook.finding):
-                standard = self._milder(i, motion, judge, bodies, outlook)
+                standard = self._milder(
+                    robot=i, motion=motion, judging=judge, bodies=bodies, outlook=outlook
+                )
             result.append((outlook.finding, standard))
         return result
 
     def _milder(
         self,
+        *,
         robot: int,
         motion: RobotMotion,
         judging: TimeByTime,

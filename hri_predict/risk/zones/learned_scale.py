@@ -77,8 +77,8 @@ def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats
     """(P, J, ``NOW``) the inputs that all steps share."""
     history, seen = evidence.history, evidence.observed
     people, joints = history.shape[0], history.shape[2]
-    velocity = {back: _velocity(history, seen, 0, back, rate_hz) for back in BACK}
-    before = _velocity(history, seen, _BEFORE - BACK[1], BACK[1], rate_hz)
+    velocity = {back: _velocity(history, seen, skip=0, back=back, rate_hz=rate_hz) for back in BACK}
+    before = _velocity(history, seen, skip=_BEFORE - BACK[1], back=BACK[1], rate_hz=rate_hz)
     speed = {back: norm(v) for back, v in velocity.items()}
     in_trunk = trunk_joints(skeleton)
     steps_back = min(BACK[-1], history.shape[1] - 1)
@@ -126,7 +126,7 @@ def inputs_ahead(evidence: Evidence, knots: Ints, rate_hz: float) -> Floats:
     return np.stack([_log_speed(moved), _log_speed(speed), lead, np.log(lead)], axis=-1)
 
 
-def _velocity(history: Floats, seen: Bools, skip: int, back: int, rate_hz: float) -> Floats:
+def _velocity(history: Floats, seen: Bools, *, skip: int, back: int, rate_hz: float) -> Floats:
     """(P, J, 3) over ``back`` steps that end ``skip`` before the newest; 0 where not observed."""
     end, start = history.shape[1] - 1 - skip, max(history.shape[1] - 1 - skip - back, 0)
     both = seen[:, end] & seen[:, start]

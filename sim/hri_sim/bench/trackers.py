@@ -95,7 +95,9 @@ def measured(base: Config, tracker: str, noise: str, walks: int) -> dict[str, An
     seen: dict[str, list[_Counts]] = {mode: [] for mode in MODES}
     for mode in MODES:
         for seed in range(walks):
-            seen[mode].append(_walked(_configured(base, tracker, noise, mode, seed)))
+            seen[mode].append(
+                _walked(_configured(base, tracker=tracker, noise=noise, mode=mode, seed=seed))
+            )
     total = {mode: _Counts.total(counts) for mode, counts in seen.items()}
     own, iso, both = total["predictive"], total["iso"], _Counts.total(list(total.values()))
     return {
@@ -114,7 +116,7 @@ def measured(base: Config, tracker: str, noise: str, walks: int) -> dict[str, An
     }
 
 
-def _configured(base: Config, tracker: str, noise: str, mode: str, seed: int) -> Config:
+def _configured(base: Config, *, tracker: str, noise: str, mode: str, seed: int) -> Config:
     person = walk(seed)
     timeline = Timeline(validated(PersonSettings, person, "walk"), "walk", left_first=True)
     source = {

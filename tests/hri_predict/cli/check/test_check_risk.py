@@ -60,7 +60,7 @@ def test_a_circle_that_is_too_small_is_noted(checked):
 
 
 def test_the_table_names_the_terms(capsys):
-    check(configuration.shipped("demo.yaml"))
+    check(config=configuration.shipped("demo.yaml"))
     out = capsys.readouterr().out
     assert "S_p: protective separation distance" in out
     assert "Risk mode predictive" in out

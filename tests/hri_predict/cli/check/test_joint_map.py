@@ -32,7 +32,7 @@ def cost_of(path):
 
 
 def test_coco_has_a_line_for_each_kind_of_joint(written, capsys):
-    check(written("coco17"))
+    check(config=written("coco17"))
     lines = [line for line in capsys.readouterr().out.splitlines() if "joint map coco17" in line]
     assert len(lines) == 4
     assert "l_hand, r_hand inferred from elbow, wrist, within 0.13 m" in "".join(lines)
@@ -49,12 +49,12 @@ def test_inferred_joints_cost_volume(written):
 
 def test_a_map_with_all_joints_costs_nothing(written, capsys):
     assert cost_of(written("canonical"))["parts"] == []
-    check(written("canonical"))
+    check(config=written("canonical"))
     assert "joint map" not in capsys.readouterr().out
 
 
 def test_what_is_not_inferred_is_told_once_with_the_remedy(written, capsys):
-    check(written("assembly_arms"))
+    check(config=written("assembly_arms"))
     lines = [line for line in capsys.readouterr().out.splitlines() if "joint map" in line]
     (rest,) = [line for line in lines if "bounded by reach" in line]
     assert "people.absent_parts" in rest
