@@ -163,7 +163,7 @@ class People(RemembersLost):
             vanished = self._unplaced.update(self._tracks, capture_ns)
             self._counters["vanished_untracked"] += len(vanished)
             self._lost.lose_places(vanished)
-        # nobody knows yet which of an id's two places is true
+        # a rival track: the id is in one of two places, and it is not known in which
         self._impossible |= any(track.rival is not None for track in self._tracks.values())
         self._counters["unjudged_bodies"] = self._posture.unjudged
         bad = self._impossible or self._misplaced or frozen or self._coasts or bool(self._unplaced)

@@ -42,31 +42,29 @@ def test_only_changes_are_told(tmp_path):
     assert "slow -> stop: arm: a person is too close; clears when" in out.getvalue()
 
 
-def test_where_nothing_is_near_nothing_has_to_clear(tmp_path):
+def on_terminal(folder):
+    """Alerts of one robot on a terminal, and what the terminal shows."""
     out = io.StringIO()
     alerts = Alerts(
         settings=AlertSettings(),
         robots=["arm"],
         clock=VirtualClock(0),
-        base_dir=tmp_path,
+        base_dir=folder,
         terminal=out,
         threaded=False,
     )
+    return out, alerts
+
+
+def test_where_nothing_is_near_nothing_has_to_clear(tmp_path):
+    out, alerts = on_terminal(tmp_path)
     alerts.observe((Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE),))
     alerts.stop()
     assert out.getvalue() == "[    0.00 s] none -> clear: arm: nothing is near\n"
 
 
 def test_another_reason_for_unknown_is_news_another_for_stop_is_not(tmp_path):
-    out = io.StringIO()
-    alerts = Alerts(
-        settings=AlertSettings(),
-        robots=["arm"],
-        clock=VirtualClock(0),
-        base_dir=tmp_path,
-        terminal=out,
-        threaded=False,
-    )
+    out, alerts = on_terminal(tmp_path)
     for level, reason in [
         (Level.UNKNOWN, Reason.STARTING),
         (Level.UNKNOWN, Reason.ROBOT_STATE_STALE),
