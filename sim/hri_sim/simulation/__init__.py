@@ -22,9 +22,9 @@ from hri_predict.files import data_path, read_text
 from hri_predict.joint_map import MAP_ENDINGS
 from hri_predict.peers import SimulationReport, SimulationRequest
 from hri_predict.recording.recording import names_of
-from hri_sim.simulation.approach import together
+from hri_sim.simulation.approach import map_of, together
 from hri_sim.simulation.cell import Cell, variants
-from hri_sim.simulation.motion import load_motion
+from hri_sim.simulation.motion import Motion, load_motion
 from hri_sim.simulation.results.publish import Result, report
 from hri_sim.simulation.results.report import Judged, Row, judged
 from hri_sim.simulation.scenario import draw
@@ -151,6 +151,7 @@ def _usable(plan: Plan, cell: Cell) -> tuple[Plan, list[str]]:
     for index, (name, short) in enumerate(zip(plan.motions, names, strict=True)):
         try:
             motion = load_motion(name, rate_hz, base_dir, cell.source.joint_map)
+            _demand_seen(motion, cell)
             draw(
                 seed=plan.seed,
                 index=index,
@@ -169,6 +170,19 @@ def _usable(plan: Plan, cell: Cell) -> tuple[Plan, list[str]]:
     if plan.people > 1:
         together(motions)
     return replace(plan, motions=tuple(motion.name for motion in motions)), left_out
+
+
+def _demand_seen(motion: Motion, cell: Cell) -> None:
+    """Check that the tracker of ``source.tracker`` sees anything of this recording.
+
+    Raises:
+        UnusableRecordingError: it does not, so nobody would be there for the node.
+    """
+    tracker = cell.source.tracker
+    if not (map_of([motion], tracker, cell.config.base_dir).weights > 0).any():
+        raise UnusableRecordingError(
+            f"recording {motion.name}: tracker {tracker} sees none of its joints; leave it out"
+        )
 
 
 def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Block, dict[str, Any]]]:

@@ -93,7 +93,7 @@ class ApproachSource:
             )
             for motion, place in zip(self._motions, settings.places, strict=True)
         ]
-        self.joint_map = _map_of(self._motions, settings.tracker, base_dir)
+        self.joint_map = map_of(self._motions, settings.tracker, base_dir)
         self._delivered: Bools = np.asarray((self.joint_map.weights > 0).any(axis=0))
         self.rate_hz = self._motions[0].rate_hz
         self.declares_noise = settings.noise_m > 0 or settings.wander_m > 0
@@ -172,7 +172,7 @@ def _canonical() -> JointMap:
     return load_joint_map("canonical")
 
 
-def _map_of(motions: Sequence[Motion], tracker: str | None, base_dir: Path | None) -> JointMap:
+def map_of(motions: Sequence[Motion], tracker: str | None, base_dir: Path | None) -> JointMap:
     """A tracker that delivers the joints that the recordings have, and no others."""
     whole = _canonical()
     if tracker is not None:

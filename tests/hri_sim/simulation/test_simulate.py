@@ -108,8 +108,21 @@ def test_a_recording_that_is_too_short_is_left_out_and_told(request_of, glimpse,
     (line,) = data["left_out"]
     assert line.startswith("recording glimpse: too short")
     assert f"Left out: {line}." in told.notes
-    assert "Left out: 1 recordings, which are too short or empty." in told.notes
+    assert "Recordings left out: 1." in told.notes
     assert f"recording {glimpse}: too short" in caplog.text
+
+
+def test_a_recording_of_which_the_tracker_sees_nothing_is_left_out(request_of, tmp_path):
+    """Nobody would be there for the node, so the table would be about no tracker at all."""
+    (tmp_path / "feet.yaml").write_text(
+        "name: feet\nreference: none\nunits: m\naxes: [x, y, z]\n"
+        "joints: [left, right]\nmap: {l_foot: left, r_foot: right}\n"
+    )
+    arms = np.zeros((60, 6, 3), np.float32) + np.array([0.1, 0.2, 1.2], np.float32)
+    np.savez(tmp_path / "arms.npz", positions=arms, fps=np.float32(30))
+    asked = request_of(motions=(str(tmp_path / "arms.npz"),), tracker=str(tmp_path / "feet.yaml"))
+    with pytest.raises(ConfigError, match=r"arms.*: tracker .*feet\.yaml sees none of its joints"):
+        simulate(asked, lambda *_: None)
 
 
 def test_a_run_of_which_no_recording_is_left_is_refused(request_of, glimpse):

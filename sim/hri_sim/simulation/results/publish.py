@@ -62,7 +62,7 @@ def report(result: Result, out: Path | None) -> SimulationReport:
     )
     said.append(asked_for(result.asked))
     if result.left_out:
-        said.append(f"Left out: {len(result.left_out)} recordings, which are too short or empty.")
+        said.append(f"Recordings left out: {len(result.left_out)}.")
         said += [f"Left out: {line}." for line in result.left_out]
     said += [f"Disagrees: {line}" for line in result.disagreements]
     text = json.dumps(_data(result, said), indent=1)
