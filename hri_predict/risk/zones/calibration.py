@@ -324,6 +324,10 @@ def calibration_for(
     return calibration
 
 
+_NOT_OF_ERRORS = {"threads"}
+"""Settings that change the speed of a forecast, and its errors by rounding alone."""
+
+
 def mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
     """Why a calibration is not that of a predictor; "" if it is."""
     if calibration.predictor != settings.name:
@@ -331,7 +335,7 @@ def mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
     if calibration.rate_hz != settings.rate_hz:
         return f"is for {calibration.rate_hz:g} steps per second, not {settings.rate_hz:g}"
     values, weights = identity(settings)
-    for key in sorted(values.keys() | calibration.settings.keys()):
+    for key in sorted((values.keys() | calibration.settings.keys()) - _NOT_OF_ERRORS):
         if values.get(key) != calibration.settings.get(key):
             return f"was made with {key} {calibration.settings.get(key)}, not {values.get(key)}"
     if calibration.weights != weights:

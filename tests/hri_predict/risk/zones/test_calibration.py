@@ -274,6 +274,18 @@ def test_one_that_was_asked_for_is_refused_where_it_does_not_fit(folder, other, 
     assert "\n" not in str(error.value)
 
 
+def test_more_threads_are_no_other_predictor(folder, make_calibration):
+    class Threaded(ZeroVelocitySettings):
+        threads: int = 1
+
+    one = Threaded(**SETTINGS.model_dump())
+    values, _ = identity(one)
+    own = folder / "zero_velocity.calibration.json"
+    own.write_text(save_text(make_calibration(settings=values)), encoding="utf-8")
+    two = one.model_copy(update={"threads": 2})
+    assert calibration_for(two, CoverageSettings(), folder) is not None
+
+
 def test_other_weights_are_another_predictor(folder, make_calibration):
     parts = [folder / "one.safetensors", folder / "other.safetensors"]
 
