@@ -43,7 +43,8 @@ class CanLinkSettings(ConfiguredLinkSettings):
     channel: str | None = Field(
         None,
         min_length=1,
-        description="can0, /dev/ttyACM0, 239.74.163.2, ...; not needed with 'simulate'",
+        coerce_numbers_to_str=True,
+        description="can0, /dev/ttyACM0, 239.74.163.2, 0, ...; not needed with 'simulate'",
     )
     bitrate: int = Field(500_000, ge=10_000, le=1_000_000)
     fd: bool = Field(False, description="CAN FD; it carries Zone and Pose without ISO-TP")

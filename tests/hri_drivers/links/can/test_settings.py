@@ -49,6 +49,10 @@ def test_what_cannot_be_is_refused_with_a_remedy(wrong, words):
     assert words in str(caught.value)
 
 
+def test_a_channel_may_be_a_number_as_kvaser_and_vector_count_theirs():
+    assert link(interface="kvaser", channel=0).channel == "0"
+
+
 def test_ids_at_the_edges_are_right():
     assert link(base_id=0x7BA).ids[-1] == 0x7FF
     assert link(base_id=0x1FFFFFBA, extended=True).ids[-1] == 0x1FFFFFFF
