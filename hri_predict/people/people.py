@@ -130,6 +130,7 @@ class People(RemembersLost):
         self._blind = not scene.sees_room
         self._counters["blind_scenes"] += self._blind
         self._impossible = self._misplaced = self._coasts = False
+        self._roster.part([person.id for person in scene.people], capture_ns)
         frozen = False
         starts: list[Appearing] = []
         seen: dict[int, Body | None] = {}
@@ -154,9 +155,9 @@ class People(RemembersLost):
                 frozen = True
             elif (risen := self._follow(track, body, capture_ns, now_ns)) is not None:
                 starts.append((body, risen))
-        for refused in self._roster.begin(starts, capture_ns, now_ns):
-            self._unplaced.note(Why.ONE_TOO_MANY, refused, capture_ns)
         nowhere = [number for number, body in seen.items() if body is None]
+        for refused in self._roster.begin(starts, capture_ns, now_ns, unseen=nowhere):
+            self._unplaced.note(Why.ONE_TOO_MANY, refused, capture_ns)
         self._note_unlocated(nowhere, capture_ns)
         if scene.sees_room:
             self._roster.expire(capture_ns)
@@ -242,21 +243,23 @@ class People(RemembersLost):
         Returns:
             the rival, if captures that cannot follow from this track have agreed for long enough.
         """
+        rival = track.rival
         believed = track.believable(body, capture_ns, self._limits)
-        if believed is not None:
+        if believed is not None and self._roster.continues(track, body, capture_ns):
             glitches = np.count_nonzero(body.observed) - np.count_nonzero(believed)
             self._counters["impossible_joints"] += int(glitches)
             self._push(
                 track=track, body=body, believed=believed, capture_ns=capture_ns, now_ns=now_ns
             )
+            self._roster.drop_rival(rival)
             return None
         self._refuse("impossible_captures")
         track.present_ns = capture_ns
         track.repeats = 0
-        rival = track.rival
         agrees = rival.believable(body, capture_ns, self._limits) if rival else None
         if rival is None or agrees is None:
             track.rival = self._roster.start(body, capture_ns, now_ns)
+            self._roster.drop_rival(rival)
             return None
         self._push(track=rival, body=body, believed=agrees, capture_ns=capture_ns, now_ns=now_ns)
         if rival.captures < self._settings.reaccept_captures:

@@ -2,13 +2,14 @@
 
 A body that appears may be a person who vanished. It takes over that person's track only a short
 time later (``found_within_s``), within the distance that the person could have moved, and not where
-people enter. Otherwise both exist. If a source keeps its ids, an id that comes back is that person,
-at any time. Two bodies cannot be in one place. So if an id changes while its body stays in place,
-it is the same body, at any place in the room.
+people enter. Otherwise both exist. This also holds for an id that was absent, and an id that moves
+farther than its person can is somebody else's now, unless the source keeps its ids: then an id that
+comes back is that person, at any time. Two bodies cannot be in one place. So if an id changes while
+its body stays in place, it is the same body, at any place in the room.
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 
 import numpy as np
 
@@ -20,9 +21,13 @@ from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body, MotionLimits, Track
 
 PLACE_SLACK_M = 0.5
-"""How far the mean of a body's visible joints may move when it turns or shows other joints."""
+"""How far a body may be from where its motion leads: noise, and a sudden step."""
 SAME_PLACE_M = 0.25
 """Nobody else can be nearer than this to where a body was a moment ago."""
+STRIDE_M = 0.75
+"""One capture that is torn off by less than this shows the same person."""
+TOGETHER_M = 0.4
+"""Two bodies nearer than this in one scene may be one person, reported twice."""
 
 Appearing = tuple[Body, Track | None]
 """A body that appears, and the track of an id that jumped there; ``None``: a new id."""
@@ -66,6 +71,7 @@ class Roster:
         self._found_ns = max(round(settings.found_within_s * 1e9), gap_ns)
         self._history = history
         self._unseen_ns: dict[int, int] = {}  # ids of lost people, still in scenes without a joint
+        self._leavers: list[Track] = []  # left by an exit a moment ago
         self._ended_ns: dict[int, int] = {}  # ids whose person left, was renamed or was found
 
     def start(self, body: Body, capture_ns: int, now_ns: int) -> Track:
@@ -81,10 +87,47 @@ class Roster:
             self._doors.follow(track)
         return result
 
-    def begin(self, starts: Sequence[Appearing], capture_ns: int, now_ns: int) -> list[int]:
+    def continues(self, track: Track, body: Body, capture_ns: int) -> bool:
+        """Whether a body can be the person of its id's track, and nobody else who got the id."""
+        if self._keeps_ids:
+            return True
+        absent_ns = max(capture_ns - track.capture_ns, 0)
+        if track.rival is not None:  # refused for long enough, any jump would be a possible motion
+            absent_ns = min(absent_ns, self._gap_ns)
+        beyond_m = track.apart(body) - PLACE_SLACK_M
+        seconds = absent_ns * 1e-9
+        if beyond_m <= self._settings.lost_speed_m_s * seconds:
+            return True
+        return beyond_m <= self.lost.speed_of(track) * seconds
+
+    def drop_rival(self, rival: Track | None) -> None:
+        """Somebody stood where an id had jumped to before it came back: that person is lost.
+
+        A single capture there is a glitch. Somebody known may have been mistaken for the id.
+        """
+        if rival is None or self._keeps_ids or rival.captures < 2:
+            return
+        known: list[Track | Lost] = [*self.tracks.values(), *self.lost.people]
+        if any(np.linalg.norm(p.centroid - rival.centroid) < PLACE_SLACK_M for p in known):
+            return
+        self.counters["vanished"] += 1
+        self.lost.add(rival)
+
+    def begin(
+        self,
+        starts: Sequence[Appearing],
+        capture_ns: int,
+        now_ns: int,
+        unseen: Container[int] = (),
+    ) -> list[int]:
         """Start to track bodies that appear: new ids, and ids that jumped and stayed there.
 
         So two ids that swapped bodies get each other's history.
+
+        Args:
+            starts: the bodies.
+            capture_ns, now_ns: of the scene, and the node's clock.
+            unseen: ids that are in the scene without a joint.
 
         Returns:
             the ids for which there is no room.
@@ -93,13 +136,8 @@ class Roster:
             return []
         left = [self.tracks.pop(body.id) for body, risen in starts if risen is not None]
         gone = [t for t in self.tracks.values() if t.present_ns != capture_ns]
-        places: list[Track | Lost] = [*left, *gone, *self.lost.people]
-        radii = np.array(
-            [[self._radius(b, risen, p, capture_ns) for p in places] for b, risen in starts]
-        )
-        pairs = match_places(
-            [body.centroid for body, _ in starts], [place.centroid for place in places], radii
-        )
+        places: list[Track | Lost] = [*left, *gone, *self.lost.people, *self._leavers]
+        pairs = self._matched(starts, places, capture_ns, unseen)
         refused = []
         for index, (body, risen) in enumerate(starts):
             place = places[pairs[index]] if index in pairs else None
@@ -115,6 +153,8 @@ class Roster:
                     jumped_ns = place.capture_ns
                     left = [t for t in left if t.id != body.id or t.began_ns <= jumped_ns]
                 left = [t for t in left if t is not place]
+            if self._keeps_ids and risen is None:
+                self._find_all(body.id)
             track = place.track if isinstance(place, Lost) else place
             admitted = self._admit(
                 body=body, risen=risen, track=track, capture_ns=capture_ns, now_ns=now_ns
@@ -174,10 +214,54 @@ class Roster:
 
     def expire(self, capture_ns: int) -> None:
         """End the tracks of people absent for too long: they left by an exit, or vanished."""
+        self._leavers = [t for t in self._leavers if self._is_recent(t.capture_ns, capture_ns)]
         for track in list(self.tracks.values()):
             if capture_ns - track.present_ns > self._gap_ns:
                 del self.tracks[track.id]
                 self._vanish(track, capture_ns)
+
+    def part(self, returned: Iterable[int], capture_ns: int) -> None:
+        """End the tracks of ids that come back after an absence: they may be other people's now.
+
+        Call it before the bodies in a scene are followed. They may find those people again.
+        """
+        for number in returned:
+            track = self.tracks.get(number)
+            # present in the scene after a gap that is still bridged
+            bridged_ns = self._gap_ns + self._limits.period_ns
+            if track is not None and capture_ns - track.present_ns > bridged_ns:
+                del self.tracks[number]
+                self._vanish(track, capture_ns)
+
+    def _matched(
+        self,
+        starts: Sequence[Appearing],
+        places: Sequence[Track | Lost],
+        capture_ns: int,
+        unseen: Container[int],
+    ) -> dict[int, int]:
+        """Index of start -> index of the place where that person was last seen."""
+        apart = np.array([[place.apart(body) for place in places] for body, _ in starts])
+        radii = np.array(
+            [[self._radius(b, risen, p, capture_ns) for p in places] for b, risen in starts]
+        )
+        for v, place in enumerate(places):
+            if place.id in unseen:  # who is still reported without a joint is somewhere
+                seconds = max(capture_ns - place.capture_ns, 0) * 1e-9
+                near_m = SAME_PLACE_M + self._settings.lost_speed_m_s * seconds
+                radii[:, v] = np.minimum(radii[:, v], near_m)
+        pairs = match_places(apart, radii)
+        for first in sorted(pairs, key=lambda s: float(apart[s, pairs[s]])):
+            for other in [s for s in pairs if s != first and first in pairs]:
+                between = starts[first][0].centroid - starts[other][0].centroid
+                if float(np.linalg.norm(between)) < TOGETHER_M:
+                    del pairs[other]
+        return pairs
+
+    def _find_all(self, number: int) -> None:
+        """The id of a source that keeps its ids is tracked: its person is lost nowhere."""
+        for lost in [each for each in self.lost.people if each.id == number]:
+            self._forget(lost)
 
     def _radius(
         self, body: Body, risen: Track | None, place: Track | Lost, capture_ns: int
@@ -188,7 +272,7 @@ class Roster:
         seconds = max(since_ns, 0) * 1e-9
         is_lost = isinstance(place, Lost)
         speed = place.speed_m_s if isinstance(place, Lost) else self.lost.speed_of(place)
-        if body.id == place.id and (self._keeps_ids or not is_lost):
+        if body.id == place.id and (self._keeps_ids or (risen is not None and not is_lost)):
             fastest = self._settings.max_body_speed_m_s if risen is None else speed
             return PLACE_SLACK_M + fastest * seconds
         if since_ns > self._found_ns or (isinstance(place, Lost) and place.track is None):
@@ -197,7 +281,7 @@ class Roster:
             return -1.0 if is_lost else SAME_PLACE_M + self._settings.lost_speed_m_s * seconds
         track = place.track if isinstance(place, Lost) else place
         assert track is not None
-        return PLACE_SLACK_M + self.lost.found_speed_of(track) * seconds
+        return SAME_PLACE_M + self.lost.found_speed_of(track) * seconds
 
     def _forget(self, place: Track | Lost) -> bool:
         """Drop ``place``, whose body is found; return whether that body was already lost."""
@@ -207,6 +291,7 @@ class Roster:
             return True
         if self.tracks.get(place.id) is place:
             del self.tracks[place.id]
+        self._leavers = [t for t in self._leavers if t is not place]
         return False
 
     def _admit(
@@ -220,6 +305,7 @@ class Roster:
         believed = track.believable(body, capture_ns, self._limits) if track else None
         if track is not None and believed is not None:
             self.counters["inherited"] += 1
+            track.resumed_ns = capture_ns
             self.push(
                 track=track, body=body, believed=believed, capture_ns=capture_ns, now_ns=now_ns
             )
@@ -236,13 +322,23 @@ class Roster:
         return True
 
     def _vanish(self, track: Track, capture_ns: int) -> None:
-        for place in (track, track.rival):
-            if place is None:
-                continue
-            place.rival = None
-            if self._doors.has_left(place):
-                self.counters["left_by_exit"] += 1
-                self._note_end(place.id, capture_ns)
-            else:
-                self.counters["vanished"] += 1
-                self.lost.add(place)
+        rival, track.rival = track.rival, None
+        if self._doors.has_left(track):
+            self.counters["left_by_exit"] += 1
+            self._note_end(track.id, capture_ns)
+            self._leavers.append(track)
+            if rival is not None and self._is_stride_of(track, rival):
+                return
+        else:
+            self.counters["vanished"] += 1
+            self.lost.add(track)
+        if rival is not None:
+            self.counters["vanished"] += 1
+            self.lost.add(rival)
+
+    def _is_stride_of(self, leaver: Track, rival: Track) -> bool:
+        """Whether one torn capture of somebody who was leaving is all that there is of a rival."""
+        seconds = max(rival.capture_ns - leaver.capture_ns, 0) * 1e-9
+        reach_m = STRIDE_M + self.lost.found_speed_of(leaver) * seconds
+        apart_m = float(np.linalg.norm((rival.centroid - leaver.centroid)[:2]))
+        return rival.captures == 1 and apart_m <= reach_m

@@ -8,10 +8,12 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats, Stamps
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 
+_STRETCH_M = 0.75
+"""Beyond ``_PARTS_M``: a hand and a foot of one stretched body are a metre apart on the floor."""
+_PARTS_M = 0.25
+"""On the floor, the means of two parts of one body may be so far apart."""
 _WHOLE_BODY_JOINTS = 4
 """With this many common joints, their mean describes the body and not one fast hand."""
-_DISJOINT_REACH_M = 2.5
-"""Greatest distance of two joints of one body: the arm span or height of a tall person."""
 _PICTURES = 8
 """A frozen source repeats at most so many pictures."""
 _GLITCHES = 0.25
@@ -76,6 +78,7 @@ class Track:
         captures: believed captures.
         began_ns: the first capture.
         began_at: (3,) the mean of the joints seen in it.
+        resumed_ns: since when it is tracked under its present id, without an absence.
         was_in_room: seen outside of every exit at least once.
         doorstep: (3,) where the exit began in which the body is now; ``None``: in none, or it was
             never seen outside.
@@ -93,6 +96,7 @@ class Track:
     captures: int = 0
     began_ns: int = NEVER
     began_at: Floats = field(default_factory=lambda: np.zeros(3))
+    resumed_ns: int = NEVER
     was_in_room: bool = False
     doorstep: Floats | None = None
 
@@ -106,6 +110,7 @@ class Track:
             positions=np.full((joints, 3), np.nan),
             stamps=np.full(joints, NEVER),
             began_ns=capture_ns,
+            resumed_ns=capture_ns,
             began_at=body.centroid,
         )
         track.take(body, body.observed, capture_ns, now_ns)
@@ -119,6 +124,18 @@ class Track:
             recent = self.stamps != NEVER
         centroid: Floats = self.positions[recent].mean(axis=0)
         return centroid
+
+    def apart(self, body: Body) -> float:
+        """How far (m) ``body`` is from where this one was last seen.
+
+        The median over the joints seen in both, or on the floor if these are too few to be a body:
+        the means of other joints differ by half a body's height.
+        """
+        common = body.observed & (self.stamps == self.capture_ns)
+        if np.count_nonzero(common) >= _WHOLE_BODY_JOINTS:
+            moved = np.median(body.positions[common] - self.positions[common], axis=0)
+            return float(np.linalg.norm(moved))
+        return max(0.0, float(np.linalg.norm((body.centroid - self.centroid)[:2])) - _PARTS_M)
 
     def moved(self, span_s: float) -> tuple[Floats, float]:
         """How far the body moved in the last ``span_s`` before it was last seen.
@@ -183,9 +200,8 @@ class Track:
         common = body.observed & (self.stamps != NEVER)
         count = int(np.count_nonzero(common))
         if not count:
-            apart = float(np.linalg.norm(body.centroid - self.centroid))
             elapsed_s = float(self._elapsed_s(np.array([self.capture_ns]), capture_ns, limits)[0])
-            far = apart > _DISJOINT_REACH_M + limits.body_speed_m_s * elapsed_s
+            far = self.apart(body) > _STRETCH_M + limits.body_speed_m_s * elapsed_s
             return None if far else body.observed
         elapsed = self._elapsed_s(self.stamps[common], capture_ns, limits)
         velocity = (body.positions[common] - self.positions[common]) / elapsed[:, None]

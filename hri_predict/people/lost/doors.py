@@ -17,6 +17,8 @@ LAST_MOTION_S = 1.0
 """The last motion is the motion during this time before a person was last seen."""
 ON_THE_WAY_M = 0.2
 """A person who moved less than this in ``LAST_MOTION_S`` stood: a slow step is 0.3 m."""
+RESUMED_M = 0.1
+"""A person found again on the way out has left after moving on by this much."""
 INSIDE_M = 0.3
 """A person who got less far into an exit may only have passed its edge."""
 
@@ -55,4 +57,12 @@ class Doors:
         if float(np.linalg.norm(moved)) < ON_THE_WAY_M:
             return False
         inward = track.centroid - track.doorstep  # from where the exit began
-        return float(np.linalg.norm(inward)) >= INSIDE_M and float(moved @ inward) > 0.0
+        depth_m = float(np.linalg.norm(inward))
+        if depth_m < INSIDE_M or float(moved @ inward) <= 0.0:
+            return False
+        since_s = (track.capture_ns - track.resumed_ns) * 1e-9
+        if since_s >= LAST_MOTION_S or track.resumed_ns == track.began_ns:
+            return True
+        # somebody else may have come in past who left, and got that track
+        onward, _ = track.moved(since_s)
+        return float(onward @ inward) >= RESUMED_M * depth_m

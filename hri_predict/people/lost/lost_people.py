@@ -20,7 +20,7 @@ from hri_predict.arrays import Floats
 from hri_predict.people.lost.free_space import FreeSpace, Whereabouts
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import LostPerson
-from hri_predict.people.track import Track
+from hri_predict.people.track import Body, Track
 
 SPEED_SPAN_S = 0.4
 """The last speed is measured over this time: a third of a step, and four captures at 10 Hz."""
@@ -58,6 +58,12 @@ class Lost:
         newest = self.joint_age_s <= self.joint_age_s.min()
         centroid: Floats = self.positions[newest].mean(axis=0)
         return centroid
+
+    def apart(self, body: Body) -> float:
+        """How far (m) ``body`` is from where this person was last seen; see ``Track.apart``."""
+        if self.track is not None:
+            return self.track.apart(body)
+        return float(np.linalg.norm((body.centroid - self.centroid)[:2]))
 
 
 class LostPeople:
@@ -193,23 +199,19 @@ class LostPeople:
             self._dropped_ns = max(self._dropped_ns or capture_ns, capture_ns)
 
 
-def match_places(starts: list[Floats], places: list[Floats], radii: Floats) -> dict[int, int]:
+def match_places(distance: Floats, radii: Floats) -> dict[int, int]:
     """Pair each start with the nearest place whose zone it lies in, each place once.
 
     Args:
-        starts: S points (3,) where bodies appear.
-        places: V points (3,) where bodies vanished.
+        distance: (S, V) metres from where S bodies appear to where V bodies vanished.
         radii: (S, V) metres; negative where the pair is impossible.
 
     Returns:
         index of start -> index of place.
     """
-    if not starts or not places:
-        return {}
-    distance = np.linalg.norm(np.array(starts)[:, None] - np.array(places)[None], axis=-1)
-    distance[distance > radii] = np.inf
+    distance = np.where(distance > radii, np.inf, distance)
     pairs: dict[int, int] = {}
-    while np.isfinite(distance).any():
+    while distance.size and np.isfinite(distance).any():
         start, place = np.unravel_index(int(distance.argmin()), distance.shape)
         pairs[int(start)] = int(place)
         distance[start, :] = np.inf

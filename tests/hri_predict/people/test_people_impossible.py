@@ -53,7 +53,7 @@ def test_one_joint_that_flies_off_is_disbelieved_alone(make_room):
 
 
 def test_a_teleport_is_refused_and_undone(make_room):
-    room = make_room()
+    room = make_room(source={"keeps_ids": True})
     room.see(body(1, 0.0), times=5)
     captures = room.snapshot().captures
     snapshot = room.see(body(1, 3.0), times=4)
@@ -65,6 +65,27 @@ def test_a_teleport_is_refused_and_undone(make_room):
     snapshot = room.see(body(1, 0.02))
     assert snapshot.reasons == ()
     assert snapshot.ids == (1,)
+    assert snapshot.lost == ()
+
+
+@pytest.mark.parametrize(("captures", "lost"), [(1, 0), (2, 1), (4, 1)])
+def test_who_stood_where_an_id_jumped_to_is_lost_when_it_comes_back(make_room, captures, lost):
+    """Unless the source keeps its ids, two captures that agree are somebody, one is a glitch."""
+    room = make_room()
+    room.see(body(1, 0.0), times=5)
+    room.see(body(1, 3.0), times=captures)
+    snapshot = room.see(body(1, 0.02))
+    assert snapshot.ids == (1,)
+    assert len(snapshot.lost) == lost
+    assert all(p.positions[0, 0] == pytest.approx(3.0, abs=0.1) for p in snapshot.lost)
+
+
+def test_nobody_is_lost_where_an_id_jumped_to_somebody_who_is_tracked(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), body(2, 3.0), times=5)
+    room.see(body(1, 3.1), times=3)  # the tracker's mistake: this is who is 2
+    snapshot = room.see(body(1, 0.02), body(2, 3.0))
+    assert snapshot.ids == (1, 2)
     assert snapshot.lost == ()
 
 

@@ -34,6 +34,38 @@ def _stands(place: list[float], number: int, enter_s: float, seconds: float) -> 
     }  # fmt: skip
 
 
+def _id_moves(name: str, at_s: float, *faults: str) -> Incident:
+    """He hides at ``at_s``; from then on a colleague, who soon walks out, has his id."""
+    colleague = {
+        "id": 2,
+        "start": [2.9, 1.7],
+        "repeat": False,
+        "script": [
+            {"do": "wait", "seconds": at_s + 2.0},
+            {"do": "walk", "via": [[3.3, 2.1]], "to": [4.0, 2.8]},
+            {"do": "leave", "seconds": 3600.0},
+        ],
+    }
+    return Incident(
+        name=f"lost: {name}",
+        people=(_reaches_out(12.0), colleague),
+        duration_s=28.0,
+        faults=(
+            *faults,
+            f"vanish@0+{at_s}:person=2",
+            f"vanish@{at_s}+23:person=1",
+            f"rename@{at_s}+23:person=2,to=1",
+        ),
+        settings={"source": {"keeps_ids": False}},
+        not_clear=(at_s, 28.0),
+        says=(Reason.PERSON_LOST,),
+    )
+
+
+_BELOW_SHOULDERS = ",".join(
+    name for name in JOINTS if "head" not in name and "shoulder" not in name and name != "neck"
+)
+
 _FAR = _stands([4.0, -2.5], 2, enter_s=0.0, seconds=60.0)
 """Somebody who is seen all the while, so that scenes go on."""
 
@@ -85,6 +117,12 @@ LOST_PEOPLE = (
         faults=("vanish@5+23:person=1", "rename@7+2:person=2,to=1"),
         settings={"source": {"keeps_ids": False}},
         not_clear=(5.0, 28.0),
+    ),
+    _id_moves("a colleague gets the id while no scene comes", 6.5, "drop@5+1.5"),
+    _id_moves(
+        "only head and shoulders seen, then a colleague has the id",
+        5.0,
+        f"hide@3.5+1.5:person=1,joints=[{_BELOW_SHOULDERS}]",
     ),
     Incident(
         name="lost: a runner, before the robot",

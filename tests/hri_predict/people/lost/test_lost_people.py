@@ -336,12 +336,11 @@ def test_points_in_a_polygon_that_is_not_convex():
 
 
 def test_places_are_matched_nearest_first_and_once():
-    starts = [np.array([0.0, 0, 0]), np.array([1.0, 0, 0])]
-    places = [np.array([0.9, 0, 0]), np.array([5.0, 0, 0])]
-    assert match_places(starts, places, np.full((2, 2), 1.5)) == {1: 0}
-    assert match_places(starts, places, np.full((2, 2), 9.0)) == {1: 0, 0: 1}
-    assert match_places(starts, places, np.full((2, 2), -1.0)) == {}
-    assert match_places([], places, np.zeros((0, 2))) == {}
+    apart = np.array([[0.9, 5.0], [0.1, 4.0]])
+    assert match_places(apart, np.full((2, 2), 1.5)) == {1: 0}
+    assert match_places(apart, np.full((2, 2), 9.0)) == {1: 0, 0: 1}
+    assert match_places(apart, np.full((2, 2), -1.0)) == {}
+    assert match_places(np.zeros((2, 0)), np.zeros((2, 0))) == {}
 
 
 def test_who_was_seen_for_a_moment_is_not_found_at_the_other_end_of_the_room(make_room):
