@@ -2,8 +2,9 @@
 
 Names alone decide. All joints of one of the shipped maps, as the map writes them or in another
 spelling (``rig.sided``); or only canonical names; or the names of any rig (``rig.map_of_rig``). Of
-several maps that fit, the one that gives the most canonical joints holds. Other names stay
-unchanged: the file can be converted, but not replayed, unless the user gives a map.
+several readings, the one that gives the most canonical joints holds, and another one adds what only
+it understands: nobody's legs are lost for the lack of a head. Other names stay unchanged: the file
+can be converted, but not replayed, unless the user gives a map.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,11 +13,11 @@ from functools import cache
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.joint_map import JointMap, load_joint_map, map_names
 from hri_predict.recording.recording import Recording, noted
-from hri_predict.recording.rig import map_of_rig, plain, sided
+from hri_predict.recording.rig import lacking, map_of_rig, plain, rig_weights, sided
 from hri_predict.skeleton import JOINTS
 
 UNKNOWN = "unknown"
@@ -29,21 +30,21 @@ def map_of_names(names: Sequence[str]) -> JointMap:
     All weights are zero if the names are not known; ``check_known`` refuses such a map.
     """
     columns = {name: k for k, name in enumerate(names)}
-    candidates = []
     for shipped in _shipped():
-        if all(joint in columns for joint in shipped.source_joints):
-            if len(columns) == len(shipped.source_joints):
-                return _by_name(shipped, columns, names)
-            candidates.append(_by_name(shipped, columns, names))
-            break
+        if sorted(columns) == sorted(shipped.source_joints):
+            return _by_name(shipped, columns, names)
     if all(name in JOINTS for name in names):
         return _by_name(load_joint_map("canonical"), columns, names)
-    candidates += _other_spelling(names)
-    try:
-        candidates.append(_map("bvh", names, map_of_rig(names).weights))
-    except ConfigError:
-        candidates.append(unknown_map(names))
-    return max(candidates, key=lambda m: int(m.mapped.sum()))  # the first of equals
+    shipped, named = _largest(names)
+    rig = _map("bvh", names, rig_weights(names))
+    known, whole = bool(shipped.mapped.any()), not lacking(rig.weights)
+    readings = [_completed(shipped, rig.weights, named)] if known else []
+    if whole:
+        readings.append(_completed(rig, shipped.weights, np.asarray(rig.weights.any(axis=0))))
+        if lacking(shipped.weights):  # arms only: any rig may call a collar bone LeftShoulder
+            readings.reverse()
+    readings.append(unknown_map(names))
+    return max(readings, key=lambda m: int(m.mapped.sum()))  # the first of equals
 
 
 def unknown_map(names: Sequence[str]) -> JointMap:
@@ -96,16 +97,35 @@ def _by_name(joint_map: JointMap, columns: Mapping[str, int], names: Sequence[st
     return _map(joint_map.name if same else f"{joint_map.name} by name", names, weights)
 
 
-def _other_spelling(names: Sequence[str]) -> list[JointMap]:
-    """The largest shipped map all of whose joints are there, whatever their spelling."""
+def _completed(best: JointMap, other: Floats, taken: Bools) -> JointMap:
+    """A reading with the joints that only another one gives, from columns that are not taken."""
+    free = ~best.mapped & ~(other[:, taken] > 0).any(axis=1)
+    return replace(best, weights=np.where(free[:, np.newaxis], other, best.weights))
+
+
+def _largest(names: Sequence[str]) -> tuple[JointMap, Bools]:
+    """What the shipped maps give all of whose joints are there, and the columns that they name.
+
+    That map holds which gives the most canonical joints; of equals the one with the most joints.
+    """
+    best, named = unknown_map(names), np.zeros(len(names), dtype=np.bool_)
     for shipped in _shipped():
-        own = [_explicit(joint) for joint in shipped.source_joints]
-        stems = {stem for _, stem in own}
-        spelled = {sided(name, stems): k for k, name in reversed(list(enumerate(names)))}
-        if all(key in spelled for key in own):
-            columns = dict(zip(shipped.source_joints, (spelled[k] for k in own), strict=True))
-            return [_by_name(shipped, columns, names)]
-    return []
+        columns = _columns(shipped, names)
+        if shipped.mapped.sum() > best.mapped.sum() and len(columns) == len(shipped.source_joints):
+            best = _by_name(shipped, columns, names)
+            named = np.isin(np.arange(len(names)), list(columns.values()))
+    return best, named
+
+
+def _columns(shipped: JointMap, names: Sequence[str]) -> dict[str, int]:
+    """Where a shipped map's joints are among the names, as it writes them or in other spelling."""
+    columns = {name: k for k, name in enumerate(names)}
+    if all(joint in columns for joint in shipped.source_joints):
+        return {joint: columns[joint] for joint in shipped.source_joints}
+    own = {joint: _explicit(joint) for joint in shipped.source_joints}
+    stems = {stem for _, stem in own.values()}
+    spelled = {sided(name, stems): k for k, name in reversed(list(enumerate(names)))}
+    return {joint: spelled[key] for joint, key in own.items() if key in spelled}
 
 
 def _explicit(joint: str) -> tuple[str, str]:

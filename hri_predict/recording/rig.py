@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 from pydantic import model_validator
 
+from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError
 from hri_predict.files import data_path, read_yaml
 from hri_predict.joint_map import JointMap, SourceFrame
@@ -29,18 +30,23 @@ class RigTable(SourceFrame):
 
     Attributes:
         required: joints without which a rig is not understood.
-        derived: canonical joint -> the canonical joints whose middle it is.
+        derived: canonical joint -> the joints or landmarks whose middle it is, where all are there.
+        landmarks: points that are no canonical joint, without side -> their names.
         aliases: canonical joint, without ``l_`` or ``r_`` -> its names, the best first.
     """
 
     required: list[str]
     derived: dict[str, list[str]]
+    landmarks: dict[str, list[str]]
     aliases: dict[str, list[str]]
 
     @model_validator(mode="after")
     def _known_joints(self) -> "RigTable":
-        whole = [*self.required, *self.derived, *(j for s in self.derived.values() for j in s)]
-        for joint in [*whole, *(self.joints_of(name)[0] for name in self.aliases)]:
+        landmarks = [joint for name in self.landmarks for joint in self.joints_of(name)]
+        sources = [joint for own in self.derived.values() for joint in own]
+        named = [self.joints_of(name)[0] for name in self.aliases]
+        known = [joint for joint in sources if joint not in landmarks]
+        for joint in [*self.required, *self.derived, *known, *named]:
             if joint not in CANONICAL.joints:
                 raise ValueError(f"no canonical joint '{joint}'")
         return self
@@ -72,33 +78,54 @@ def map_of_rig(joint_names: Sequence[str]) -> JointMap:
         joint_names: the file's joints in order; end sites may appear as ``<joint>_End``.
 
     Raises:
-        ConfigError: a joint required by the canonical skeleton is missing.
+        ConfigError: a joint of the arms or legs is missing.
     """
     table = rig_table()
-    stems = {plain(a) for aliases in table.aliases.values() for a in aliases}
-    known = {sided(name, stems): k for k, name in reversed(list(enumerate(joint_names)))}
-    found: dict[str, int] = {}
-    for key, aliases in table.aliases.items():
-        for joint in table.joints_of(key):
-            side = "" if joint == key else joint[0]
-            places = (known.get((side, plain(alias))) for alias in aliases)
-            free = (k for k in places if k is not None and k not in found.values())
-            if (place := next(free, None)) is not None:
-                found[joint] = place
-    missing = [joint for joint in table.required if joint not in found]
-    if missing:
+    weights = rig_weights(joint_names)
+    if missing := lacking(weights):
         raise ConfigError(
             f"no joint matches {', '.join(missing)} (the file has: {_shortened(joint_names)}); "
             f"rename the joints, e.g. as Mixamo does (LeftArm, LeftLeg), or give a map of your own "
             f"(--joint-map FILE)"
         )
-    weights = np.zeros((len(CANONICAL.joints), len(joint_names)))
-    for joint, index in found.items():
-        weights[CANONICAL.index(joint), index] = 1.0
-    for joint, sources in table.derived.items():
-        for source in sources:
-            weights[CANONICAL.index(joint)] += weights[CANONICAL.index(source)] / len(sources)
     return table.joint_map(joint_names, weights)
+
+
+def rig_weights(joint_names: Sequence[str]) -> Floats:
+    """(J, J_source) of all canonical joints that the table knows, however few; see ``JointMap``."""
+    table = rig_table()
+    found = _found(table, joint_names)
+    for joint, sources in table.derived.items():
+        if all(source in found for source in sources):
+            found[joint] = [k for source in sources for k in found[source]]
+    weights = np.zeros((len(CANONICAL.joints), len(joint_names)))
+    for joint in CANONICAL.joints:
+        places = found.get(joint, [])
+        weights[CANONICAL.index(joint), places] = 1.0 / max(1, len(places))
+    return weights
+
+
+def lacking(weights: Floats) -> list[str]:
+    """The required joints that ``rig_weights`` did not find."""
+    return [joint for joint in rig_table().required if not weights[CANONICAL.index(joint)].any()]
+
+
+def _found(table: RigTable, joint_names: Sequence[str]) -> dict[str, list[int]]:
+    """Where each canonical joint and landmark is that the table has a name for, each once."""
+    named = {**table.aliases, **table.landmarks}
+    stems = {plain(alias) for aliases in named.values() for alias in aliases}
+    known = {sided(name, stems): k for k, name in reversed(list(enumerate(joint_names)))}
+    found: dict[str, list[int]] = {}
+    taken: set[int] = set()
+    for key, aliases in named.items():
+        for joint in table.joints_of(key):
+            side = "" if joint == key else joint[0]
+            places = (known.get((side, plain(alias))) for alias in aliases)
+            free = (k for k in places if k is not None and k not in taken)
+            if (place := next(free, None)) is not None:
+                found[joint] = [place]
+                taken.add(place)
+    return found
 
 
 def sided(name: str, stems: Collection[str]) -> tuple[str, str]:

@@ -69,10 +69,12 @@ def read_bvh(
 
 
 def _map(names: Sequence[str]) -> JointMap:
+    named = map_of_names(names).with_units(1 / CM_PER_M).with_axes(AXES)
     try:
-        return map_of_rig(names)
+        rig = map_of_rig(names)
     except ConfigError:
-        return map_of_names(names).with_units(1 / CM_PER_M).with_axes(AXES)
+        return named
+    return max(rig, named, key=lambda m: int(m.mapped.sum()))  # the first of equals
 
 
 def _check_complete(path: Path) -> bool:

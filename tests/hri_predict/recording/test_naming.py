@@ -68,6 +68,107 @@ def test_of_two_maps_that_fit_the_one_that_gives_more_joints_holds():
     assert whole.mapped[JOINTS.index("l_knee")]
 
 
+def limbs(*parts):
+    return {f"{side}_{part}" for part in parts for side in "lr"}
+
+
+ARMS = "{0}Shoulder {0}Elbow {0}Wrist"
+LEGS = "{0}Hip {0}Knee {0}Ankle"
+FACE = "nose left_eye right_eye left_ear right_ear"
+LARGER = {  # names that no shipped map has -> the canonical joints that are not among them
+    "OpenCap": (
+        f"Neck midHip {ARMS} {LEGS} {{0}}BigToe {{0}}SmallToe {{0}}Heel",
+        ("L", "R"),
+        {"torso", "head", "head_top", *limbs("hand")},
+    ),
+    "MPII": (
+        "pelvis thorax upper_neck head_top {0}_ankle {0}_knee {0}_hip {0}_wrist {0}_elbow"
+        " {0}_shoulder",
+        ("l", "r"),
+        {"torso", "head", *limbs("hand", "foot")},
+    ),
+    "Apple Vision": (
+        f"topHead centerHead centerShoulder spine root {ARMS} {LEGS}",
+        ("left", "right"),
+        limbs("hand", "foot"),
+    ),
+    "HALPE-26": (
+        f"Nose Head Neck Hip {{0}}Eye {{0}}Ear {ARMS} {LEGS} {{0}}BigToe {{0}}SmallToe {{0}}Heel",
+        ("L", "R"),
+        {"torso", "head_top", *limbs("hand")},
+    ),
+    "Nuitrack": (
+        "head neck torso waist {0}_collar {0}_shoulder {0}_elbow {0}_wrist {0}_hand {0}_fingertip"
+        " {0}_hip {0}_knee {0}_ankle",
+        ("left", "right"),
+        {"head_top", *limbs("foot")},
+    ),
+    "MediaPipe down to the hips": (
+        f"{FACE} {{0}}_shoulder {{0}}_elbow {{0}}_wrist {{0}}_index {{0}}_thumb {{0}}_hip",
+        ("left", "right"),
+        {"torso", "head_top", *limbs("knee", "ankle", "foot")},
+    ),
+    "COCO down to the wrists": (
+        f"{FACE} {{0}}_shoulder {{0}}_elbow {{0}}_wrist",
+        ("left", "right"),
+        {"waist", "torso", "head_top", *limbs("hand", "hip", "knee", "ankle", "foot")},
+    ),
+}
+
+
+def both_sides(text, sides):
+    """All names of a text in which {0} is a side."""
+    return list(dict.fromkeys(name.format(side) for name in text.split() for side in sides))
+
+
+@pytest.mark.parametrize("body", LARGER)
+def test_a_small_map_within_a_file_hides_no_joint_that_another_reading_understands(body):
+    text, sides, missing = LARGER[body]
+    names = both_sides(text, sides)
+    found = map_of_names(names)
+    assert {j for j, own in sources(found).items() if not own} == missing
+    single = found.weights[found.weights.max(axis=1) == 1.0]
+    assert (single.sum(axis=0) <= 1).all()  # no joint of the file is two
+    if "head" not in missing and not {"Head", "head", "centerHead"} & set(names):
+        assert {name.lower()[-3:] for name in sources(found)["head"]} == {"ear"}
+
+
+def test_a_crown_called_head_is_not_taken_where_ears_are():
+    text, sides, _ = LARGER["HALPE-26"]
+    assert sources(map_of_names(both_sides(text, sides)))["head"] == {"LEar", "REar"}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_further_joints_take_none_from_a_shipped_map(name):
+    """Not even if they are joints of a body, or the file spells all in its own way."""
+    shipped = load_joint_map(name)
+    expected = sources(shipped)
+    more = ["Prop", "HeadTop", "LeftFingertip", "RightBigToe"]
+    for names in ([*shipped.source_joints, "Prop"], [*shipped.source_joints, *more]):
+        found = sources(map_of_names(names))
+        assert {joint: own for joint, own in found.items() if expected[joint]} == {
+            joint: own for joint, own in expected.items() if own
+        }
+    other = [spelled(joint, "_", True) for joint in shipped.source_joints]
+    if len(set(other)) == len(other):
+        assert map_of_names([*other, "Prop"]).mapped[map_of_names(other).mapped].all()
+
+
+def test_a_reading_is_completed_by_another():
+    """SMPL-X: the spine only as SMPL numbers it, the finger tips only as rigs name them."""
+    names = [*load_joint_map("smpl22").source_joints, "LeftHandMiddle4", "RightHandMiddle4"]
+    found = sources(map_of_names(names))
+    assert found["torso"] == {"spine2"}
+    assert found["l_hand"] == {"LeftHandMiddle4"}
+
+
+def test_a_collar_bone_called_shoulder_is_none_where_a_whole_rig_says_so():
+    names = both_sides("Head Shoulder{0} Arm{0} Elbow{0} Wrist{0} Leg{0} Knee{0} Ankle{0}", "LR")
+    assert sources(map_of_names(names))["l_shoulder"] == {"ShoulderL"}  # Leg is no hip: arms only
+    whole = map_of_names([*names, "UpperLegL", "UpperLegR"])
+    assert sources(whole)["l_shoulder"] == {"ArmL"}
+
+
 @pytest.fixture
 def table(tmp_path):
     """A CSV of two joints with names that nobody knows, in two frames."""

@@ -90,10 +90,21 @@ def test_bvh_without_needed_joints_lists_what_is_missing():
     names = [n for n in RIGS["CMU"][0].split() if n not in ("LeftForeArm", "RightLeg")]
     with pytest.raises(ConfigError, match="no joint matches l_elbow, r_knee"):
         map_of_rig(names)
-    with pytest.raises(ConfigError, match="head, l_shoulder"):
+    with pytest.raises(ConfigError, match="l_shoulder, l_elbow"):
         map_of_rig([])
 
 
+def test_a_rig_without_a_head_is_understood_but_not_one_without_legs():
+    names = RIGS["Rokoko"][0].split()
+    names.remove("Head")
+    mapped = map_of_rig(names).mapped
+    unmapped = {CANONICAL.joints[k] for k in np.flatnonzero(~mapped)}
+    assert unmapped == {"head", "head_top", "l_hand", "r_hand"}
+    with pytest.raises(ConfigError, match="no joint matches l_hip, l_knee, l_ankle, r_hip"):
+        map_of_rig([name for name in names if "Thigh" not in name and name[-4:] not in _LEGS])
+
+
+_LEGS = ("Shin", "Foot", "tToe")
 SPELLINGS = {
     "word before": lambda side, name, gap: f"{side}{gap}{name}",
     "word after": lambda side, name, gap: f"{name}{gap}{side}",

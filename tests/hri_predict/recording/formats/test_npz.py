@@ -191,7 +191,7 @@ def test_a_body_of_the_users_own_in_the_layout_of_motion_is_read(tmp_path: Path)
         ({"valid": np.ones((4, 5), dtype=bool)}, "'valid' is bool of shape (4, 5); expected"),
         ({"jump": np.zeros((4, 6))}, "'jump' is float64 of shape (4, 6)"),
         ({"joint_names": np.array(["a"] * 6)}, "'joint_names' has 1 different names for 6 joints"),
-        ({"joint_names": np.array(list("abcdef"))}, "no joint matches head"),
+        ({"joint_names": np.array(list("abcdef"))}, "no joint matches l_shoulder"),
         ({"joint_names": np.array(["a", "b"])}, "expected numbers of shape (frames, 2, 3)"),
         ({"floor_height": np.nan}, "'floor_height' is not one finite number"),
     ],
