@@ -14,9 +14,9 @@ A map is a YAML file (maps in ``configs/skeletons/`` are known by name)::
       neck: {LShoulder: 0.5, RShoulder: 0.5}
 
 Only anatomical midpoints (``waist`` of the hips, ``neck`` of the shoulders, ``head`` of the ears)
-may be derived from several joints; such a joint is observed if all its sources are. A canonical
-joint missing from the map is never measured. The node infers it, with its uncertainty, where the
-map's joints allow (``people/body/inferred.py``).
+may be derived from several joints; such a joint is observed if all its sources are. No source joint
+is two canonical ones. A canonical joint missing from the map is never measured. The node infers it,
+with its uncertainty, where the map's joints allow (``people/body/inferred.py``).
 """
 
 from collections.abc import Sequence
@@ -200,6 +200,7 @@ class JointMapSettings(SourceFrame):
                         f"{nearest(source, self.joints)}"
                     )
             _check_weights(joint, sources)
+        _check_used_once(self.map)
         return self
 
     def to_joint_map(self) -> JointMap:
@@ -227,6 +228,19 @@ def _check_weights(joint: str, sources: dict[str, float]) -> None:
             f"map.{joint}: only {', '.join(DERIVED)} may be derived from several joints; "
             "name one source joint or leave it out (unobserved)"
         )
+
+
+def _check_used_once(joints: dict[str, dict[str, float]]) -> None:
+    """Two canonical joints at one point would be a hand as long as nothing, and measured."""
+    used: dict[str, str] = {}
+    for joint, sources in joints.items():
+        for source in sources if len(sources) == 1 else ():
+            if source in used:
+                raise ValueError(
+                    f"map.{joint}: '{source}' is {used[source]} already; one source joint is one "
+                    f"canonical joint; leave out what the tracker lacks (the node infers it)"
+                )
+            used[source] = joint
 
 
 def map_names() -> list[str]:

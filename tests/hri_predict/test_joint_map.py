@@ -258,6 +258,11 @@ def test_a_users_own_map(tmp_path):
         ({"map": {"l_sholder": "LShoulder"}}, "no canonical joint 'l_sholder'; did you mean"),
         ({"map": {"l_shoulder": "LSholder"}}, "no joint 'LSholder'; did you mean 'LShoulder'"),
         ({"map": {"neck": {"LShoulder": 0.5}}}, "sum to 1"),
+        (
+            {"map": {"l_wrist": "LElbow", "l_hand": "LElbow"}},
+            "map.l_wrist: 'LElbow' is l_hand already.*leave out",
+        ),
+        ({"map": {"l_foot": "LElbow", "neck": {"LElbow": 1.0}}}, "'LElbow' is l_foot already"),
         ({"map": {"neck": {"LShoulder": 1.5, "RShoulder": -0.5}}}, "positive"),
         ({"map": {"torso": {"LShoulder": 0.5, "RShoulder": 0.5}}}, "only waist, neck, head may be"),
         ({"map": {"torso": 3}}, "map.torso"),

@@ -76,7 +76,7 @@ def test_a_map_that_is_not_there_is_one_line_in_every_command(cli, command):
 def test_names_that_no_rule_knows_ask_for_a_map(cli, command):
     status, _, err = cli(command)
     assert status == 2
-    assert "no joint matches head" in err
+    assert "no joint matches l_shoulder" in err
     assert "--joint-map FILE" in err
 
 
