@@ -16,6 +16,7 @@ from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.recording import SELF_EXPLAINED, Recording
+from hri_predict.recording.unused import unused
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 
 _MAX_START_S = 1e9
@@ -124,6 +125,8 @@ def _summary(recording: Recording, output: Path, kind: str, written: Written) ->
     notes = [recording.note] if recording.note else []
     joints = len(recording.joint_map.source_joints) if written.joints is None else written.joints
     notes += written.notes
+    if line := unused(recording.joint_map):
+        notes.append(line)
     if not recording.joint_map.mapped.any():
         notes.append("no canonical joint follows from the joints' names, so it cannot be replayed")
     return {

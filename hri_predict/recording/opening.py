@@ -16,6 +16,7 @@ from hri_predict.recording.mcap.reader import read_mcap
 from hri_predict.recording.naming import check_known, with_map
 from hri_predict.recording.recording import Recording
 from hri_predict.recording.sniffing import ending_of, seems
+from hri_predict.recording.unused import tell_unused
 
 ACCEPTED = (
     "accepted are .npz (the data pack's layouts, AMASS with joints), .bvh, .c3d, .trc, .csv, and "
@@ -78,6 +79,8 @@ def open_recording(
             recording = with_map(recording, joint_map)
         elif not any_joints:
             check_known(recording.joint_map)
+        if not any_joints:
+            tell_unused(path, recording.joint_map)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"recording {path}: cannot be read: {reason}") from error

@@ -21,6 +21,7 @@ from hri_predict.errors import ConfigError, UnusableRecordingError
 from hri_predict.files import data_path, read_text
 from hri_predict.joint_map import MAP_ENDINGS
 from hri_predict.peers import SimulationReport, SimulationRequest
+from hri_predict.recording import unused
 from hri_predict.recording.recording import names_of
 from hri_sim.simulation.approach import map_of, together
 from hri_sim.simulation.cell import Cell, variants
@@ -216,6 +217,7 @@ def _begin() -> None:
     import torch
 
     torch.set_num_threads(1)
+    logging.getLogger(unused.__name__).setLevel(logging.ERROR)  # said by the starting process
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
