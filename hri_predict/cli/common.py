@@ -24,8 +24,9 @@ from rich.table import Table as ScreenTable
 
 from hri_predict import registry
 from hri_predict.datasets.splits import in_pack, is_pack, split
-from hri_predict.errors import ConfigError, nearest
+from hri_predict.errors import ConfigError, RecordingError, nearest
 from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
+from hri_predict.recording.formats.csv_table import is_recording
 from hri_predict.settings import validated
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ JointMapOption = Annotated[
         "Default: found by the joints' names.",
     ),
 ]
-_RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".mcap")  # most .csv are other tables
+_RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".csv", ".mcap")
 
 
 def without_effect(flags: Mapping[str, Any], where: str) -> None:
@@ -119,12 +120,24 @@ def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path
     pack = _pack_around(entry)
     if use is not None and pack is not None:
         return _below(entry, pack, use)
-    found = sorted(p for p in entry.rglob("*") if p.suffix.lower() in _RECORDINGS)
+    named = sorted(p for p in entry.rglob("*") if p.suffix.lower() in _RECORDINGS)
+    found = [path for path in named if path.suffix.lower() != ".csv" or _is_recording(path)]
     if not found:
         raise ConfigError(
             f"--data {entry}: holds no recording ({', '.join(_RECORDINGS)}); give another folder"
         )
     return found
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether a .csv of a folder is a recording: most are other tables, and say so in row one."""
+    try:
+        return path.is_file() and is_recording(path)
+    except RecordingError as error:
+        warn(f"{error}; left out")
+    except OSError as error:
+        warn(f"recording {path}: cannot be read: {error.strerror}; left out")
+    return False
 
 
 def _below(entry: Path, pack: Path, use: str) -> list[Path]:

@@ -37,6 +37,7 @@ from hri_predict.scene import Person, Scene
 from hri_predict.settings import MAX_COORDINATE_M
 
 TIMES = ("time_s", "time", "t", "timestamp", "timestamp_s", "seconds")
+_MAX_HEAD = 100_000
 _COORDINATE = re.compile(r"(.+?)[ _.:\-]([xyz])", re.IGNORECASE)
 
 
@@ -66,8 +67,7 @@ def read_csv(
         ConfigError: impossible units or axes.
     """
     text = read_text(path, "CSV")
-    head = text[:100_000].split("\n", 1)[0]
-    delimiter = max(",;\t", key=head.count)
+    delimiter = _delimiter(text.split("\n", 1)[0])
     rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
     try:
         columns = _columns(path, next(rows, []))
@@ -79,6 +79,31 @@ def read_csv(
         raise RecordingError(f"recording {path}: not a CSV table ({error})") from error
     joint_map = map_of_names(list(columns.joints)).with_units(1.0 if unit_m is None else unit_m)
     return table.recording(joint_map if axes is None else joint_map.with_axes(axes))
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a table in a folder is meant as a recording: its first row names joints.
+
+    Raises:
+        RecordingError: it names joints, but not as a recording does.
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        head = file.readline(_MAX_HEAD).decode("utf-8-sig", "replace")
+    try:
+        names = next(csv.reader([head], delimiter=_delimiter(head)), [])
+    except csv.Error:
+        return False
+    matches = [_COORDINATE.fullmatch(name.strip()) for name in names]
+    axes = [(match[1], match[2].lower()) for match in matches if match]
+    if not any({(joint, axis) for axis in "xyz"} <= set(axes) for joint, _ in axes):
+        return False
+    _columns(path, names)
+    return True
+
+
+def _delimiter(head: str) -> str:
+    return max(",;\t", key=head[:_MAX_HEAD].count)
 
 
 def _columns(path: Path, header: Sequence[str]) -> _Columns:
