@@ -21,7 +21,7 @@ class RecordingError(HriPredictError):
 
 
 class UnusableRecordingError(RecordingError):
-    """A recording is whole, but too short or too empty for what is asked; others may do."""
+    """A recording is whole, but too short, slow or empty, or of unknown joints; others may do."""
 
 
 class RobotError(HriPredictError):

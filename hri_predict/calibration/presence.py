@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.errors import RecordingError
+from hri_predict.errors import UnusableRecordingError
 from hri_predict.recording.recording import Recording
 
 LEAST_RATE_HZ = 20.0
@@ -63,10 +63,10 @@ def presences_of(recording: Recording) -> list[Presence]:
     """Every person of a recording, split at gaps that are not bridged.
 
     Raises:
-        RecordingError: it has too few captures per second.
+        UnusableRecordingError: it has too few captures per second.
     """
     if recording.rate_hz < LEAST_RATE_HZ:
-        raise RecordingError(
+        raise UnusableRecordingError(
             f"recording {recording.path}: {recording.rate_hz:.3g} captures per second are too few "
             f"to show what happened between two steps; give one of {LEAST_RATE_HZ:g} or more"
         )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.calibration.presence import Presence, as_tracked, gap_ns, presences_of
-from hri_predict.errors import RecordingError
+from hri_predict.errors import RecordingError, UnusableRecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.base import Predictor, checked
@@ -86,7 +86,7 @@ def score_recordings(
     joint_map: JointMap | None = None,
     tracked: bool = False,
 ) -> list[Scores]:
-    """Score a predictor on canonical joints; recordings without a window are left out.
+    """Score a predictor on canonical joints; recordings that cannot be used are left out.
 
     Args:
         predictor: on canonical joints.
@@ -97,15 +97,22 @@ def score_recordings(
         tracked: each recording counts a second time, as a tracker would deliver it.
 
     Raises:
-        RecordingError: a file cannot be read or is too slow, or no recording has a window.
+        RecordingError: a file cannot be read, or no recording can be used: too slow, of unknown
+            joints, or without a window.
         PredictorError: the predictor breaks its contract.
     """
     found: list[Scores] = []
     left_out: list[str] = []
     names = names_of([e.path if isinstance(e, Recording) else e for e in recordings])
     for entry, name in zip(recordings, names, strict=True):
-        recording = opened(entry, joint_map)
-        presences = presences_of(recording)
+        try:
+            recording = opened(entry, joint_map)
+            presences = presences_of(recording)
+        except UnusableRecordingError as error:
+            left_out.append(str(error))
+            on_left_out(f"{error}; left out")
+            on_recording(name)
+            continue
         scored = [score_presence(predictor, name, recording.action, p) for p in presences]
         if tracked:
             seed = zlib.crc32(name.encode())
@@ -124,7 +131,7 @@ def score_recordings(
         found += own
         on_recording(name)
     if left_out and not found:
-        raise RecordingError(f"{left_out[0]}, and no other recording is left; give longer ones")
+        raise RecordingError(f"{left_out[0]}, and no other recording is left; give others")
     return found
 
 

@@ -26,7 +26,7 @@ from hri_predict.cli.common import (
     without_effect,
 )
 from hri_predict.datasets.splits import USES
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, UnusableRecordingError
 
 if TYPE_CHECKING:  # torch takes seconds to import, which the other commands need not wait for
     from hri_predict.evaluation.benchmark import Forecaster, Protocol
@@ -292,19 +292,24 @@ def _real(
 
 
 def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motion]":
-    """The motions of all recordings; a recording without a window is named and left out."""
+    """The motions of all recordings; one that cannot be used is named and left out."""
     from hri_predict.evaluation.windows import HORIZONS_MS, origins, read_motions
 
     found, left_out = [], []
     for path in paths:
-        own = [motion for motion in read_motions([path], joint_map) if len(origins(motion)[0])]
+        try:
+            motions = read_motions([path], joint_map)
+        except UnusableRecordingError as error:
+            left_out.append(str(error))
+            continue
+        own = [motion for motion in motions if len(origins(motion)[0])]
         found += own
         if not own:
-            left_out.append(path)
+            left_out.append(f"recording {path}: nobody is seen long enough for {HORIZONS_MS[0]} ms")
     if not found:
-        raise ConfigError("--data: no recording is long enough to evaluate; give longer ones")
-    for path in left_out:
-        warn(f"recording {path}: nobody is seen long enough for {HORIZONS_MS[0]} ms; left out")
+        raise ConfigError(f"--data: no recording can be evaluated: {left_out[0]}; give others")
+    for why in left_out:
+        warn(f"{why}; left out")
     return found
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.datasets.tracks import Track, tracks_of
-from hri_predict.errors import RecordingError
+from hri_predict.errors import UnusableRecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.neural.body import BODY
@@ -101,16 +101,17 @@ def read_motions(
         joint_map: the user's own for the files' joints; default: found by their names.
 
     Raises:
-        RecordingError: a file cannot be read, or has fewer captures a second than
+        RecordingError: a file cannot be read.
+        UnusableRecordingError: its joints are not known, or it has fewer captures a second than
             ``LEAST_RATE_HZ``.
     """
     motions: list[Motion] = []
     for entry in recordings:
         recording = opened(entry, joint_map)
         if recording.rate_hz < LEAST_RATE_HZ:
-            raise RecordingError(
+            raise UnusableRecordingError(
                 f"recording {recording.path}: {recording.rate_hz:.3g} frames per second say "
-                f"nothing about {HORIZONS_MS[0]} ms ahead; leave it out, or record at "
+                f"nothing about {HORIZONS_MS[0]} ms ahead; record at "
                 f"{LEAST_RATE_HZ:.2g} or more"
             )
         for track in tracks_of(recording):

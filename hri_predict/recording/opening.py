@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.errors import ConfigError, RecordingError, UnusableRecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.recording.formats.amass import is_amass, read_amass
 from hri_predict.recording.formats.bvh import read_bvh
@@ -56,8 +56,9 @@ def open_recording(
         joint_map: the user's own map, instead of the one that the names give.
 
     Raises:
-        RecordingError: the file is missing, truncated, empty or of unknown kind, or has unknown
-            joint names; one line that names the file and the remedy.
+        RecordingError: the file is missing, truncated, empty or of unknown kind; one line that
+            names the file and the remedy.
+        UnusableRecordingError: it is whole, but the names of its joints are unknown.
     """
     path = Path(path)
     if not os.path.exists(path):  # takes names that are too long
@@ -78,7 +79,7 @@ def open_recording(
         if joint_map is not None:
             recording = with_map(recording, joint_map)
         elif not any_joints:
-            check_known(recording.joint_map)
+            _check_known(path, recording.joint_map)
         if not any_joints:
             tell_unused(path, recording.joint_map)
     except OSError as error:
@@ -92,6 +93,13 @@ def open_recording(
 def opened(entry: Path | Recording, joint_map: JointMap | None = None) -> Recording:
     """A recording in memory as it is; a file as ``open_recording`` reads it."""
     return entry if isinstance(entry, Recording) else open_recording(entry, joint_map=joint_map)
+
+
+def _check_known(path: Path, joint_map: JointMap) -> None:
+    try:
+        check_known(joint_map)
+    except ConfigError as error:
+        raise UnusableRecordingError(f"recording {path}: {error}") from error
 
 
 def _unknown(path: Path, ending: str) -> str:

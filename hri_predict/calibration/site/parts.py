@@ -19,7 +19,7 @@ import numpy as np
 from hri_predict.arrays import Floats, Ints
 from hri_predict.calibration.presence import Presence, presences_of
 from hri_predict.calibration.scores import HISTORY_STEPS, Scores, evidence_of, score_presence
-from hri_predict.errors import RecordingError
+from hri_predict.errors import RecordingError, UnusableRecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.predictors.base import Predictor
 from hri_predict.recording.opening import opened
@@ -69,8 +69,8 @@ def score_parts(
     on_recording: Callable[[str], None] = lambda _: None,
     on_left_out: Callable[[str], None] = lambda _: None,
 ) -> list[Part]:
-    """Score a predictor on the site's recordings, in their order; recordings without anybody are
-    left out.
+    """Score a predictor on the site's recordings, in their order; recordings without anybody, too
+    slow or of unknown joints are left out.
 
     Args:
         predictor: on canonical joints; its horizon is that of ``base``.
@@ -81,7 +81,7 @@ def score_parts(
         on_left_out: called with one line for each recording that is left out.
 
     Raises:
-        RecordingError: a file cannot be read or is too slow, or none shows anybody.
+        RecordingError: a file cannot be read, or none can be used.
         PredictorError: the predictor breaks its contract.
     """
     scale = LearnedScale(base.scale, predictor.skeleton, predictor.rate_hz, base.steps)
@@ -89,10 +89,16 @@ def score_parts(
     left_out: list[str] = []
     names = names_of([f.path if isinstance(f, Recording) else f for f in files])
     for file, name in zip(files, names, strict=True):
-        recording = opened(file, joint_map)
+        try:
+            recording = opened(file, joint_map)
+            presences = presences_of(recording)
+        except UnusableRecordingError as error:
+            left_out.append(str(error))
+            on_left_out(f"{error}; left out")
+            on_recording(name)
+            continue
         digest = recording.digest
-        start_ns = recording.scenes[0].stamp_ns
-        by_part = _stretches(presences_of(recording), start_ns)
+        by_part = _stretches(presences, recording.scenes[0].stamp_ns)
         here = []
         for index, stretches in sorted(by_part.items()):
             part_name = f"{name} from minute {round(index * PART_S / 60)}"

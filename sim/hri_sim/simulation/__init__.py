@@ -17,14 +17,17 @@ import numpy as np
 
 import hri_predict
 import hri_sim
+from hri_predict.clock import VirtualClock
 from hri_predict.errors import ConfigError, UnusableRecordingError
 from hri_predict.files import data_path, read_text
 from hri_predict.joint_map import MAP_ENDINGS
 from hri_predict.peers import SimulationReport, SimulationRequest
 from hri_predict.recording import unused
 from hri_predict.recording.recording import names_of
-from hri_sim.simulation.approach import map_of, together
-from hri_sim.simulation.cell import Cell, variants
+from hri_predict.run.session import VIRTUAL_START_NS
+from hri_sim.simulation.approach import ApproachSource, map_of, together
+from hri_sim.simulation.bodies import engines_of
+from hri_sim.simulation.cell import Cell, Variant, variants
 from hri_sim.simulation.motion import Motion, load_motion
 from hri_sim.simulation.results.publish import Result, report
 from hri_sim.simulation.results.report import Judged, Row, judged
@@ -60,8 +63,8 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
     for name in plan.predictors:  # report errors before anything starts
         config = plan.loaded(name)
         cell = Cell(config)
-        variants(config, plan.modes, plan.coverages)
-    plan, left_out = _usable(plan, cell)
+        modes = variants(config, plan.modes, plan.coverages)
+    plan, left_out = _usable(plan, cell, modes)
     store = Store(request.out, _decided_by(plan), request.resume)
     todo = [block for block in blocks(plan) if block.key not in store.done]
     total = plan.episodes * len(plan.predictors)
@@ -140,7 +143,7 @@ def _code() -> str:
     return digest.hexdigest()
 
 
-def _usable(plan: Plan, cell: Cell) -> tuple[Plan, list[str]]:
+def _usable(plan: Plan, cell: Cell, modes: Sequence[Variant]) -> tuple[Plan, list[str]]:
     """The plan with the recordings that can be played, and a line for each of the others.
 
     Raises:
@@ -153,6 +156,7 @@ def _usable(plan: Plan, cell: Cell) -> tuple[Plan, list[str]]:
         try:
             motion = load_motion(name, rate_hz, base_dir, cell.source.joint_map)
             _demand_seen(motion, cell)
+            _demand_fast(motion, cell, modes)
             draw(
                 seed=plan.seed,
                 index=index,
@@ -184,6 +188,26 @@ def _demand_seen(motion: Motion, cell: Cell) -> None:
         raise UnusableRecordingError(
             f"recording {motion.name}: tracker {tracker} sees none of its joints; leave it out"
         )
+
+
+def _demand_fast(motion: Motion, cell: Cell, modes: Sequence[Variant]) -> None:
+    """Check that a node can work with a recording that is slower than the source may be.
+
+    Raises:
+        UnusableRecordingError: it cannot: what it knows is too old when the robot has stopped.
+    """
+    if motion.rate_hz >= cell.source.rate_hz:
+        return
+    settings = cell.source.model_copy(
+        update={"motions": [motion.name], "places": [[0.0, 0.0, 0.0]]}
+    )
+    source = ApproachSource(settings, cell.config.base_dir)
+    try:
+        engines_of(cell, source, VirtualClock(VIRTUAL_START_NS), modes)
+    except ConfigError as error:
+        raise UnusableRecordingError(
+            f"recording {motion.name}: {motion.rate_hz:.3g} captures a second are too few; {error}"
+        ) from error
 
 
 def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Block, dict[str, Any]]]:

@@ -17,6 +17,7 @@ from hri_predict.geometry import Capsules, transform
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.risk.zones.human_speed import joined_speeds
 from hri_predict.run import assemble
@@ -67,12 +68,7 @@ def compute(
     source = ApproachSource(settings, config.base_dir)
     people = assemble.build_people(config, source, cell.predictor)
     runner = PredictionRunner(cell.predictor, deadline_s=None)
-    engines = {
-        v.name: assemble.build_risk(
-            with_risk(config, v), source, cell.predictor, cell.trackers(clock)
-        )
-        for v in variants
-    }
+    engines = engines_of(cell, source, clock, variants)
     found = Bodies([], [], {name: [] for name in engines})
     for tick_ns in _ticks(source, people, round(1e9 / config.node.rate_hz)):
         snapshot = people.snapshot(tick_ns)
@@ -89,6 +85,21 @@ def compute(
         future = TrueFuture(source, VIRTUAL_START_NS, end_ns)
         found.zones[name] = foreknown(found.snapshots, found.zones[name], future)
     return found
+
+
+def engines_of(
+    cell: Cell, source: ApproachSource, clock: VirtualClock, variants: Sequence[Variant]
+) -> dict[str, RiskEngine]:
+    """A risk engine for each variant.
+
+    Raises:
+        ConfigError: the source's rate, or the configuration, does not allow it.
+    """
+    trackers = (cell.trackers(clock) for _ in variants)
+    return {
+        v.name: assemble.build_risk(with_risk(cell.config, v), source, cell.predictor, own)
+        for v, own in zip(variants, trackers, strict=True)
+    }
 
 
 def _ticks(source: ApproachSource, people: People, period_ns: int) -> Iterator[int]:

@@ -242,4 +242,4 @@ def test_a_recording_that_is_too_short_is_named_and_left_out(cli, folder, tmp_pa
     assert "glimpse_1" not in [r.name for r in load_calibration(out).recordings]
     status, _, err = cli(*CV, "--data", short, "--out", out)
     assert status == 2
-    assert "no other recording is left; give longer ones" in err
+    assert "no other recording is left; give others" in err

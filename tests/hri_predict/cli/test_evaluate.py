@@ -267,7 +267,27 @@ def test_a_recording_without_a_window_is_named_and_left_out(cli, walk, tmp_path)
     assert "glimpse" not in text
     status, _, error = cli("--data", short, *asked)
     assert (status, len(error.splitlines())) == (2, 1)
-    assert "no recording is long enough" in error
+    assert "no recording can be evaluated" in error
+    assert "seen long enough" in error
+
+
+def test_a_slow_recording_and_one_of_unknown_joints_are_left_out(cli, walk, tmp_path):
+    rows = "".join(f"{0.2 * k:.1f},0,0,1,0,0,2\n" for k in range(60))
+    for name, joints in (("slow.csv", ("l_wrist", "r_wrist")), ("odd.csv", ("P1", "P2"))):
+        columns = ",".join(f"{joint}_{axis}" for joint in joints for axis in "xyz")
+        (tmp_path / name).write_text(f"time_s,{columns}\n{rows}", encoding="utf-8")
+    asked = ["--predictor", "zero_velocity"]
+    slow, odd = tmp_path / "slow.csv", tmp_path / "odd.csv"
+    status, _, error = cli("--data", walk, "--data", slow, "--data", odd, *asked)
+    assert status == 0, error
+    first, second = error.splitlines()
+    assert first.startswith(f"warning: recording {slow}: 5 frames per second say nothing")
+    assert second.startswith(f"warning: recording {odd}: no joint matches")
+    assert first.endswith("; left out")
+    assert second.endswith("; left out")
+    status, _, error = cli("--data", odd, *asked)
+    assert (status, len(error.splitlines())) == (2, 1)
+    assert "--joint-map FILE" in error
 
 
 def test_a_split_of_what_has_none_and_a_recording_twice_are_refused(cli, walk, tmp_path):
