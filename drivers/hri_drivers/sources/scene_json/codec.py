@@ -16,12 +16,14 @@ One object is one scene, with everything needed to read it::
                     "head": null}}]}                     not observed; or leave it out
 
 ``people`` is ``[]`` when the sender sees that the room is empty. Joints have the names of a joint
-map; others are ignored and counted. On a stream, one object is one line (UTF-8, ended by a line
-feed).
+map, whatever their case and separators; others are ignored and counted. On a stream, one object is
+one line (UTF-8, ended by a line feed).
 """
 
 import json
-from collections.abc import Iterator, Sequence
+import re
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NoReturn, Self
 
@@ -30,7 +32,7 @@ from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from hri_drivers.sources.sent import SentPerson, SentScene
 from hri_predict.arrays import Floats
-from hri_predict.errors import HriPredictError
+from hri_predict.errors import HriPredictError, nearest
 from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.settings import Settings, validated
 from hri_predict.source import SourceCounters
@@ -121,19 +123,45 @@ class SceneReader:
 
     def _person(self, person: PersonMessage, message: SceneMessage) -> SentPerson:
         positions = np.full((len(self.joints), 3), np.nan)
+        places = self._places(person.joints)
         for name, place in person.joints.items():
-            if name not in self.joints:
-                self.counters.unknown_joints += 1
+            index = places.get(name)
+            if index is None:
+                self._count_unknown(name)
             elif place is not None and self._is_sure(place):
-                positions[self.joints.index(name)] = place[:3]
+                positions[index] = place[:3]
         with np.errstate(all="ignore"):
             metres = positions @ message.to_metres().T
         return SentPerson(person.id, metres, np.asarray(np.isfinite(metres).all(axis=1)))
+
+    def _places(self, names: Collection[str]) -> dict[str, int]:
+        """Which joint each name is: in another spelling only where nothing else can be meant."""
+        places = {name: k for k, name in enumerate(self.joints)}
+        if all(name in places for name in names):
+            return places
+        spelled, sent = Counter(map(_spelled, self.joints)), Counter(map(_spelled, names))
+        alone = {_spelled(joint): k for joint, k in places.items() if spelled[_spelled(joint)] == 1}
+        others = {name: _spelled(name) for name in names if name not in places}
+        found = {name: alone[s] for name, s in others.items() if s in alone and sent[s] == 1}
+        return places | found
+
+    def _count_unknown(self, name: str) -> None:
+        if self.counters.unknown_joints == 0:  # once: it must not hide later troubles
+            told = (
+                f"scene: no joint '{name[:40]}' in the joint map{nearest(name[:40], self.joints)}"
+            )
+            self.counters.note(plain(ValueError(told)))
+        self.counters.unknown_joints += 1
 
     def _is_sure(self, place: list[float]) -> bool:
         sure = len(place) == 3 or place[3] >= self.min_confidence
         self.counters.unsure_joints += not sure
         return sure
+
+
+def _spelled(name: str) -> str:
+    """A name without case and separators."""
+    return re.sub(r"[\W_]", "", name.lower())
 
 
 def _parsed(data: bytes | str) -> SceneMessage:

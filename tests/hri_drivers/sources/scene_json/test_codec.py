@@ -100,6 +100,35 @@ def test_joints_that_are_not_given_not_sure_or_not_known_are_unobserved() -> Non
     assert (heard.counters.unsure_joints, heard.counters.unknown_joints) == (1, 1)
 
 
+def sent(heard: SceneReader, **joints: Any) -> SentPerson:
+    (person,) = heard.read(json.dumps(message(people=[{"id": 0, "joints": joints}]))).people
+    return person
+
+
+def test_the_first_unknown_joint_is_named_with_the_nearest_known_one_and_only_once() -> None:
+    heard = reader()
+    sent(heard, haed=[1, 1, 1])
+    told = heard.counters.last_error
+    assert told == "scene: no joint 'haed' in the joint map; did you mean 'head'?"
+    heard.counters.note("something newer")
+    sent(heard, tail=[1, 1, 1], **{"x\n" * 900: [1, 1, 1]})
+    assert (heard.counters.last_error, heard.counters.unknown_joints) == ("something newer", 3)
+
+
+def test_a_name_that_differs_only_in_case_and_separators_is_known() -> None:
+    heard = reader()
+    assert joint(sent(heard, **{"HEAD ": [1, 2, 3]}), "head") == [1.0, 2.0, 3.0]
+    assert heard.counters.unknown_joints == 0
+
+
+def test_two_names_of_one_joint_are_none_unless_one_is_written_as_the_map_does() -> None:
+    heard = reader()
+    assert joint(sent(heard, Head=[1, 2, 3], HEAD=[4, 5, 6]), "head") is None
+    person = sent(heard, Head=[1, 2, 3], head=[4, 5, 6])
+    assert joint(person, "head") == [4.0, 5.0, 6.0]
+    assert heard.counters.unknown_joints == 3
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
