@@ -24,8 +24,10 @@ from hri_predict.cli.check.lost import lost_notes
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError
+from hri_predict.joint_map import JointMap
 from hri_predict.link import Transport
 from hri_predict.monitoring.alerts import alert_file
+from hri_predict.people.body.posture import shows_down
 from hri_predict.people.clock.offset_line import MAX_DRIFT
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.robot_constants import worst_distance
@@ -161,6 +163,7 @@ def examine(config: Config) -> dict[str, Any]:
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "notes": [
             *_notes(config),
+            *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),
             *calibration_notes(calibration),
@@ -211,6 +214,16 @@ def _notes(config: Config) -> list[str]:
     if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):
         notes.append("a robot with motion 'standing' is assumed never to move")
     return notes
+
+
+def _gravity_note(config: Config, joint_map: JointMap) -> list[str]:
+    """Return a note where no body shows where down is, so that wrong axes stay unseen."""
+    if config.node.people.posture_unchecked is not None or shows_down(joint_map.mapped):
+        return []
+    return [
+        f"joint map {joint_map.name}: no check against gravity; it needs shoulders and hips, or the"
+        " head and the neck or shoulders. Only heights are checked: people.floor_m, platform_m"
+    ]
 
 
 def _radius_note(risk: dict[str, Any]) -> list[str]:

@@ -17,7 +17,7 @@ from hri_predict.cli.register.solve import quaternion
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import transform
 from hri_predict.joint_map import axes_rotation
-from hri_predict.people.body.posture import posture_of
+from hri_predict.people.body.posture import posture_of, shows_down
 from hri_predict.people.body.posture_watch import Verdict, refusal_of
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
@@ -47,7 +47,7 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         rotation = sensor.source.joint_map.rotation
     people = {n: p for n, p in people.items() if len(p[0]) >= LEAST_CAPTURES}
     why = refusals(config, people, np.eye(4))
-    judged = sum(any(map(posture_of, *captures)) for captures in people.values())
+    judged = sum(any(map(shows_down, seen)) for _, seen in people.values())
     return {
         "scenes": scenes,
         "people": len(people),
@@ -124,7 +124,7 @@ def uprightness(people: Heard, correction: Floats) -> float:
     down = np.zeros(3)
     for captures in people.values():
         for posture in map(posture_of, *captures):
-            down += 0.0 if posture is None else posture.down
+            down += posture.down
     length = float(np.linalg.norm(down))
     return float(-(correction[:3, :3] @ down)[2] / length) if length else 0.0
 
@@ -171,7 +171,7 @@ def _off_floor(config: Config, people: Heard) -> str:
         posture.feet_m
         for captures in people.values()
         for posture in map(posture_of, *captures)
-        if posture is not None and posture.feet_m is not None
+        if posture.feet_m is not None
     ]
     at = f"ankles are at {np.median(feet):.2f} m" if feet else "bodies are below the floor"
     return (

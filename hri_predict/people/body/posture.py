@@ -7,6 +7,9 @@ over still has legs, a person who sits still has trunk and shanks, and all who w
 to a few degrees. In the recordings of the guide "Wrong axes", the sum of a whole body never stayed
 more than 70 degrees from true down.
 
+Arms hang, reach and rise, and legs lie: so a direction needs the trunk (shoulders against hips, if
+neck or waist are not seen) or the head against neck or shoulders. Whatever is seen has a height.
+
 A turned body can't show that its left and right are swapped, but a joint can: knees bend forward,
 toes point forward and elbows lie behind the line of a hanging arm, seen from a body whose left is
 on its left. Each is a triple product, which no rotation changes and every mirror inverts.
@@ -30,10 +33,18 @@ _BONES = (
 )  # fmt: skip
 _UPPER = np.array([_AT[a] for a, _ in _BONES])
 _LOWER = np.array([_AT[b] for _, b in _BONES])
-_TRUNK, _LEGS = 0, (slice(6, 8), slice(8, 10))
+_TRUNK, _HEAD, _ARMS, _LEGS = 0, 1, slice(2, 6), (slice(6, 8), slice(8, 10))
+_INSTEAD = (("neck", "l_shoulder", "r_shoulder"), ("waist", "l_hip", "r_hip"))
+"""A point of the trunk, and those whose middle stands for it where it is not seen."""
 _ANKLES = np.array([_AT["l_ankle"], _AT["r_ankle"]])
+HEAD_M, RAISED_M = 2.1, 2.7
+"""How high above the place where they stand tall people have head, shoulders and trunk, and what
+they lift: hands, elbows, knees and feet."""
+_LIFTED = ("elbow", "wrist", "hand", "knee", "ankle", "foot")
+_HIGHEST = np.array([RAISED_M if name.endswith(_LIFTED) else HEAD_M for name in JOINTS])
 HANGING = 0.5
-"""Least cosine between an arm and the trunk's down at which its elbow says where the front is."""
+"""Least cosine between an arm and the down of trunk or head at which the arm hangs: then its elbow
+says where the front is."""
 
 # Limbs whose tip lies ahead of the line from bottom to top (the elbow of a hanging arm: behind, and
 # it moves more freely than a knee, so it counts half): weight, girdle, top, bottom, tip.
@@ -57,6 +68,7 @@ class Posture:
 
     Attributes:
         down: (3,) metres, the sum of the bones; in somebody upright it points along -z.
+        bones: their number; 0: too little is seen for a direction.
         bones_m: metres, the sum of their lengths; ``down`` is as long if all agree.
         has_leg: whether a whole leg is in the sum; without one, somebody who leans over a table
             looks much like somebody who lies.
@@ -65,43 +77,78 @@ class Posture:
         feet_m: z of the mean of the ankles seen, room frame; ``None`` without any.
         middle: (3,) mean of the observed joints, room frame.
         heights: (5th, 90th) percentile of the observed joints' z.
+        lowest_m: z of the lowest joint but one, because one joint may be wrong.
+        above_m: least z at which a person can stand who has all joints but one so high.
     """
 
     down: Floats
+    bones: int
     bones_m: float
     has_leg: bool
     handed_m: float | None
     feet_m: float | None
     middle: Floats
     heights: tuple[float, float]
+    lowest_m: float
+    above_m: float
 
 
-def posture_of(positions: Floats, observed: Bools) -> Posture | None:
-    """Return the posture of one body; ``None`` without a trunk and one more bone.
+def posture_of(positions: Floats, observed: Bools) -> Posture:
+    """Return the posture of one body.
 
     Args:
         positions: (J, 3) metres, canonical joints; finite where observed.
-        observed: (J,).
+        observed: (J,) at least one.
     """
-    seen = observed[_UPPER] & observed[_LOWER]
-    if not seen[_TRUNK] or np.count_nonzero(seen) < 2:
-        return None
-    legs = [bool(seen[leg].all()) for leg in _LEGS]
-    for leg, whole in zip(_LEGS, legs, strict=True):
-        seen[leg] = whole  # a thigh alone says that somebody sits, not where down is
-    bones = (positions[_LOWER] - positions[_UPPER])[seen]
     joints = positions[observed]
     heights = np.sort(joints[:, 2])
+    above = np.sort(joints[:, 2] - _HIGHEST[observed])
     ankles = _ANKLES[observed[_ANKLES]]
+    positions, observed = _with_trunk(positions, observed)
+    seen = _bones_seen(observed)
+    bones = positions[_LOWER] - positions[_UPPER]
+    if seen[_HEAD] and not seen[_TRUNK]:
+        arms, head = bones[_ARMS], bones[_HEAD]  # raised arms would outvote a head, not a trunk
+        seen[_ARMS] &= arms @ head > HANGING * norm(arms) * norm(head)
+    bones = bones[seen]
     return Posture(
         down=bones.sum(axis=0),
+        bones=len(bones),
         bones_m=float(norm(bones).sum()),
-        has_leg=any(legs),
+        has_leg=any(bool(seen[leg].all()) for leg in _LEGS),
         handed_m=_handed(positions, observed),
         feet_m=float(positions[ankles, 2].mean()) if len(ankles) else None,
         middle=joints.mean(axis=0),
         heights=(float(heights[len(heights) // 20]), float(heights[9 * (len(heights) - 1) // 10])),
+        lowest_m=float(heights[:2][-1]),
+        above_m=float(above[-2:][0]),
     )
+
+
+def shows_down(observed: Bools) -> bool:
+    """Whether a body of which these joints (J,) are seen shows where its down is."""
+    return bool(_bones_seen(_with_trunk(np.zeros((len(JOINTS), 3)), observed)[1]).any())
+
+
+def _bones_seen(observed: Bools) -> Bools:
+    """The bones to sum up; none without a trunk or a head on it."""
+    seen = observed[_UPPER] & observed[_LOWER]
+    if not (seen[_TRUNK] or seen[_HEAD]):
+        return np.zeros_like(seen)
+    for leg in _LEGS:
+        seen[leg] = seen[leg].all()  # a thigh alone says that somebody sits, not where down is
+    return seen
+
+
+def _with_trunk(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
+    """The body with the middle of shoulders or hips in place of a neck or waist not seen."""
+    for name, *others in _INSTEAD:
+        sides = [_AT[other] for other in others]
+        if not observed[_AT[name]] and observed[sides].all():
+            positions, observed = positions.copy(), observed.copy()
+            positions[_AT[name]] = positions[sides].mean(axis=0)
+            observed[_AT[name]] = True
+    return positions, observed
 
 
 def _handed(positions: Floats, observed: Bools) -> float | None:
@@ -109,9 +156,12 @@ def _handed(positions: Floats, observed: Bools) -> float | None:
     use = observed[_JOINTS].all(axis=1)
     left, right, top, bottom, tip = positions[_JOINTS].swapaxes(0, 1)
     if (use & _IS_ARM).any():
-        trunk = positions[_AT["waist"]] - positions[_AT["neck"]]
+        seen = _bones_seen(observed)
+        bone = _TRUNK if seen[_TRUNK] else _HEAD
+        trunk = positions[_LOWER[bone]] - positions[_UPPER[bone]]
         arms = bottom - top
-        use &= ~_IS_ARM | (arms @ trunk > HANGING * norm(arms) * norm(trunk))
+        hangs = arms @ trunk > HANGING * norm(arms) * norm(trunk)
+        use &= ~_IS_ARM | (hangs & seen[bone])
     if not use.any():
         return None
     front = cross(left - right, top - bottom)

@@ -7,6 +7,9 @@ taken back.
 
 Who lies flat is believed only near the floor, nearly at rest, and if somebody has stood upright
 before. Until then a body that lies is as likely one whose axes are wrong, and is refused at once.
+
+Whatever is seen has a height: no joint is deeper than the floor, or higher than a tall person's on
+the highest platform. This holds for arms alone too, which say nothing else.
 """
 
 import math
@@ -41,7 +44,9 @@ VIEW_MARGIN_M = 0.5
 
 SMOOTH_S = 0.5
 JUDGE_NS = 30_000_000
-HOLD_S, HOLD_UPPER_S, RELEASE_S = 0.5, 2.0, 1.0
+HOLD_S, HOLD_UPPER_S, HOLD_BONE_S, RELEASE_S = 0.5, 2.0, 4.0, 1.0
+"""For how long a body is wrong before it is refused: a whole body, one without a leg in view, and
+one of which a single bone says all, since people look down at their work for some seconds."""
 FORGET_NS = 5_000_000_000
 INHERIT_M = 0.5
 
@@ -82,6 +87,8 @@ class _Record:
     velocity: Floats
     handed_m: float | None = None
     feet_m: float | None = None
+    lowest_m: float
+    above_m: float
     wrong_s: float = 0.0
     right_s: float = 0.0
     upright_s: float = 0.0
@@ -94,7 +101,8 @@ class PostureWatch:
     Attributes:
         upright_seen: somebody has stood upright, and nobody has contradicted it since: gravity is
             where ``room_from_source`` and the joint map put it.
-        unjudged: captures of bodies too little of which is seen to be judged.
+        unjudged: captures of bodies too little of which is seen for a direction; only heights
+            are judged.
     """
 
     def __init__(self, settings: PeopleSettings, field_of_view: Region | None = None) -> None:
@@ -119,14 +127,11 @@ class PostureWatch:
             record.seen_ns = capture_ns
             return record.refused
         posture = posture_of(body.positions, body.observed)
-        if posture is None:
-            self.unjudged += 1
-            if record is not None:
-                record.seen_ns = capture_ns
-            return record.refused if record is not None else None
+        self.unjudged += not posture.bones
         record = record or self._begin(body.id, posture, capture_ns)
         elapsed_s = _smooth(record, posture, capture_ns)
-        self._decide(record, posture, elapsed_s)
+        if posture.bones or not record.bones_m or self._out_of_reach(record):
+            self._decide(record, posture, elapsed_s)  # else nothing contradicts or confirms it
         return record.refused
 
     def _begin(self, person: int, posture: Posture, capture_ns: int) -> _Record:
@@ -145,6 +150,8 @@ class PostureWatch:
             middle=posture.middle,
             down=np.zeros(3),
             velocity=np.zeros(3),
+            lowest_m=posture.lowest_m,
+            above_m=posture.above_m,
         )
         return record
 
@@ -156,7 +163,7 @@ class PostureWatch:
         else:
             record.wrong_s, record.right_s = record.wrong_s + elapsed_s, 0.0
         turned = wrong in (Verdict.TILTED, Verdict.UPSIDE_DOWN)
-        if wrong is not None and record.wrong_s >= self._hold_s(wrong, turned, posture):
+        if wrong is not None and record.wrong_s >= self._hold_s(wrong, turned, record, posture):
             record.refused = wrong
             self.upright_seen &= not turned
         elif record.right_s >= RELEASE_S:
@@ -165,11 +172,12 @@ class PostureWatch:
         record.upright_s = record.upright_s + elapsed_s if stands else 0.0
         self.upright_seen |= record.upright_s >= HOLD_S
 
-    def _hold_s(self, wrong: Verdict, turned: bool, posture: Posture) -> float:
+    def _hold_s(self, wrong: Verdict, turned: bool, record: _Record, posture: Posture) -> float:
         """For how long a body must be wrong before it is refused."""
-        if not posture.has_leg and wrong is not Verdict.MIRRORED:
-            return HOLD_UPPER_S
-        return HOLD_S if self.upright_seen or not turned else 0.0
+        impossible = self._out_of_reach(record)
+        if not (posture.has_leg or impossible or wrong is Verdict.MIRRORED):
+            return HOLD_UPPER_S if posture.bones > 1 else HOLD_BONE_S
+        return HOLD_S if self.upright_seen or not (turned or impossible) else 0.0
 
     def _wrong(self, record: _Record, posture: Posture) -> Verdict | None:
         """What is wrong with the smoothed posture."""
@@ -182,7 +190,7 @@ class PostureWatch:
             return None if self._may_lie(record, posture) else Verdict.TILTED
         if record.handed_m is not None and record.handed_m < -MIRRORED_M:
             return Verdict.MIRRORED
-        if self._off_floor(record, posture):
+        if self._off_floor(record):
             return Verdict.OFF_FLOOR
         if self._view is not None:
             if _outside(self._view, posture.middle) > VIEW_MARGIN_M:
@@ -197,11 +205,14 @@ class PostureWatch:
         near_floor = self._below <= low and high <= self._floor + LYING_M
         return self.upright_seen and near_floor and _speed(record) < GLIDING_M_S
 
-    def _off_floor(self, record: _Record, posture: Posture) -> bool:
+    def _off_floor(self, record: _Record) -> bool:
         """Whether the feet are below the floor, or higher than anybody stands in this room."""
-        if record.feet_m is not None:
-            return not self._below <= record.feet_m <= self._above
-        return posture.heights[1] < self._below
+        on_floor = record.feet_m is None or self._below <= record.feet_m <= self._above
+        return not on_floor or self._out_of_reach(record)
+
+    def _out_of_reach(self, record: _Record) -> bool:
+        """Whether joints are where nobody's are, whatever that person does."""
+        return record.lowest_m < self._below or record.above_m > self._above
 
 
 def refusal_of(
@@ -212,7 +223,7 @@ def refusal_of(
 ) -> Verdict | None:
     """Why one person's captures (n, J, 3) and (n, J), taken one after another, cannot be right.
 
-    ``None`` too if they are not checked, or too little is seen; see ``posture_of``.
+    ``None`` too if they are not checked; too little may be seen, see ``shows_down``.
     """
     watch = PostureWatch(settings, field_of_view)
     verdict = None
@@ -230,10 +241,14 @@ def _smooth(record: _Record, posture: Posture, capture_ns: int) -> float:
     if not first:
         moved = (posture.middle - record.middle) / ((capture_ns - record.judged_ns) * 1e-9)
         record.velocity += share * (moved - record.velocity)
-    record.down += share * (posture.down - record.down)
-    record.bones_m += share * (posture.bones_m - record.bones_m)
+    if posture.bones:
+        turn = share if record.bones_m else 1.0
+        record.down += turn * (posture.down - record.down)
+        record.bones_m += turn * (posture.bones_m - record.bones_m)
     record.handed_m = _mixed(record.handed_m, posture.handed_m, share)
     record.feet_m = _mixed(record.feet_m, posture.feet_m, share)
+    record.lowest_m += share * (posture.lowest_m - record.lowest_m)
+    record.above_m += share * (posture.above_m - record.above_m)
     record.middle = posture.middle
     record.seen_ns = record.judged_ns = capture_ns
     return elapsed_s

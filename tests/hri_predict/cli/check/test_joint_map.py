@@ -89,3 +89,12 @@ def test_the_table_of_all_maps():
         # where the body is now, inferring never costs volume
         assert rows[name]["inferred"][0] <= rows[name]["reach"][0]
     assert rows["coco17"]["inferred"][0] < 0.5 * rows["coco17"]["reach"][0]
+
+
+@pytest.mark.parametrize(("name", "is_told"), [("assembly_arms", True), ("coco17", False)])
+def test_a_map_that_allows_no_check_against_gravity_is_named(name, is_told):
+    config = replace(
+        baseline_demo(), source=baseline_demo().source.model_copy(update={"joint_map": name})
+    )
+    notes = _gravity_note(config, load_joint_map(name))
+    assert any("no check against gravity" in note for note in notes) == is_told

@@ -26,6 +26,12 @@ from hri_predict.skeleton import CANONICAL, JOINTS
 
 RATE_HZ = 30.0
 COCO = np.array([load_joint_map("coco17").mapped[i] for i in range(len(JOINTS))])
+SEEN = {  # what of a body a tracker shows that shows no trunk
+    "head, neck, shoulders, arms": ("head", "neck", "shoulder", "elbow", "wrist", "hand"),
+    "head, neck, shoulders": ("head", "neck", "shoulder"),
+    "shoulders, hips": ("shoulder", "hip"),
+    "arms": ("shoulder", "elbow", "wrist", "hand"),
+}
 _NAMES = {  # data pack, section 8: skeletons that no shipped map describes
     23: {"waist": "hip", "torso": "chest", "neck": "neck", "head": "head"}
     | {
@@ -151,6 +157,25 @@ def noisy(positions: Floats, metres: float = 0.03) -> Floats:
     return positions + np.random.default_rng(0).normal(0.0, metres, positions.shape)
 
 
+def seen_of(kind: str) -> Bools:
+    """(J,) the joints of a kind of ``SEEN``; the crown is none of them."""
+    return np.array([name != "head_top" and name.endswith(SEEN[kind]) for name in JOINTS])
+
+
+def print_reduced(data: Path) -> None:
+    """The table of bodies without a trunk, mapped right."""
+    print("\n| joints | captures | refused | refused, 30 mm noise |\n|---|---:|---:|---:|")
+    counts = {kind: [0, 0, 0] for kind in SEEN}
+    for played in recordings(data):
+        for kind, numbers in counts.items():
+            observed = played.observed & seen_of(kind)
+            numbers[0] += int(observed.any(axis=1).sum())
+            for index, positions in enumerate((played.positions, noisy(played.positions)), 1):
+                numbers[index] += sum(v is not None for v in verdicts(positions, observed))
+    for kind, numbers in counts.items():
+        print(f"| {kind} |", " | ".join(f"{number:,}" for number in numbers), "|")
+
+
 def main(data: Path) -> None:
     right: dict[str, list[int]] = {}
     late: dict[tuple[str, str], dict[str, list[float]]] = {}
@@ -188,3 +213,4 @@ def main(data: Path) -> None:
 
 if __name__ == "__main__":
     main(Path(sys.argv[1]))
+    print_reduced(Path(sys.argv[1]))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.people.body.posture import Posture, posture_of
+from hri_predict.people.body.posture import Posture, posture_of, shows_down
 from hri_predict.settings import Pose
 from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_sim.people.body import Body
@@ -27,9 +27,7 @@ moves = st.lists(st.floats(-5, 5), min_size=3, max_size=3).map(np.array)
 
 
 def posture(body, observed=ALL) -> Posture:
-    found = posture_of(body, observed)
-    assert found is not None
-    return found
+    return posture_of(body, observed)
 
 
 def handed(body, observed=ALL) -> float:
@@ -73,10 +71,44 @@ def test_who_stands_agrees_on_down_in_all_bones():
     assert found.has_leg
 
 
-def test_without_a_trunk_nothing_is_said():
-    arms = np.array([name[2:] in ("shoulder", "elbow", "wrist") for name in JOINTS])
-    arms[JOINTS.index("neck")] = True
-    assert posture_of(BODY, arms) is None
+def only(*words):
+    return ~unseen(*words)
+
+
+def test_arms_alone_show_no_direction_and_still_have_heights():
+    arms = only("shoulder", "elbow", "wrist")
+    found = posture(BODY, arms)
+    assert found.bones == 0
+    assert not shows_down(arms)
+    assert found.lowest_m == sorted(BODY[arms, 2])[1]
+    assert posture(BODY + np.array([0.0, 0.0, 2.0]), arms).above_m == pytest.approx(
+        found.above_m + 2
+    )
+
+
+@pytest.mark.parametrize(
+    "words", [("shoulder", "hip"), ("head", "shoulder"), ("head", "neck"), ("neck", "waist")]
+)
+def test_shoulders_against_hips_and_a_head_against_either_show_down(words):
+    seen = only(*words) & (np.array(JOINTS) != "head_top")
+    assert shows_down(seen)
+    found = posture(BODY, seen)
+    assert -found.down[2] > 0.8 * found.bones_m
+
+
+def test_raised_arms_do_not_outvote_a_head():
+    raised = BODY.copy()
+    arms = only("elbow", "wrist", "hand")
+    raised[arms, 2] = 2.8 - raised[arms, 2]
+    upper = only("head", "neck", "shoulder", "elbow", "wrist")
+    assert posture(raised, upper).down[2] < 0
+    assert posture(raised, upper).bones == 1
+
+
+def test_one_joint_astray_changes_no_height():
+    astray = BODY.copy()
+    astray[JOINTS.index("l_wrist")] = [0.0, 0.0, 9.0]
+    assert posture(astray).above_m < 0.0
 
 
 def test_a_thigh_without_its_shank_does_not_count_as_a_leg():

@@ -7,9 +7,11 @@ import pytest
 
 from tests.hri_predict.people.body.posture_table import (
     COCO,
+    SEEN,
     noisy,
     recordings,
     refused_after_s,
+    seen_of,
     verdicts,
     wrong,
 )
@@ -25,6 +27,12 @@ pytestmark = [
 def test_no_recorded_capture_is_refused():
     for played in recordings(DATA):
         assert not any(verdicts(played.positions, played.observed)), played.name
+
+
+@pytest.mark.parametrize("kind", SEEN)
+def test_no_recorded_capture_is_refused_without_a_trunk_in_view(kind):
+    for played in recordings(DATA):
+        assert not any(verdicts(played.positions, played.observed & seen_of(kind))), played.name
 
 
 def test_every_wrong_rotation_and_mirror_of_a_walker_is_found_within_a_second():

@@ -138,14 +138,56 @@ def test_who_is_only_seen_outside_the_field_of_view_is_refused():
     assert watched.see(BODY * [-1.0, -1.0, 1.0], 2.5) is None  # the heading was right
 
 
-def test_an_upper_body_needs_more_evidence_and_arms_alone_give_none():
-    arms = UPPER & ~np.isin(JOINTS, ("waist", "torso"))
+HEAD_AND_ARMS = UPPER & ~np.isin(JOINTS, ("waist", "torso"))
+ARMS = HEAD_AND_ARMS & ~np.isin(JOINTS, ("neck", "head", "head_top"))
+
+
+@pytest.mark.parametrize("seen", [UPPER, HEAD_AND_ARMS], ids=["trunk", "head and arms"])
+def test_an_upper_body_needs_more_evidence(seen):
     watched = Watched()
-    assert watched.see(moved(LYING, 0, 0, 1), 1.5, UPPER) is None
-    assert watched.see(moved(LYING, 0, 0, 1), 1.5, UPPER) is Verdict.TILTED
+    assert watched.see(moved(LYING, 0, 0, 1), 1.5, seen) is None
+    assert watched.see(moved(LYING, 0, 0, 1), 1.5, seen) is Verdict.TILTED
+    assert watched.watch.unjudged == 0
+
+
+def test_arms_alone_are_judged_by_their_heights_only():
     watched = Watched()
-    assert watched.see(moved(LYING, 0, 0, 1), 3.0, arms) is None
+    assert watched.see(moved(LYING, 0, 0, 1), 3.0, ARMS) is None
     assert watched.watch.unjudged == 90
+    assert Watched().see(moved(LYING, 0, 0, 4), 0.04, ARMS) is Verdict.OFF_FLOOR
+    assert Watched().see(moved(LYING, 0, 0, -1), 0.04, ARMS) is Verdict.OFF_FLOOR
+
+
+@pytest.mark.parametrize("seen", [HEAD_AND_ARMS, ARMS], ids=["head and arms", "arms"])
+@pytest.mark.parametrize(
+    ("shift", "refused"), [(-1.5, True), (0.0, False), (1.0, False), (4, True)]
+)
+def test_no_joint_is_below_the_floor_or_above_a_tall_person_on_a_platform(seen, shift, refused):
+    verdict = Watched().see(moved(BODY, 0, 0, shift), 1.0, seen, noise=0.03)
+    assert verdict is (Verdict.OFF_FLOOR if refused else None)
+
+
+def test_a_hand_raised_on_the_highest_platform_is_believed():
+    raised = moved(BODY, 0, 0, 1.0)
+    for joint, up in (("r_elbow", 0.3), ("r_wrist", 0.6), ("r_hand", 0.8)):
+        raised[JOINTS.index(joint)] = raised[JOINTS.index("r_shoulder")] + [0, 0, up]
+    for seen in (ALL, HEAD_AND_ARMS, ARMS):
+        assert Watched().see(raised, 5.0, seen) is None
+
+
+def test_who_looks_down_at_the_work_for_some_seconds_is_believed():
+    head = np.isin(JOINTS, ("neck", "head", "l_shoulder", "r_shoulder"))
+    bent = BODY.copy()
+    bent[JOINTS.index("head")] = bent[JOINTS.index("neck")] + [0.2, 0.0, 0.0]
+    watched = Watched()
+    assert watched.see(bent, 3.5, head) is None
+    assert watched.see(bent, 1.0, head) is Verdict.TILTED
+
+
+def test_a_refused_body_of_which_only_arms_remain_stays_refused():
+    watched = Watched()
+    assert watched.see(moved(LYING, 0, 0, 1), 0.5) is Verdict.TILTED
+    assert watched.see(moved(LYING, 0, 0, 1), 3.0, ARMS) is Verdict.TILTED
 
 
 def test_a_new_id_at_the_same_place_takes_the_verdict_over():
