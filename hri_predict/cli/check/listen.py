@@ -6,6 +6,7 @@ tried on what was heard; the one in which people stand is named in the configura
 
 import itertools
 import json
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,13 +17,18 @@ from hri_predict.cli.register.sight import opened
 from hri_predict.cli.register.solve import quaternion
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import transform
-from hri_predict.joint_map import axes_rotation
+from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.people.body.posture import posture_of, shows_down
 from hri_predict.people.body.posture_watch import Verdict, refusal_of
+from hri_predict.people.body.size import is_human_sized, unit_factor
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
+from hri_predict.skeleton import JOINTS
+from hri_predict.source import live_part
 
 LEAST_CAPTURES = 10
+STATES_ITSELF = ("json",)
+"""Kinds of source whose scenes state units and axes: those of the joint map have no effect."""
 STANDS = 0.95
 """Cosine from which people stand so straight that the axes are right and only the floor is not."""
 ALIKE = 0.02
@@ -44,36 +50,84 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         people, scenes = sensor.everybody(seconds)
         if not scenes:
             raise ConfigError(f"--listen: no scene arrived in {seconds:g} s: {sensor.trouble()}")
-        rotation = sensor.source.joint_map.rotation
+        joint_map, live = sensor.source.joint_map, live_part(sensor.source)
+    unknown = live.counters.last_error if live and live.counters.unknown_joints else None
+    seen = [observed for _, observed in people.values()]
+    never = joint_map.mapped & ~np.concatenate([np.zeros((1, len(JOINTS)), bool), *seen]).any(0)
+    heard = {
+        "scenes": scenes,
+        "people": len(people),
+        "judged": 0,
+        "refused": [],
+        "remedy": None,
+        "unknown_joints": unknown,
+        "never_came": [name for name, lacks in zip(JOINTS, never, strict=True) if lacks],
+    }
+    if (wrong_size := size_remedy(config, people, joint_map.scale_to_m)) is not None:
+        return heard | {"refused": ["not of human size"], "remedy": wrong_size}
     people = {n: p for n, p in people.items() if len(p[0]) >= LEAST_CAPTURES}
     why = refusals(config, people, np.eye(4))
     judged = sum(any(map(shows_down, seen)) for _, seen in people.values())
-    return {
-        "scenes": scenes,
+    return heard | {
         "people": len(people),
         "judged": judged if config.node.people.posture_unchecked is None else 0,
         "refused": sorted({verdict.text for verdict in why}),
-        "remedy": remedy(config, people, rotation) if why else None,
+        "remedy": remedy(config, people, joint_map.rotation) if why else None,
     }
 
 
 def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
-    """Print what was found; return whether nobody was refused."""
+    """Print what was found; return whether somebody was verified, and all names are known."""
+    unchecked = config.node.people.posture_unchecked is not None
+    fine = not found["refused"] and not found["unknown_joints"]
+    fine = fine and bool(found["judged"] or (unchecked and found["people"]))
     if as_json:
         print(json.dumps(found))
-        return not found["refused"]
+        return fine
     print(f"heard {found['scenes']} scenes, people: {found['people']}")
+    if found["unknown_joints"]:
+        print(f"wrong: the sender sends {found['unknown_joints']}")
+        print("remedy: write these names as in the joint map, or add them to source.joint_map")
+    if found["people"] and found["never_came"]:
+        print(f"never came, though mapped: {', '.join(found['never_came'])}; is all of it in view?")
     reason = config.node.people.posture_unchecked
-    if reason is not None:
+    if found["refused"]:
+        print(f"wrong: bodies are {'; '.join(found['refused'])}")
+        print(f"remedy: {found['remedy']}")
+    elif reason is not None:
         print(f"not checked against gravity and the floor: {reason}")
     elif not found["judged"]:
         print("the orientation could not be verified: let somebody stand in view, trunk and legs")
-    elif found["refused"]:
-        print(f"wrong: bodies are {'; '.join(found['refused'])}")
-        print(f"remedy: {found['remedy']}")
-    else:
+    elif fine:
         print("ok: bodies stand upright on the floor, left and right where they belong")
-    return not found["refused"]
+    return fine
+
+
+def size_remedy(config: Config, people: Heard, scale_to_m: float) -> str | None:
+    """Which unit would make bodies human; ``None`` if most captures are of human size.
+
+    Args:
+        config: for the kind of source: a JSON scene states its unit itself.
+        people: as heard.
+        scale_to_m: of the joint map now.
+    """
+    bodies = [(b, o) for each in people.values() for b, o in zip(*each, strict=True) if o.any()]
+    if 2 * sum(not is_human_sized(*body) for body in bodies) <= len(bodies):
+        return None
+    in_json = config.source.kind in STATES_ITSELF
+    declared = METRES_PER_UNIT.items()
+    pairs = {  # by factor; a sender that mixes units up mostly takes metres for the other
+        real / m: (name, other)
+        for other, m in reversed(declared)
+        for name, real in declared
+        if real != m and (in_json or math.isclose(m, scale_to_m))
+    }
+    factor = unit_factor(bodies, pairs)
+    if factor is None:
+        return "no known unit makes them human; look after the tracker's units and joints' names"
+    right, now = pairs[factor]
+    where = "let the sender state it in each scene" if in_json else "put it into the joint map"
+    return f"they would be human with units: {right} instead of {now}; {where}"
 
 
 def refusals(config: Config, people: Heard, correction: Floats) -> list[Verdict]:
@@ -110,7 +164,10 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
             correction = pose @ correction @ np.linalg.inv(pose)
             upright = uprightness(people, correction)
             if upright > best + ALIKE and not refusals(config, people, correction):
-                best, chosen = upright, _named(axes, correction @ pose, mirrored=hands < 0)
+                best, chosen = (
+                    upright,
+                    _named(axes, correction @ pose, hands < 0, config.source.kind in STATES_ITSELF),
+                )
         if chosen:
             return chosen
     return (
@@ -151,17 +208,18 @@ def _handedness(axes: list[str]) -> Iterator[bool]:
         yield left
 
 
-def _named(axes: list[str], matrix: Floats, mirrored: bool) -> str:
+def _named(axes: list[str], matrix: Floats, mirrored: bool, in_scene: bool) -> str:
     shown = f"[{', '.join(axes)}]"
     end = "; then measure the heading and the place with hri-predict register"
+    place = "each scene that the sender writes" if in_scene else "the joint map"
     if mirrored:
         return (
-            f"exchange left and right in the joint map, or give it axes: {shown} with left_handed: "
-            f"true{end}"
+            f"exchange left and right in the joint map, or put axes: {shown} with left_handed: "
+            f"true into {place}{end}"
         )
     numbers = [round(float(v), 6) + 0.0 for v in quaternion(matrix[:3, :3])]
     return (
-        f"bodies would stand with axes: {shown} in the joint map, or with "
+        f"bodies would stand with axes: {shown} in {place}, or with "
         f"source.room_from_source.quaternion_xyzw: {numbers}{end}"
     )
 

@@ -24,7 +24,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NoReturn, Self
 
 import numpy as np
@@ -37,6 +37,8 @@ from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.settings import Settings, validated
 from hri_predict.source import SourceCounters
 
+MOST_NAMED = 8
+"""So many unknown joints are named."""
 MAX_BYTES = 65_536
 """Largest scene; ten people with a hundred joints each take half of it."""
 MAX_PEOPLE = 64
@@ -103,6 +105,7 @@ class SceneReader:
     joints: Sequence[str]
     min_confidence: float
     counters: SourceCounters
+    unknown: list[str] = field(default_factory=list)
 
     def read(self, data: bytes | str) -> SentScene:
         """Return the scene in one object, in metres: x forward, y left, z up.
@@ -146,12 +149,15 @@ class SceneReader:
         return places | found
 
     def _count_unknown(self, name: str) -> None:
-        if self.counters.unknown_joints == 0:  # once: it must not hide later troubles
-            told = (
-                f"scene: no joint '{name[:40]}' in the joint map{nearest(name[:40], self.joints)}"
-            )
-            self.counters.note(plain(ValueError(told)))
+        """Name what the joint map lacks: a typo costs a joint, and nothing else shows which."""
         self.counters.unknown_joints += 1
+        shown = ascii(name[:40])[1:-1]
+        if shown not in self.unknown and len(self.unknown) < MOST_NAMED:
+            self.unknown.append(shown)
+            self.counters.last_error = (
+                f"joints that the joint map does not have: {', '.join(self.unknown)}"
+                f"{nearest(self.unknown[0], self.joints)}"
+            )
 
     def _is_sure(self, place: list[float]) -> bool:
         sure = len(place) == 3 or place[3] >= self.min_confidence

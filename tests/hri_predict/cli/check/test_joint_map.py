@@ -92,9 +92,6 @@ def test_the_table_of_all_maps():
 
 
 @pytest.mark.parametrize(("name", "is_told"), [("assembly_arms", True), ("coco17", False)])
-def test_a_map_that_allows_no_check_against_gravity_is_named(name, is_told):
-    config = replace(
-        baseline_demo(), source=baseline_demo().source.model_copy(update={"joint_map": name})
-    )
-    notes = _gravity_note(config, load_joint_map(name))
+def test_a_map_that_allows_no_check_against_gravity_is_named(written, name, is_told):
+    notes = examine(configuration.load(written(name)))["notes"]
     assert any("no check against gravity" in note for note in notes) == is_told
