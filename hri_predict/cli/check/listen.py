@@ -152,8 +152,8 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
         people: as heard with it.
         rotation: (3, 3) of the joint map now.
     """
-    off_floor = refusals(config, people, np.eye(4)) == [Verdict.OFF_FLOOR] * len(people)
-    if off_floor and uprightness(people, np.eye(4)) > STANDS:
+    now = refusals(config, people, np.eye(4))
+    if now == [Verdict.OFF_FLOOR] * len(people) and uprightness(people, np.eye(4)) > STANDS:
         return _off_floor(config, people)
     pose = config.source.room_from_source.matrix()
     for hands in (1.0, -1.0):  # all proper axes before any that mirror
@@ -164,9 +164,13 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
             correction = pose @ correction @ np.linalg.inv(pose)
             upright = uprightness(people, correction)
             if upright > best + ALIKE and not refusals(config, people, correction):
-                best, chosen = (
-                    upright,
-                    _named(axes, correction @ pose, hands < 0, config.source.kind in STATES_ITSELF),
+                best = upright
+                chosen = _named(
+                    axes,
+                    correction @ pose,
+                    mirrored=hands < 0,
+                    upright=set(now) == {Verdict.MIRRORED},
+                    in_scene=config.source.kind in STATES_ITSELF,
                 )
         if chosen:
             return chosen
@@ -208,15 +212,15 @@ def _handedness(axes: list[str]) -> Iterator[bool]:
         yield left
 
 
-def _named(axes: list[str], matrix: Floats, mirrored: bool, in_scene: bool) -> str:
+def _named(
+    axes: list[str], matrix: Floats, *, mirrored: bool, upright: bool, in_scene: bool
+) -> str:
     shown = f"[{', '.join(axes)}]"
     end = "; then measure the heading and the place with hri-predict register"
     place = "each scene that the sender writes" if in_scene else "the joint map"
     if mirrored:
-        return (
-            f"exchange left and right in the joint map, or put axes: {shown} with left_handed: "
-            f"true into {place}{end}"
-        )
+        swap = "exchange left and right in the joint map, or " if upright else ""
+        return f"{swap}put axes: {shown} with left_handed: true into {place}{end}"
     numbers = [round(float(v), 6) + 0.0 for v in quaternion(matrix[:3, :3])]
     return (
         f"bodies would stand with axes: {shown} in {place}, or with "

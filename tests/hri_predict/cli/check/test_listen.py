@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hri_predict.cli.check.listen import _all_axes, refusals, remedy
+from hri_predict.cli.check.listen import _all_axes, refusals, remedy, show, size_remedy
 from hri_predict.geometry import transform
-from hri_predict.joint_map import load_joint_map
+from hri_predict.joint_map import METRES_PER_UNIT, load_joint_map
 from hri_predict.people.body.posture_watch import Verdict
 from hri_predict.settings import Pose
 from hri_predict.skeleton import JOINTS
@@ -79,3 +79,49 @@ def test_there_are_24_axes_of_each_handedness():
         turns = [turn for _, turn in _all_axes(hands)]
         assert len({turn.tobytes() for turn in turns}) == 24
         assert all(np.sign(np.linalg.det(turn)) == hands for turn in turns)
+
+
+@pytest.mark.parametrize(
+    ("real", "declared"), [("mm", "m"), ("cm", "m"), ("inch", "m"), ("ft", "m"), ("m", "mm")]
+)
+def test_size_is_judged_before_posture_and_the_unit_is_named(real, declared):
+    scale = METRES_PER_UNIT[declared]
+    positions, observed = heard(transform(SOURCE_FROM_ROOM, BODY) @ COCO)[1]
+    sent = {1: (positions / METRES_PER_UNIT[real] * scale, observed)}
+    text = size_remedy(configured(), sent, scale)
+    assert text is not None
+    assert f"units: {real} instead of {declared}" in text
+    assert size_remedy(configured(), {1: (positions, observed)}, scale) is None
+
+
+def test_left_and_right_are_not_exchanged_of_a_body_that_lies():
+    source = transform(SOURCE_FROM_ROOM, BODY)
+    text = remedy(configured(), heard(source[:, [1, 2, 0]] * [-1.0, 1.0, 1.0]), COCO)
+    assert "exchange" not in text
+    assert "left_handed: true" in text
+
+
+@pytest.mark.parametrize(
+    ("found", "fine"),
+    [
+        ({}, True),
+        ({"judged": 0}, False),
+        ({"people": 0, "judged": 0}, False),
+        ({"unknown_joints": "joints that the joint map does not have: left_anke"}, False),
+        ({"refused": ["not of human size"], "remedy": "units: mm"}, False),
+    ],
+)
+def test_only_what_was_verified_is_fine(found, fine, capsys):
+    whole = {
+        "scenes": 9,
+        "people": 1,
+        "judged": 1,
+        "refused": [],
+        "remedy": None,
+        "unknown_joints": None,
+        "never_came": ["l_ankle"],
+    } | found
+    assert show(whole, configured(), as_json=False) is fine
+    told = capsys.readouterr().out
+    assert ("ok: " in told) is fine
+    assert ("never came, though mapped: l_ankle" in told) == bool(whole["people"])
