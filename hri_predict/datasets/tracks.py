@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hri_predict.arrays import Bools, Floats
 from hri_predict.joint_map import JointMap
 from hri_predict.predictors.neural.body import BODY, CMU38, from_canonical
-from hri_predict.recording.opening import open_recording
+from hri_predict.recording.opening import opened
 from hri_predict.recording.recording import Recording
 
 _MAX_GAP_S = 0.1
@@ -51,9 +51,9 @@ def read_tracks(path: Path, joint_map: JointMap | None = None) -> tuple[Track, .
     the joints' names give it.
 
     Raises:
-        RecordingError: the file cannot be read.
+        RecordingError: the file cannot be read, or its people cannot be people.
     """
-    return tracks_of(open_recording(path, joint_map=joint_map))
+    return tracks_of(opened(path, joint_map))
 
 
 def tracks_of(recording: Recording) -> tuple[Track, ...]:

@@ -14,6 +14,7 @@ from hri_predict.recording.formats.npz import read_npz
 from hri_predict.recording.formats.trc import read_trc
 from hri_predict.recording.mcap.reader import read_mcap
 from hri_predict.recording.naming import check_known, with_map
+from hri_predict.recording.possible import check_possible
 from hri_predict.recording.recording import Recording
 from hri_predict.recording.sniffing import ending_of, seems
 from hri_predict.recording.unused import tell_unused
@@ -91,8 +92,16 @@ def open_recording(
 
 
 def opened(entry: Path | Recording, joint_map: JointMap | None = None) -> Recording:
-    """A recording in memory as it is; a file as ``open_recording`` reads it."""
-    return entry if isinstance(entry, Recording) else open_recording(entry, joint_map=joint_map)
+    """A recording in memory as it is; a file as ``open_recording`` reads it, if it can be true.
+
+    Raises:
+        RecordingError: the file cannot be read, or ``check_possible`` refuses it.
+    """
+    if isinstance(entry, Recording):
+        return entry
+    recording = open_recording(entry, joint_map=joint_map)
+    check_possible(recording)
+    return recording
 
 
 def _check_known(path: Path, joint_map: JointMap) -> None:

@@ -1,0 +1,58 @@
+"""Files whose people cannot be people are refused with the remedy, and no others."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hri_predict.errors import RecordingError
+from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.recording.opening import opened
+from hri_predict.skeleton import JOINTS
+from hri_sim.people.body import Body
+
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+_WHO = Body(1.75)
+BODY = _WHO.joints(_WHO.standing(np.array([2.0, 0.3]), 0.4))
+LYING = (BODY - BODY[0]) @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]).T + [2.0, 0.3, 0.2]
+
+
+def written(path, *bodies):
+    """A table of the bodies, each shown for a second."""
+    header = ",".join(f"{joint}_{c}" for joint in JOINTS for c in "xyz")
+    rows = [body for body in bodies for _ in range(30)]
+    lines = [
+        f"{k / 30:.4f}," + ",".join(f"{v:.6f}" for v in body.ravel()) for k, body in enumerate(rows)
+    ]
+    path.write_text("\n".join([f"time_s,{header}", *lines]))
+    return path
+
+
+def refused(path, *bodies):
+    with pytest.raises(RecordingError) as error:
+        opened(written(path, *bodies))
+    return str(error.value)
+
+
+@pytest.mark.parametrize("unit", ["mm", "cm", "inch", "ft"])
+def test_a_file_in_another_unit_is_refused_by_its_name(tmp_path, unit):
+    text = refused(tmp_path / "a.csv", (BODY - [2.0, 0.3, 0.9]) / METRES_PER_UNIT[unit])
+    assert f"--units {unit}" in text
+    assert "\n" not in text
+
+
+def test_other_axes_and_mirrors_are_refused(tmp_path):
+    assert "--axes" in refused(tmp_path / "a.csv", BODY[:, [1, 2, 0]])
+    assert "--axes" in refused(tmp_path / "a.csv", BODY * [1.0, -1.0, -1.0])
+    assert "left and right" in refused(tmp_path / "a.csv", BODY * [1.0, -1.0, 1.0])
+
+
+def test_people_may_lie_for_a_while(tmp_path):
+    assert opened(written(tmp_path / "a.csv", BODY, LYING))
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not DATA.exists(), reason="the data pack is not here")
+def test_no_recording_of_the_data_pack_is_refused():
+    for path in sorted(DATA.glob("**/*.npz")):
+        assert opened(path)
