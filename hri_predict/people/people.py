@@ -130,7 +130,6 @@ class People(RemembersLost):
         self._blind = not scene.sees_room
         self._counters["blind_scenes"] += self._blind
         self._impossible = self._misplaced = self._coasts = False
-        self._roster.part([person.id for person in scene.people], capture_ns)
         frozen = False
         starts: list[Appearing] = []
         seen: dict[int, Body | None] = {}
@@ -138,10 +137,11 @@ class People(RemembersLost):
             if person.id in seen:
                 self._refuse_second(person, seen[person.id], capture_ns)
                 continue
-            track = self._tracks.get(person.id)
             body = seen[person.id] = self._body(person)
             if body is None:
                 continue
+            self._roster.part(body, capture_ns)
+            track = self._tracks.get(person.id)
             if track is None and len(starts) >= self._settings.max_people:
                 self._counters["excess_people"] += 1
                 self._unplaced.note(Why.ONE_TOO_MANY, person.id, capture_ns)

@@ -9,14 +9,14 @@ its body stays in place, it is the same body, at any place in the room.
 """
 
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Container, Sequence
 
 import numpy as np
 
 from hri_predict.arrays import Bools
 from hri_predict.people.lost.doors import Doors
 from hri_predict.people.lost.lost_people import Lost, LostPeople, match_places
-from hri_predict.people.ring_buffer import PushResult, RingBuffer
+from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body, MotionLimits, Track
 
@@ -24,6 +24,8 @@ PLACE_SLACK_M = 0.5
 """How far a body may be from where its motion leads: noise, and a sudden step."""
 SAME_PLACE_M = 0.25
 """Nobody else can be nearer than this to where a body was a moment ago."""
+TAKEN_NS = 3_000_000_000
+"""Within this time nobody leaves a place and hides, while somebody else takes that very place."""
 STRIDE_M = 0.75
 """One capture that is torn off by less than this shows the same person."""
 TOGETHER_M = 0.4
@@ -71,6 +73,7 @@ class Roster:
         self._found_ns = max(round(settings.found_within_s * 1e9), gap_ns)
         self._history = history
         self._unseen_ns: dict[int, int] = {}  # ids of lost people, still in scenes without a joint
+        self._looked_ns = NEVER  # the newest capture in which the source saw the room
         self._leavers: list[Track] = []  # left by an exit a moment ago
         self._ended_ns: dict[int, int] = {}  # ids whose person left, was renamed or was found
 
@@ -213,25 +216,34 @@ class Roster:
         return max(stamps, default=None)
 
     def expire(self, capture_ns: int) -> None:
-        """End the tracks of people absent for too long: they left by an exit, or vanished."""
+        """End the tracks of people absent for too long: they left by an exit, or vanished.
+
+        Args:
+            capture_ns: of a scene of a source that saw the room.
+        """
+        self._looked_ns = capture_ns
         self._leavers = [t for t in self._leavers if self._is_recent(t.capture_ns, capture_ns)]
         for track in list(self.tracks.values()):
             if capture_ns - track.present_ns > self._gap_ns:
                 del self.tracks[track.id]
                 self._vanish(track, capture_ns)
 
-    def part(self, returned: Iterable[int], capture_ns: int) -> None:
-        """End the tracks of ids that come back after an absence: they may be other people's now.
+    def part(self, body: Body, capture_ns: int) -> None:
+        """End the track of an id that comes back after an absence: it may be somebody else's now.
 
-        Call it before the bodies in a scene are followed. They may find those people again.
+        Call it before the body is followed. It may find that person again. If nobody looked
+        meanwhile, whoever is still in the same place is the same person for a few seconds.
         """
-        for number in returned:
-            track = self.tracks.get(number)
-            # present in the scene after a gap that is still bridged
-            bridged_ns = self._gap_ns + self._limits.period_ns
-            if track is not None and capture_ns - track.present_ns > bridged_ns:
-                del self.tracks[number]
-                self._vanish(track, capture_ns)
+        track = self.tracks.get(body.id)
+        if track is None or self._keeps_ids:
+            return
+        absent_ns = capture_ns - track.present_ns
+        if absent_ns <= self._gap_ns + self._limits.period_ns:  # after a gap that is still bridged
+            return
+        unseen = track.present_ns >= self._looked_ns and absent_ns <= TAKEN_NS
+        if not (unseen and track.apart(body) <= SAME_PLACE_M):
+            del self.tracks[body.id]
+            self._vanish(track, capture_ns)
 
     def _matched(
         self,

@@ -44,6 +44,22 @@ def test_after_an_outage_an_id_may_be_somebody_else(make_room, seconds, blind):
     assert lost_at(snapshot) == [0.0]
 
 
+@pytest.mark.parametrize(("seconds", "lost"), [(1.0, []), (2.5, []), (4.0, [0.0]), (60.0, [0.0])])
+def test_who_stays_in_place_is_the_same_person_after_a_few_seconds(make_room, seconds, lost):
+    """Nobody leaves a place and hides while somebody else takes that very place; later, perhaps."""
+    room = make_room()
+    room.see(body(1, 0.0), times=10)
+    room.now += round(seconds * 1e9)
+    assert lost_at(room.see(body(1, 0.1), times=2)) == lost
+
+
+def test_who_was_absent_from_scenes_is_no_such_person(make_room):
+    room = make_room()
+    room.see(body(1, 0.0), times=10)
+    room.see(times=25)
+    assert lost_at(room.see(body(1, 0.1), times=2)) == [0.0]
+
+
 def test_after_a_short_outage_an_id_goes_on_where_its_person_can_be(make_room):
     for x, lost in ((0.4, []), (1.5, [0.0])):
         room = make_room()
