@@ -117,6 +117,7 @@ def test_the_link_conforms(place):
     assert "link udp_frames: keeps its contract" in place.said("conformance link")
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 def test_the_source_conforms_while_somebody_sends(place):
     sender = place.send(12)

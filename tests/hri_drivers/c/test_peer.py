@@ -78,6 +78,7 @@ def configured(path: Path, port: str) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_the_c_example_hears_the_node_and_stops_when_it_dies(build: Any, tmp_path: Path) -> None:
     program = build(EXAMPLE)
     line = NullModem()

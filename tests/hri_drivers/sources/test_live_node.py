@@ -47,6 +47,7 @@ def sender() -> Iterator[None]:
     sender.close()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("sender")
 def test_a_point_that_a_person_touches_is_found():
     found = measure_touch(live(baseline_demo()), "2,-0.26,0.8", "r_hand")

@@ -63,6 +63,7 @@ class Camera:
         self.zeroconf.close()
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 def test_it_is_found_and_found_again_at_another_port() -> None:
     camera = Camera()

@@ -126,6 +126,7 @@ def test_who_is_there_is_never_called_vanished(announced: Zeroconf) -> None:
         assert sorted(found) == ["answers", "answers", "answers", "port closed"]
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 def test_multicast_answers_are_enough(
     announced: Zeroconf, server: socket.socket, monkeypatch: pytest.MonkeyPatch

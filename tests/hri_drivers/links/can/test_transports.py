@@ -189,6 +189,7 @@ def test_a_link_that_only_listens_hears_and_sends_nothing(kind):
             assert controller.wire.listen_only
 
 
+@pytest.mark.long
 @pytest.mark.skipif(IN_NAMESPACE, reason="is what runs this")
 def test_the_same_over_udp_multicast():
     pytest.importorskip("msgpack", reason="python-can's udp_multicast needs msgpack")
