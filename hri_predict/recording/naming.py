@@ -1,6 +1,7 @@
 """From the joint names of a file to the canonical skeleton.
 
-Names alone decide. All joints of one of the shipped maps, as the map writes them or in another
+Names alone decide, with and without what a tracker writes before or after them all
+(``shared_affix``). All joints of one of the shipped maps, as the map writes them or in another
 spelling (``rig.sided``); or only canonical names; or the names of any rig (``rig.map_of_rig``). Of
 several readings, the one that gives the most canonical joints holds, and another one adds what only
 it understands: nobody's legs are lost for the lack of a head. Other names stay unchanged: the file
@@ -18,6 +19,7 @@ from hri_predict.errors import ConfigError, nearest
 from hri_predict.joint_map import JointMap, load_joint_map, map_names
 from hri_predict.recording.recording import Recording, noted
 from hri_predict.recording.rig import lacking, map_of_rig, plain, rig_weights, sided
+from hri_predict.recording.shared_affix import without_shared
 from hri_predict.skeleton import JOINTS
 
 UNKNOWN = "unknown"
@@ -29,6 +31,13 @@ def map_of_names(names: Sequence[str]) -> JointMap:
 
     All weights are zero if the names are not known; ``check_known`` refuses such a map.
     """
+    bare = without_shared(names)
+    readings = [_reading(names)] if bare == list(names) else [_reading(names), _reading(bare)]
+    best = max(readings, key=lambda m: int(m.mapped.sum()))  # the first of equals
+    return replace(best, source_joints=tuple(names))
+
+
+def _reading(names: Sequence[str]) -> JointMap:
     columns = {name: k for k, name in enumerate(names)}
     for shipped in _shipped():
         if sorted(columns) == sorted(shipped.source_joints):
