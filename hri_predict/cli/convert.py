@@ -15,7 +15,7 @@ from hri_predict.recording.converting import ENDINGS, WRITERS, write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
-from hri_predict.recording.recording import SELF_EXPLAINED, Recording
+from hri_predict.recording.recording import SELF_EXPLAINED, Recording, from_left_handed
 from hri_predict.recording.unused import unused
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 
@@ -54,6 +54,10 @@ def convert(
         str | None,
         typer.Option(help="Axes of INPUT that are forward, left and up, such as z,x,y for y up."),
     ] = None,
+    left_handed: Annotated[
+        bool,
+        typer.Option("--left-handed", help="INPUT's own axes are left-handed; give --axes too."),
+    ] = False,
     joint_map: JointMapOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
@@ -66,16 +70,23 @@ def convert(
     Example: hri-predict convert walk.c3d walk.csv --rate 30 --person 1
     """
     kind = _format(output, to)
+    if left_handed and axes is None:
+        raise ConfigError(
+            "--left-handed: needs --axes, INPUT's axes that are forward, left and up: Unity's are "
+            "z,-x,y, Unreal's x,-y,z"
+        )
     recording = open_recording(
         source,
         person=1 if person is None else person,
         unit_m=None if units is None else _unit(units),
-        axes=None if axes is None else axes.split(","),
+        axes=None if axes is None or left_handed else axes.split(","),
         any_joints=True,
         joint_map=own_map(joint_map),
     )
     if recording.kind in SELF_EXPLAINED:
         without_effect({"--units": units, "--axes": axes}, f"on {source}, which states its own")
+    elif left_handed and axes is not None:
+        recording = from_left_handed(recording, axes.split(","))
     recording, others = _chosen(recording=recording, person=person, rate=rate, start=start, end=end)
     written = write_recording(recording, output, kind, force=force)
     written.dropped["other people"] += others

@@ -52,7 +52,8 @@ def check_possible(recording: Recording) -> None:
     if handed and np.median(handed) < -MIRRORED_M:
         raise RecordingError(
             f"recording {recording.path}: people have left and right swapped; correct the joints' "
-            f"names, or a handedness lost on export"
+            f"names; if its axes are left-handed (Unity, Unreal)"
+            f"{_remedy(recording, '--axes ... --left-handed').removeprefix(';')}"
         )
 
 

@@ -187,6 +187,22 @@ def noted(recording: Recording, note: str) -> Recording:
     return replace(recording, note="; ".join(n for n in (recording.note, note) if n))
 
 
+def from_left_handed(recording: Recording, axes: Sequence[str]) -> Recording:
+    """The recording as if it had been read with these axes of a left-handed world.
+
+    Args:
+        recording: as its format's own axes give it.
+        axes: the file's axes that are forward, left and up.
+
+    Raises:
+        ConfigError: they are not three different ones, or right-handed.
+    """
+    true = recording.joint_map.with_axes(axes, left_handed=True)
+    matrix = np.eye(4)
+    matrix[:3, :3] = true.rotation @ recording.joint_map.rotation.T  # first back to the file's own
+    return replace(_moved(recording, matrix), joint_map=true)
+
+
 def placed(
     recording: Recording, room_from_source: Pose, place: Sequence[float] | None
 ) -> Recording:

@@ -92,6 +92,16 @@ def test_units_and_axes_of_the_input(cli):
     np.testing.assert_allclose(first[0], [0.001, 0, 0.002], atol=1e-6)
 
 
+def test_a_left_handed_world_is_turned_not_mirrored(cli, mistake):
+    options = ("--axes", "x,-y,z", "--left-handed", "--to", "csv")
+    assert cli("two.csv", "b.csv", *options)[0] == 0
+    raw, turned = (open_recording(f).scenes[0].people[0].positions for f in ("two.csv", "b.csv"))
+    np.testing.assert_allclose(turned, raw * [1, -1, 1], atol=1e-6)
+    assert "--left-handed: needs --axes" in mistake("two.csv", "c.csv", "--left-handed")
+    wrong = mistake("two.csv", "c.csv", "--left-handed", "--axes", "x,y,z")
+    assert "right-handed; change a sign, or set left_handed: false" in wrong
+
+
 def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli, mistake):
     assert cli("two.csv", "two.trc")[0] == 0
     before = Path("two.trc").read_bytes()

@@ -44,7 +44,9 @@ def test_a_file_in_another_unit_is_refused_by_its_name(tmp_path, unit):
 def test_other_axes_and_mirrors_are_refused(tmp_path):
     assert "--axes" in refused(tmp_path / "a.csv", BODY[:, [1, 2, 0]])
     assert "--axes" in refused(tmp_path / "a.csv", BODY * [1.0, -1.0, -1.0])
-    assert "left and right" in refused(tmp_path / "a.csv", BODY * [1.0, -1.0, 1.0])
+    mirrored = refused(tmp_path / "a.csv", BODY * [1.0, -1.0, 1.0])
+    assert "left and right" in mirrored
+    assert "--left-handed" in mirrored
 
 
 def test_people_may_lie_for_a_while(tmp_path):
