@@ -35,6 +35,7 @@ from hri_predict.skeleton import CANONICAL
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048}
 MAP_ENDINGS = (".yaml", ".yml")
+_EXAMPLE = "such as l_wrist: LeftHand or neck: {LShoulder: 0.5, RShoulder: 0.5}"
 DERIVED = ("waist", "neck", "head")
 
 Axes = Annotated[list[str], Field(min_length=3, max_length=3)]
@@ -172,6 +173,14 @@ class JointMapSettings(SourceFrame):
     joints: Annotated[list[str], Field(min_length=1, max_length=1000)]
     map: dict[str, dict[str, float]]
 
+    @field_validator("joints", mode="before")
+    @classmethod
+    def _texts(cls, value: Any) -> Any:
+        for name in value if isinstance(value, list) else []:
+            if not isinstance(name, str):
+                raise ValueError(f"write every name as text: '{name}', in quotes")
+        return value
+
     @field_validator("joints")
     @classmethod
     def _unique(cls, joints: list[str]) -> list[str]:
@@ -184,7 +193,13 @@ class JointMapSettings(SourceFrame):
     @classmethod
     def _single_source(cls, value: Any) -> Any:
         if not isinstance(value, dict):
-            return value
+            raise ValueError(f"give canonical joints and their sources, {_EXAMPLE}")
+        for joint, own in value.items():
+            if not isinstance(own, str | dict):
+                raise ValueError(
+                    f"{joint}: give the name of a source joint, in quotes if it is a number, or "
+                    f"source joints with weights; {_EXAMPLE}"
+                )
         return {k: {v: 1.0} if isinstance(v, str) else v for k, v in value.items()}
 
     @model_validator(mode="after")

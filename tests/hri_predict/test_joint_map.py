@@ -265,7 +265,9 @@ def test_a_users_own_map(tmp_path):
         ({"map": {"l_foot": "LElbow", "neck": {"LElbow": 1.0}}}, "'LElbow' is l_foot already"),
         ({"map": {"neck": {"LShoulder": 1.5, "RShoulder": -0.5}}}, "positive"),
         ({"map": {"torso": {"LShoulder": 0.5, "RShoulder": 0.5}}}, "only waist, neck, head may be"),
-        ({"map": {"torso": 3}}, "map.torso"),
+        ({"map": {"torso": 3}}, "map: torso: give the name of a source joint, in quotes"),
+        ({"map": None}, "map: give canonical joints and their sources, such as l_wrist: "),
+        ({"joints": ["LShoulder", 2]}, "joints: write every name as text: '2', in quotes"),
         ({"axis": ["x", "y", "z"]}, "unknown key; did you mean 'axes'"),
     ],
 )
