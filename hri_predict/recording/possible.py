@@ -14,6 +14,7 @@ from hri_predict.joint_map import METRES_PER_UNIT
 from hri_predict.people.body.posture import posture_of
 from hri_predict.people.body.size import is_human_sized, unit_factor
 from hri_predict.recording.recording import SELF_EXPLAINED, Recording
+from hri_predict.settings import MAX_COORDINATE_M
 
 MOST_SCENES = 1000
 """So many scenes of a recording, evenly over it, say enough."""
@@ -30,11 +31,19 @@ def check_possible(recording: Recording) -> None:
     """Refuse a recording in which nobody can be as the file says.
 
     Raises:
-        RecordingError: bodies are not of human size, do not stand, or are mirrored; the remedy.
+        RecordingError: nobody is seen, or bodies are not of human size, do not stand, or are
+            mirrored; the remedy.
     """
-    bodies = [] if recording.kind in PUBLISHED else list(_bodies(recording))
-    if not bodies:
+    if recording.kind in PUBLISHED:
         return
+    bodies = list(_bodies(recording))
+    if not bodies:
+        if recording.kind in SELF_EXPLAINED:  # an empty room, or people whose joints nobody saw
+            return
+        raise RecordingError(
+            f"recording {recording.path}: no joint of anybody is known: all are missing, or more "
+            f"than {MAX_COORDINATE_M:g} m away{_remedy(recording, '--units mm, if it is in mm')}"
+        )
     if 2 * sum(not is_human_sized(*body) for body in bodies) > len(bodies):
         raise RecordingError(
             f"recording {recording.path}: bodies are not of human size"

@@ -41,6 +41,12 @@ def test_a_file_in_another_unit_is_refused_by_its_name(tmp_path, unit):
     assert "\n" not in text
 
 
+def test_a_file_so_far_off_that_nobody_is_seen_is_refused(tmp_path):
+    text = refused(tmp_path / "a.csv", 1000 * (BODY - [-3.0, -3.0, -3.0]))
+    assert "more than 1000 m away" in text
+    assert "--units mm" in text
+
+
 def test_other_axes_and_mirrors_are_refused(tmp_path):
     assert "--axes" in refused(tmp_path / "a.csv", BODY[:, [1, 2, 0]])
     assert "--axes" in refused(tmp_path / "a.csv", BODY * [1.0, -1.0, -1.0])
