@@ -33,6 +33,11 @@ class SourceSettings(Settings):
         description="greatest believed rise of the source's clock offset beyond its steady drift: "
         "by so much an age may be too small if somebody delays scenes ever more, over hours",
     )
+    even_captures: bool = Field(
+        True,
+        description="captures come at an even rate: stamps that scatter about it count as late, by "
+        "up to 40 ms; false where captures come unevenly and their stamps are right",
+    )
     stale_s: float | None = Field(
         None, gt=0, le=2, description="age at which input is stale; default 3 periods + 20 ms"
     )

@@ -45,7 +45,7 @@ class People(RemembersLost):
     Args:
         settings: see ``PeopleSettings``.
         joint_map: from the source's joints to canonical ones.
-        source_settings: gives ``min_latency_s``, ``stale_s`` and ``clock_wander_s``.
+        source_settings: gives ``min_latency_s``, ``stale_s`` and how its clock behaves.
         rate_hz_source: nominal scenes per second.
         declares_noise: bit-identical joints mean a frozen sensor.
         history_steps: T, steps of history in a snapshot.
@@ -84,7 +84,8 @@ class People(RemembersLost):
         self._gate = SceneGate(
             round(period_s * 1e9),
             round(source_settings.min_latency_s * 1e9),
-            round(source_settings.clock_wander_s * 1e9),
+            clock_wander_ns=round(source_settings.clock_wander_s * 1e9),
+            even_captures=source_settings.even_captures,
         )
         self._lock = threading.Lock()
         self._roster = Roster(

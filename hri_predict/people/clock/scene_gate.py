@@ -3,6 +3,7 @@
 from collections import Counter
 
 from hri_predict.people.clock.clock_alignment import ClockAlignment
+from hri_predict.people.clock.even_captures import EvenCaptures
 from hri_predict.people.clock.offset_line import WANDER_NS
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.scene import Scene
@@ -21,6 +22,7 @@ class SceneGate:
         period_ns: the source's nominal time between captures.
         min_latency_ns: least time from capture to receipt.
         clock_wander_ns: see ``ClockAlignment``.
+        even_captures: whether captures come at an even rate; see ``EvenCaptures``.
 
     Attributes:
         alignment: alignment of the source's clock with the node's.
@@ -30,9 +32,15 @@ class SceneGate:
     """
 
     def __init__(
-        self, period_ns: int, min_latency_ns: int, clock_wander_ns: int = WANDER_NS
+        self,
+        period_ns: int,
+        min_latency_ns: int,
+        *,
+        clock_wander_ns: int = WANDER_NS,
+        even_captures: bool = True,
     ) -> None:
         self.alignment = ClockAlignment(period_ns, min_latency_ns, wander_ns=clock_wander_ns)
+        self._even = EvenCaptures() if even_captures else None
         self.repeats = 0
         self.counters: Counter[str] = Counter()
         self._sequence: int | None = None
@@ -47,7 +55,12 @@ class SceneGate:
             self.repeats += 1
             return None
         self._sequence = scene.sequence
+        jumps = self.alignment.jumps
         capture_ns = self.alignment.align(scene.stamp_ns, scene.sequence, receipt_ns)
+        if self._even is not None:
+            if self.alignment.jumps != jumps:
+                self._even.forget()
+            capture_ns = self._even.move(scene.sequence, capture_ns)
         if capture_ns <= self.capture_ns:
             self.counters["stamps_out_of_order"] += 1
             self.repeats += 1
@@ -68,6 +81,8 @@ class SceneGate:
         if self._refused_run >= RESTART_SCENES:
             self.counters["source_restarts"] += 1
             self.alignment.restart()
+            if self._even is not None:
+                self._even.forget()
             self._refused_sequence, self._refused_run = None, 0
             return True
         self.counters["duplicate_scenes" if sequence == last else "scenes_out_of_order"] += 1
@@ -76,4 +91,5 @@ class SceneGate:
     def counts(self) -> dict[str, int]:
         """Return the counters of the scenes and of the clock."""
         clock = {"clock_jumps": self.alignment.jumps, "clock_spikes": self.alignment.spikes}
-        return {**self.counters, **clock}
+        evened = {} if self._even is None else {"stamps_evened": self._even.moved}
+        return {**self.counters, **clock, **evened}
