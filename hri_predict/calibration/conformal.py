@@ -9,6 +9,12 @@ jackknife+", Annals of Statistics 49 (2021) 486) with recordings as units. A spe
 in fewer than ``LEAST_RECORDINGS`` recordings, and a joint that fewer show, are not calibrated;
 physical limits are used there.
 
+*Limits*: a scale that grows with past errors grows beyond what can happen. Beside somebody who
+stops, radii of 4 m at 1 s stood against a largest error of 2.3 m in a whole calibration. So no
+estimated radius is larger than the quantile of the errors themselves, for each joint, speed class
+and step, at a level that misses ``SPARE`` times less than the stated one: at 99 % it is the 99.9 %
+quantile. The limits cost a tenth of what a level may miss, at most (Boole's inequality).
+
 *Guaranteed*: see ``risk.zones.calibration``. Here the body's shape must not come from the
 recordings that are ranked: it is the fixed growth ``body_shape``.
 """
@@ -31,6 +37,7 @@ from hri_predict.skeleton import Skeleton
 
 LEAST_RECORDINGS = 4
 _CAUTION = 8.0
+SPARE = 10.0
 
 
 def calibrate(
@@ -70,6 +77,7 @@ def calibrate(
         [np.bincount(fast[unit == u], minlength=len(SPEED_CLASSES)) for u in range(len(names))]
     )
     estimated = _estimated(ratio, fast, unit)
+    limits = limits_of(error=error, fast=fast, unit=unit, group=group)
     guaranteed = guaranteed_radii(
         error=error, fast=fast, unit=unit, group=group, joints=len(joints), rate_hz=rate_hz
     )
@@ -81,6 +89,7 @@ def calibrate(
         joints=joints,
         scale=network,
         estimated=estimated,
+        limits=limits,
         guaranteed=guaranteed,
         recordings=tuple(
             UsedRecording(name=name, windows=tuple(map(int, row)), digest=scores[own[0]].digest)
@@ -88,7 +97,14 @@ def calibrate(
         ),
         ranges=_ranges(
             scores=scores,
-            ratio=ratio / estimated["joint"][-1][fast][..., None],
+            ratio=over_radius(
+                ratio=ratio,
+                error=error,
+                fast=fast,
+                factors=estimated["joint"][-1],
+                limit=limits["joint"][-1],
+                group=group,
+            ),
             group=group,
             joints=joints,
             rate_hz=rate_hz,
@@ -131,6 +147,55 @@ def _estimated(ratio: Floats, fast: Ints, unit: Ints) -> dict[Of, Floats]:
     # what holds the whole body holds each joint
     tables["body"] = np.maximum(tables["body"], tables["joint"])
     return tables
+
+
+def limits_of(*, error: Floats, fast: Ints, unit: Ints, group: Ints) -> dict[Of, Floats]:
+    """Per question (L, 3, G, H) metres; infinite where too few recordings show a joint.
+
+    Args:
+        error: (W, H, J) metres, NaN where unknown.
+        fast, unit: (W,) speed class and recording.
+        group: (J,) calibrated joint of each joint, -1 for others.
+    """
+    error = np.where(group >= 0, error, np.nan)
+    joints, steps = int(group.max()) + 1, error.shape[1]
+    tables = {of: np.full((len(LEVELS), len(SPEED_CLASSES), joints, steps), np.inf) for of in OFS}
+    for c in range(len(SPEED_CLASSES)):
+        own = [error[(fast == c) & (unit == u)] for u in np.unique(unit[fast == c])]
+        for i, level in enumerate(LEVELS):
+            rare = 1.0 - (1.0 - level) / SPARE
+            for g in range(joints):
+                of_joint = [
+                    e[:, :, group == g] for e in own if np.isfinite(e[..., group == g]).any()
+                ]
+                if len(of_joint) < LEAST_RECORDINGS:
+                    continue
+                found = [of_equals([e[:, k].ravel() for e in of_joint], rare) for k in range(steps)]
+                tables["joint"][i, c, g] = np.maximum.accumulate(found)
+            most = tables["joint"][i, c]
+            tables["body"][i, c] = most * _growth_for_bodies(own, most[group].T, rare)
+    # of a higher level or a longer step none is smaller
+    return {of: rising(np.maximum.accumulate(table, axis=0)) for of, table in tables.items()}
+
+
+def _growth_for_bodies(own: Sequence[Floats], limit: Floats, rare: float) -> Floats:
+    """(H,) by how much the joints' limits (H, J) must grow to hold whole bodies as often."""
+    bodies = [_nanmax(error / limit, 2) for error in own]
+    factors = [of_equals([b[:, k] for b in bodies], rare) for k in range(len(limit))]
+    return np.maximum(1.0, factors)
+
+
+def raised(limit: Floats, error: Floats, fast: Ints, group: Ints) -> Floats:
+    """The limits (L, 3, G, H), as large as the largest of other errors (W, H, J) at least."""
+    result = limit.copy()
+    steps = min(limit.shape[-1], error.shape[1])
+    for c in range(len(SPEED_CLASSES)):
+        own = error[fast == c][:, :steps]
+        for g in range(limit.shape[2]):
+            here = own[:, :, group == g]
+            largest = np.where(np.isfinite(here), here, 0.0).max(axis=(0, 2), initial=0.0)
+            result[:, c, g, :steps] = np.maximum(result[:, c, g, :steps], largest)
+    return rising(result)
 
 
 def of_equals(samples: Sequence[Floats], level: float) -> float:
@@ -214,6 +279,22 @@ def _nanmax(values: Floats, axis: int) -> Floats:
     known = np.isfinite(values)
     largest = np.where(known, values, -np.inf).max(axis)
     return np.where(known.any(axis), largest, np.nan)
+
+
+def over_radius(
+    *, ratio: Floats, error: Floats, fast: Ints, factors: Floats, limit: Floats, group: Ints
+) -> Floats:
+    """(W, H, J) errors over the estimated radii of a level.
+
+    Args:
+        ratio, error: (W, H, J) errors over the scale, and errors in metres.
+        fast: (W,) speed class.
+        factors, limit: (3, H) and (3, G, H).
+        group: (J,) calibrated joint of each joint, -1 for others.
+    """
+    most = np.where((group >= 0)[:, None], limit[:, group], np.inf).swapaxes(1, 2)  # (3, H, J)
+    found: Floats = np.maximum(ratio / factors[fast][..., None], error / most[fast])
+    return found
 
 
 def _ranges(

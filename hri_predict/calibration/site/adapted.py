@@ -2,7 +2,8 @@
 
 The scale stays the base's. Guaranteed radii stay those of the base, which hold for people like
 those it was made of; where the parts show larger ones, these count. (Parts of one night are not
-independent, so they support no guarantee of their own.) What counts as unlike the calibration
+independent, so they support no guarantee of their own.) Limits of radii rise to the largest error
+of the parts. What counts as unlike the calibration
 widens to the site's fastest motions.
 """
 
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.arrays import Floats, Ints
-from hri_predict.calibration.conformal import guaranteed_radii
+from hri_predict.calibration.conformal import guaranteed_radii, over_radius, raised
 from hri_predict.calibration.site.mixing import Ratios, moved, weights_of
 from hri_predict.calibration.site.parts import Part
 from hri_predict.risk.zones.calibration import (
@@ -50,12 +51,25 @@ def adapted(
     group = groups(base, skeleton)
     pooled = _Pooled(parts, group)
     estimated = pooled.factors(base)
+    limits = None
+    if base.limits is not None:
+        limits = {
+            of: raised(table, pooled.error, pooled.speeds, group)
+            for of, table in base.limits.items()
+        }
+    most = np.full_like(base.guaranteed["joint"][-1], np.inf)
     return replace(
         base,
         estimated=estimated,
+        limits=limits,
         guaranteed=_guaranteed(base, pooled, group),
         ranges=_ranges(
-            base=base, parts=parts, pooled=pooled, group=group, factors=estimated["joint"][-1]
+            base=base,
+            parts=parts,
+            pooled=pooled,
+            group=group,
+            factors=estimated["joint"][-1],
+            limit=most if limits is None else limits["joint"][-1],
         ),
         made=made,
         site=SiteParts(
@@ -128,12 +142,18 @@ def _guaranteed(base: Calibration, pooled: _Pooled, group: Ints) -> dict[Of, Flo
 
 
 def _ranges(
-    *, base: Calibration, parts: Sequence[Part], pooled: _Pooled, group: Ints, factors: Floats
+    *,
+    base: Calibration,
+    parts: Sequence[Part],
+    pooled: _Pooled,
+    group: Ints,
+    factors: Floats,
+    limit: Floats,
 ) -> dict[str, Any]:
     """The base's, as wide as the parts need.
 
     Args:
-        factors: (3, H) of the highest level, of each joint.
+        factors, limit: (3, H) and (3, G, H) of the highest level, of each joint.
         base, parts, pooled, group: see above.
     """
     fastest = np.stack([p.fastest_m_s for p in parts])
@@ -144,7 +164,14 @@ def _ranges(
         if name in speed:
             speed[name] = max(speed[name], here)
     short = max(1, round(SHORT_S * base.rate_hz))
-    ratio = pooled.ratio[:, :short] / factors[pooled.speeds][:, :short, None]
+    ratio = over_radius(
+        ratio=pooled.ratio[:, :short],
+        error=pooled.error[:, :short],
+        fast=pooled.speeds,
+        factors=factors[:, :short],
+        limit=limit[..., :short],
+        group=group,
+    )
     judged = np.isfinite(ratio)
     flat = np.where(judged, ratio, 0.0).reshape(-1, len(group))
     wrong = short_ratio(flat, judged.reshape(flat.shape))

@@ -5,8 +5,9 @@ questions (each *joint* alone; the whole *body* at once), each speed class and h
 tells radii in two ways:
 
 - **estimated**: a factor on the learned scale (``learned_scale``), which says for each joint how
-  wrong this forecast may be. Windows of one recording overlap and resemble each other, so this is
-  an estimate without a guarantee (``calibration.conformal``).
+  wrong this forecast may be, up to a limit. Windows of one recording
+  overlap and resemble each other, so this is an estimate without a guarantee
+  (``calibration.conformal``).
 - **guaranteed**: a radius in metres for each joint, by split conformal prediction over
   recordings: only these are independent. The score
   of a recording is the largest error of all its windows. With n recordings the level l is
@@ -96,6 +97,9 @@ class CalibrationFile(Settings):
     estimated_thousandths: dict[str, list[list[Row]]] = Field(
         description="of the scale: of, level, speed class"
     )
+    limits_mm: dict[str, list[list[list[Row]]]] | None = Field(
+        None, description="of the estimated radii: of, level, speed class, joint"
+    )
     guaranteed_mm: dict[str, list[list[list[Row]]]] = Field(
         description="of, level, speed class, joint"
     )
@@ -115,6 +119,8 @@ class Calibration:
         joints: names of the G joints, without their side.
         scale: the fitted network.
         estimated: per question (L, 3, H) factors on the scale, by speed class; infinite if unknown.
+        limits: per question (L, 3, G, H) metres, above which no estimated radius is; ``None``: it
+            was made before there were any.
         guaranteed: per question (L, 3, G, H) metres, by speed class; infinite if not supported.
         recordings: used for it.
         ranges: of the motions in the recordings.
@@ -132,6 +138,7 @@ class Calibration:
     guaranteed: Mapping[Of, Floats]
     recordings: tuple[UsedRecording, ...]
     ranges: Mapping[str, Any]
+    limits: Mapping[Of, Floats] | None = None
     made: date | None = None
     site: SiteParts | None = None
 
@@ -220,6 +227,9 @@ def save_text(calibration: Calibration) -> str:
         estimated_thousandths={
             of: _thousandths(table) for of, table in calibration.estimated.items()
         },
+        limits_mm=None
+        if calibration.limits is None
+        else {of: _thousandths(table) for of, table in calibration.limits.items()},
         guaranteed_mm={of: _thousandths(table) for of, table in calibration.guaranteed.items()},
         recordings=calibration.recordings,
         ranges=RangesFile(**calibration.ranges),
@@ -248,12 +258,15 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         raise ValueError("joints must be those of the canonical skeleton, each once")
     classes = len(LEVELS), len(SPEED_CLASSES)
     shape = (*classes, len(file.joints), file.steps)
-    for table in (file.estimated_thousandths, file.guaranteed_mm):
-        if set(table) != set(OFS):
+    for table in (file.estimated_thousandths, file.guaranteed_mm, file.limits_mm):
+        if table is not None and set(table) != set(OFS):
             raise ValueError(f"a table is not for {' and '.join(OFS)}")
     factors = {of: _table(file.estimated_thousandths[of], (*classes, file.steps)) for of in OFS}
     guaranteed = {of: _table(file.guaranteed_mm[of], shape) for of in OFS}
-    if not all((table[..., 1:] >= table[..., :-1]).all() for table in guaranteed.values()):
+    rows = file.limits_mm
+    limits = None if rows is None else {of: _table(rows[of], shape) for of in OFS}
+    rising = [*guaranteed.values(), *(limits or {}).values()]
+    if not all((table[..., 1:] >= table[..., :-1]).all() for table in rising):
         raise ValueError("a radius shrinks with the horizon")
     return Calibration(
         predictor=file.predictor,
@@ -263,6 +276,7 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         joints=tuple(file.joints),
         scale=ScaleNetwork.of_json(file.scale),
         estimated=factors,
+        limits=limits,
         guaranteed=guaranteed,
         recordings=file.recordings,
         ranges=file.ranges.model_dump(),

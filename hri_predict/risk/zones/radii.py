@@ -1,5 +1,7 @@
 """Radii: how large each joint's zone must be, by a calibration and what is known of the person."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from hri_predict.arrays import Floats
@@ -37,22 +39,27 @@ class Radii:
         self.steps = calibration.steps
         level, known = LEVELS.index(settings.level), min(horizon_steps, calibration.steps)
         self._scale: LearnedScale | None = None
+        limits: Floats | None = None
         names = list(calibration.joints)
         of_joint = [names.index(n) if n in names else -1 for n in map(plain, skeleton.joints)]
         if settings.basis == "guaranteed":
             _check_supported(calibration, settings)
-            table = calibration.guaranteed[settings.of][level]  # (3, G, H)
-            padded = np.concatenate([table, np.full_like(table[:, :1], np.inf)], axis=1)
-            table = padded[:, of_joint].swapaxes(1, 2)  # (3, H, J); joint -1 is the added row
+            table = _by_joint(calibration.guaranteed[settings.of][level], of_joint)
         else:
             self._scale = LearnedScale(
                 calibration.scale, skeleton, calibration.rate_hz, horizon_steps
             )
             factors = calibration.estimated[settings.of][level][..., None]  # (3, H, 1)
             table = np.where(np.array(of_joint) < 0, np.inf, factors)  # (3, H, J)
+            if calibration.limits is not None:
+                limits = calibration.limits[settings.of][level]
         self._table = np.full((len(table), horizon_steps, table.shape[2]), np.inf)
         self._table[:, :known] = table[:, :known]
         self._whatever_speed = self._table.max(0)
+        self._limits = np.full_like(self._table, np.inf)
+        if limits is not None:
+            self._limits[:, :known] = _by_joint(limits, of_joint)[:, :known]
+        self._limit_whatever_speed = self._limits.max(0)
 
     def of(self, speed_m_s: Floats, evidence: Evidence) -> Floats:
         """(P, H, J) metres for P people.
@@ -65,8 +72,15 @@ class Radii:
         found = np.where(unknown, self._whatever_speed, self._table[speed_class(speed_m_s)])
         if self._scale is None:
             return found
+        limit = np.where(unknown, self._limit_whatever_speed, self._limits[speed_class(speed_m_s)])
         # a zone must not shrink with the horizon
-        return np.maximum.accumulate(found * self._scale(evidence), axis=1)
+        return np.maximum.accumulate(np.minimum(found * self._scale(evidence), limit), axis=1)
+
+
+def _by_joint(table: Floats, of_joint: Sequence[int]) -> Floats:
+    """(3, H, J) of a table (3, G, H); joint -1 is infinite."""
+    padded = np.concatenate([table, np.full_like(table[:, :1], np.inf)], axis=1)
+    return padded[:, list(of_joint)].swapaxes(1, 2)
 
 
 def _check_supported(calibration: Calibration, settings: CoverageSettings) -> None:

@@ -7,11 +7,14 @@ import pytest
 
 from hri_predict.calibration.conformal import (
     LEAST_RECORDINGS,
+    SPARE,
     _estimated,
     body_shape,
     calibrate,
     guaranteed_radii,
+    limits_of,
     of_equals,
+    raised,
     rising,
 )
 from hri_predict.calibration.scores import HISTORY_STEPS, Presence, Scores, evidence_of
@@ -317,3 +320,76 @@ def test_ranges_are_those_of_the_windows_rounded_outwards():
     assert found.ranges["speed_m_s"]["wrist"] == 1.24
     assert set(found.ranges) == {"speed_m_s", "ratio_short"}
     assert 0 < found.ranges["ratio_short"] <= 1 + 1e-9  # at 99 % of 6 the largest ratio is held
+
+
+# -- limits ---------------------------------------------------------------------------------------
+
+
+def errors(recordings=40, windows=500, classes=1):
+    """Errors (W, 3, J) that grow with the step, speed classes and recordings."""
+    rng = np.random.default_rng(7)
+    total = recordings * windows
+    error = rng.lognormal(0.0, 0.5, (total, 3, COUNT)) * np.array([0.1, 0.2, 0.3])[:, None]
+    return error, np.arange(total) % classes, np.repeat(np.arange(recordings), windows)
+
+
+def test_a_limit_is_the_quantile_that_misses_a_tenth_of_what_the_level_may():
+    error, fast, unit = errors()
+    found = limits_of(error=error, fast=fast, unit=unit, group=GROUP)["joint"]
+    wrist = GROUPS.index("wrist")
+    both = [k for k, name in enumerate(JOINTS) if plain(name) == "wrist"]
+    for i, level in enumerate(LEVELS):
+        rare = 1 - (1 - level) / SPARE
+        by_hand = of_equals([error[unit == u][:, 2][:, both].ravel() for u in range(40)], rare)
+        assert found[i, 0, wrist, 2] == by_hand
+        missed = (error[:, 2][:, both] > by_hand).mean()
+        assert missed <= 1 - rare
+    assert np.isinf(found[:, 1:]).all()  # no recording shows these classes
+    assert (np.diff(found[:, 0], axis=0) >= 0).all()
+    assert (np.diff(found[:, 0], axis=-1) >= 0).all()
+
+
+def test_limits_of_bodies_hold_whole_bodies_as_often():
+    error, fast, unit = errors()
+    found = limits_of(error=error, fast=fast, unit=unit, group=GROUP)
+    for i, level in enumerate(LEVELS):
+        inside = (error <= found["body"][i, 0][GROUP].T).all(2)
+        assert (1 - inside.mean(0) <= (1 - level) / SPARE).all()
+    assert (found["body"][:, 0] >= found["joint"][:, 0]).all()
+
+
+def test_what_too_few_recordings_show_has_no_limit():
+    error, fast, unit = errors(LEAST_RECORDINGS, 20)
+    head, hand = JOINTS.index("head"), JOINTS.index("l_hand")
+    error[unit == 0, :, head] = np.nan
+    group = np.where(np.arange(COUNT) == hand, -1, GROUP)
+    found = limits_of(error=error, fast=fast, unit=unit, group=group)["joint"][:, 0]
+    assert np.isinf(found[:, GROUPS.index("head")]).all()
+    others = [g for g, name in enumerate(GROUPS) if name != "head"]
+    assert np.isfinite(found[:, others]).all()
+
+
+def test_limits_rise_to_the_largest_errors_of_others():
+    error, fast, unit = errors(LEAST_RECORDINGS, 20)
+    found = limits_of(error=error, fast=fast, unit=unit, group=GROUP)["joint"]
+    other = np.full((5, 3, COUNT), np.nan)
+    other[2, 0, WRIST] = 9.0
+    higher = raised(found, other, np.zeros(5, int), GROUP)
+    wrist = GROUPS.index("wrist")
+    assert (higher[:, 0, wrist] == 9.0).all()  # and at no later step less
+    higher[:, 0, wrist] = found[:, 0, wrist]
+    assert np.array_equal(higher, found)
+
+
+def test_a_calibration_has_limits_and_no_radius_is_above_them():
+    rng = np.random.default_rng(3)
+    made_of = [scores(f"walking_{k}", rng.lognormal(-2, 0.5, (40, 3, COUNT))) for k in range(6)]
+    calibration = made(made_of)
+    assert calibration.limits is not None
+    for of in ("joint", "body"):
+        radii = Radii(calibration, CoverageSettings(level=0.99, of=of), CANONICAL, 3)
+        found = radii.of(np.ones(40), evidence_of(made_of[0]))
+        (speed,) = np.flatnonzero(np.isfinite(calibration.limits[of][-1, :, 0, 0]))
+        limit = calibration.limits[of][-1, speed][GROUP].T
+        assert (found <= limit).all()
+        assert (found == limit).any()

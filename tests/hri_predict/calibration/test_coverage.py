@@ -70,7 +70,7 @@ def scored(make_recording):
             skeleton=CANONICAL,
         )
         tables = {of: np.full_like(table, radius_m) for of, table in made.estimated.items()}
-        return scores, replace(made, estimated=tables, scale=scale_of())
+        return scores, replace(made, estimated=tables, limits=None, scale=scale_of())
 
     return make
 

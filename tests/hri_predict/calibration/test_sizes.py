@@ -50,7 +50,9 @@ def sizes_with(scores, zero, radius_m):
         skeleton=CANONICAL,
     )
     tables = {of: np.full_like(table, radius_m) for of, table in made.estimated.items()}
-    methods = {"own": (scores, replace(made, estimated=tables, scale=scale_of()), zero)}
+    methods = {
+        "own": (scores, replace(made, estimated=tables, limits=None, scale=scale_of()), zero)
+    }
     settings = CoverageSettings(self_check=False)
     return measure_sizes(scores=scores, methods=methods, settings=settings, steps=(5, 10))
 

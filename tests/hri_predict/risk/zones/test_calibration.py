@@ -45,7 +45,19 @@ def test_what_is_stored_comes_back(tmp_path, make_calibration):
     for name in ("predictor", "settings", "weights", "rate_hz", "joints", "recordings", "ranges"):
         assert getattr(back, name) == getattr(made, name), name
     assert back.steps == 25
+    assert back.limits is None  # as in a file that was made before there were any
     assert save_text(back) == save_text(made)
+
+
+def test_limits_that_are_stored_come_back(tmp_path, make_calibration):
+    made = make_calibration()
+    limits = {of: table + 1.5 for of, table in made.guaranteed.items()}
+    limits["body"][:, 2] = np.inf
+    back = load_calibration(stored(tmp_path, replace(made, limits=limits)))
+    assert back.limits is not None
+    for of in ("joint", "body"):
+        assert back.limits[of] == pytest.approx(limits[of], abs=1e-3)
+        assert (back.limits[of] >= limits[of] - 1e-9).all()  # rounded up
 
 
 @settings(max_examples=50, deadline=None)
@@ -150,6 +162,9 @@ def _weight(data, value):
         (lambda d: _row(d, [1, 2, 10**9]), "guaranteed_mm"),
         (lambda d: _row(d, [1, 2, float("nan")]), "guaranteed_mm"),
         (lambda d: _row(d, [1, 2, "far"]), "guaranteed_mm"),
+        (lambda d: d.update(limits_mm={}), "not for joint and body"),
+        (lambda d: d.update(limits_mm={"joint": [], "body": []}), "a table has the shape"),
+        (lambda d: d.update(limits_mm=7), "limits_mm"),
         (lambda d: d.update(levels=[0.5, 0.6, 0.7]), "another version"),
         (lambda d: d["classes"].reverse(), "another version"),
         (lambda d: d["recordings"][0].update(windows=[9]), "windows"),

@@ -56,6 +56,24 @@ def test_radii_are_of_the_level_the_question_the_speed_and_the_step(make_calibra
             assert radius(speed, error, **held) == pytest.approx(expected)
 
 
+def test_no_estimated_radius_is_above_its_limit_and_without_one_nothing_is_cut(make_calibration):
+    made = make_calibration(steps=4)
+    shape = made.guaranteed["joint"].shape
+    table = np.broadcast_to(0.25 + 0.1 * np.arange(3)[:, None, None], shape).copy()
+    table[:, :, made.joints.index("head")] = np.inf
+    limited = replace(made, limits={"joint": table, "body": table + 1})
+
+    def radius(calibration, speed, joint, **how):
+        coverage = CoverageSettings(level=0.99, of="joint", **how)
+        return of(Radii(calibration, coverage, CANONICAL, 4), speed, steps=4)[0, 2, joint]
+
+    for speed, limit in ((0.0, 0.25), (0.5, 0.35), (1.0, 0.45), (np.nan, 0.45)):
+        assert radius(limited, speed, WRIST) == pytest.approx(limit)
+        assert radius(limited, speed, HEAD) == radius(made, speed, HEAD) > limit
+        for_sure = {"basis": "guaranteed"}
+        assert radius(limited, speed, WRIST, **for_sure) == radius(made, speed, WRIST, **for_sure)
+
+
 def test_the_factor_multiplies_the_scale_of_each_joint(make_calibration):
     made = make_calibration(scale=scale_of({"wrist": np.log(3.0)}))
     found = of(Radii(made, CoverageSettings(), CANONICAL, 25), 0.0)[0]
