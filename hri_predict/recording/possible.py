@@ -31,8 +31,8 @@ def check_possible(recording: Recording) -> None:
     """Refuse a recording in which nobody can be as the file says.
 
     Raises:
-        RecordingError: nobody is seen, or bodies are not of human size, do not stand, or are
-            mirrored; the remedy.
+        RecordingError: no joint is seen, bodies are not of human size, people never stand, or left
+            and right are swapped. The error names the remedy.
     """
     if recording.kind in PUBLISHED:
         return
