@@ -8,14 +8,21 @@ them with stamps that come late. The truth keeps noise and lateness, because the
 zones with captures that have them.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.errors import UnusableRecordingError
-from hri_predict.recording.recording import Recording
+from hri_predict.joint_map import JointMap
+from hri_predict.recording.opening import opened
+from hri_predict.recording.recording import Recording, names_of
+
+Used = TypeVar("Used")
 
 LEAST_RATE_HZ = 20.0
 
@@ -139,3 +146,43 @@ def _wandering(rng: np.random.Generator, stamps: Ints, shape: tuple[int, ...]) -
     for i, share in enumerate(kept, 1):
         found[i] = share * found[i - 1] + np.sqrt(1.0 - share**2) * found[i]
     return found
+
+
+def of_each(
+    entries: Sequence[Path | Recording],
+    use: Callable[[str, Recording, Sequence[Presence]], list[Used]],
+    *,
+    joint_map: JointMap | None,
+    nobody: str,
+    on_recording: Callable[[str], None],
+    on_left_out: Callable[[str], None],
+) -> tuple[list[Used], list[str]]:
+    """What ``use`` makes of each recording, and a line for each that is left out.
+
+    Args:
+        entries: files, or recordings in memory.
+        use: name, recording, presences -> what is used of it; nothing leaves it out.
+        joint_map: the user's own for the files' joints; default: found by their names.
+        nobody: why a recording of which nothing is used is left out.
+        on_recording: called with the name of each recording when it is done.
+        on_left_out: called with one line for each recording that is left out.
+
+    Raises:
+        RecordingError: a file cannot be read, or cannot be true.
+    """
+    found: list[Used] = []
+    left_out: list[str] = []
+    names = names_of([e.path if isinstance(e, Recording) else e for e in entries])
+    for entry, name in zip(entries, names, strict=True):
+        try:
+            recording = opened(entry, joint_map)
+            used = use(name, recording, presences_of(recording))
+            problem = "" if used else f"recording {recording.path}: {nobody}"
+        except UnusableRecordingError as error:
+            used, problem = [], str(error)
+        if problem:
+            left_out.append(problem)
+            on_left_out(f"{problem}; left out")
+        found += used
+        on_recording(name)
+    return found, left_out

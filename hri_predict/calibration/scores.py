@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.calibration.presence import Presence, as_tracked, gap_ns, presences_of
-from hri_predict.errors import RecordingError, UnusableRecordingError
+from hri_predict.calibration.presence import Presence, as_tracked, gap_ns, of_each
+from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.base import Predictor, checked
-from hri_predict.recording.opening import opened
-from hri_predict.recording.recording import Recording, names_of
+from hri_predict.recording.recording import Recording
 from hri_predict.risk.self_check.past_forecasts import forecast_errors, mean_error
 from hri_predict.risk.zones.human_speed import joint_velocities
 from hri_predict.risk.zones.joint_zones import SETTLED_STEPS
@@ -101,18 +100,8 @@ def score_recordings(
             joints, or without a window.
         PredictorError: the predictor breaks its contract.
     """
-    found: list[Scores] = []
-    left_out: list[str] = []
-    names = names_of([e.path if isinstance(e, Recording) else e for e in recordings])
-    for entry, name in zip(recordings, names, strict=True):
-        try:
-            recording = opened(entry, joint_map)
-            presences = presences_of(recording)
-        except UnusableRecordingError as error:
-            left_out.append(str(error))
-            on_left_out(f"{error}; left out")
-            on_recording(name)
-            continue
+
+    def of(name: str, recording: Recording, presences: Sequence[Presence]) -> list[Scores]:
         scored = [score_presence(predictor, name, recording.action, p) for p in presences]
         if tracked:
             seed = zlib.crc32(name.encode())
@@ -121,15 +110,17 @@ def score_recordings(
                 score_presence(predictor, name, recording.action, seen, delivered=delivered)
                 for seen, delivered in drawn
             ]
-        own = [replace(s, digest=recording.digest) for s in scored if s is not None]
-        if not own:
-            left_out.append(
-                f"recording {recording.path}: nobody is seen for"
-                f" {(SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz:g} s without a break"
-            )
-            on_left_out(f"{left_out[-1]}; left out")
-        found += own
-        on_recording(name)
+        return [replace(s, digest=recording.digest) for s in scored if s is not None]
+
+    least_s = (SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz
+    found, left_out = of_each(
+        recordings,
+        of,
+        joint_map=joint_map,
+        nobody=f"nobody is seen for {least_s:g} s without a break",
+        on_recording=on_recording,
+        on_left_out=on_left_out,
+    )
     if left_out and not found:
         raise RecordingError(f"{left_out[0]}, and no other recording is left; give others")
     return found

@@ -17,13 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from hri_predict.arrays import Floats, Ints
-from hri_predict.calibration.presence import Presence, presences_of
+from hri_predict.calibration.presence import Presence, of_each
 from hri_predict.calibration.scores import HISTORY_STEPS, Scores, evidence_of, score_presence
-from hri_predict.errors import RecordingError, UnusableRecordingError
+from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.predictors.base import Predictor
-from hri_predict.recording.opening import opened
-from hri_predict.recording.recording import Recording, names_of
+from hri_predict.recording.recording import Recording
 from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.risk.zones.learned_scale import LearnedScale
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES, speed_class
@@ -85,22 +84,10 @@ def score_parts(
         PredictorError: the predictor breaks its contract.
     """
     scale = LearnedScale(base.scale, predictor.skeleton, predictor.rate_hz, base.steps)
-    found: list[Part] = []
-    left_out: list[str] = []
-    names = names_of([f.path if isinstance(f, Recording) else f for f in files])
-    for file, name in zip(files, names, strict=True):
-        try:
-            recording = opened(file, joint_map)
-            presences = presences_of(recording)
-        except UnusableRecordingError as error:
-            left_out.append(str(error))
-            on_left_out(f"{error}; left out")
-            on_recording(name)
-            continue
-        digest = recording.digest
-        by_part = _stretches(presences, recording.scenes[0].stamp_ns)
+
+    def of(name: str, recording: Recording, presences: Sequence[Presence]) -> list[Part]:
         here = []
-        for index, stretches in sorted(by_part.items()):
+        for index, stretches in sorted(_stretches(presences, recording.scenes[0].stamp_ns).items()):
             part_name = f"{name} from minute {round(index * PART_S / 60)}"
             scored = [
                 score_presence(predictor, part_name, recording.action, each)
@@ -111,19 +98,22 @@ def score_parts(
                 here.append(
                     _part(
                         name=part_name,
-                        digest=digest,
+                        digest=recording.digest,
                         known=known,
                         scale=scale,
                         rate_hz=predictor.rate_hz,
                     )
                 )
-        if not here:
-            left_out.append(
-                f"recording {recording.path}: nobody is seen for a second without a break"
-            )
-            on_left_out(f"{left_out[-1]}; left out")
-        found += here
-        on_recording(name)
+        return here
+
+    found, left_out = of_each(
+        files,
+        of,
+        joint_map=joint_map,
+        nobody="nobody is seen for a second without a break",
+        on_recording=on_recording,
+        on_left_out=on_left_out,
+    )
     if not found:
         raise RecordingError(
             f"{left_out[0]}, and no other recording is left; record while people work"

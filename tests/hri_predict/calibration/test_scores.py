@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hri_predict.calibration.presence import presences_of
 from hri_predict.calibration.scores import (
     HISTORY_STEPS,
     along,
-    presences_of,
     score_recordings,
     units,
     window_at,
