@@ -13,8 +13,8 @@ judges all kept forecasts whose age lies in the band. With alpha = 1 - level and
 
     m       <- m + (err_1 - m) (1 - exp(-dt / tau)),    tau = recover_s / ln(1 / alpha)
     w       <- clip(w + growth_per_s dt (err_e^w - alpha), 0, ln max_factor)  if m > alpha, else 0
-    lent    <- min(lent exp(-dt / end of the band) + rise, ln max_factor), or 0 where every shorter
-            band has w = 0; rise is the largest by which a shorter band's w rose at this capture
+    lent    <- min(lent exp(-dt / end of the band) + rise, the largest w of a shorter band); rise is
+            the largest by which a shorter band's w rose at this capture
 
     factor  = exp(max(w, lent))
 
@@ -125,6 +125,5 @@ class AdaptiveWidening:
         widest = np.maximum.accumulate(log, axis=1)
         lent = self._lent[slots] * np.exp(-step / self._ends_s)
         lent[:, 0] = 0.0
-        lent[:, 1:] = np.minimum(lent[:, 1:] + rise[:, :-1], self._bound)
-        lent[:, 1:] = np.where(widest[:, :-1] > 0, lent[:, 1:], 0.0)
+        lent[:, 1:] = np.minimum(lent[:, 1:] + rise[:, :-1], widest[:, :-1])
         self._lent[slots] = lent

@@ -57,6 +57,15 @@ def test_nothing_is_lent_to_shorter_horizons_nor_for_longer_than_it_is_owned():
     assert state.factor(SLOT).tolist() == [[1.0, 1.0, 1.0]]
 
 
+def test_no_more_is_lent_than_a_shorter_band_has_now():
+    state = widening()
+    update(state, [1, 0, 0])
+    update(state, [0, 1, 0])  # the rises of bands 0 and 1 do not add up
+    w = np.log(state.own(SLOT)[0])
+    np.testing.assert_allclose(w, [0.1568, 0.1584, 0], rtol=1e-9)
+    np.testing.assert_allclose(np.log(state.factor(SLOT)[0, 2]), 0.1584)
+
+
 def test_a_band_that_was_not_judged_stays_as_it_is():
     state = widening()
     judged = np.array([[True, False, True]])
