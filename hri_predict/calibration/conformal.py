@@ -1,13 +1,14 @@
 """From scores to radii: a learned scale, and factors on it from recordings it has not seen.
 
 *Estimated*: the error of each window, joint and step is divided by the scale of a network that was
-not fitted to its recording (``scale_fit``). A factor is the stated quantile of these ratios (of the
-largest over the joints, for the whole body), for each speed class and step; recordings have equal
-weights, because windows of one resemble each other. This is cross-conformal prediction (V. Vovk,
-Annals of Mathematics and AI 74 (2015) 9; R. Barber et al., "Predictive inference with the
-jackknife+", Annals of Statistics 49 (2021) 486) with recordings as units. A speed class that occurs
-in fewer than ``LEAST_RECORDINGS`` recordings, and a joint that fewer show, are not calibrated;
-physical limits are used there.
+not fitted to its recording (``scale_fit``), times the scale's shape (``shape_of``). A factor is the
+stated quantile of these ratios (of the largest over the joints, for the whole body), for each speed
+class and step; recordings have equal weights, because windows of one resemble each other. This is
+cross-conformal prediction (V. Vovk, Annals of Mathematics and AI 74 (2015) 9; R. Barber et al.,
+"Predictive inference with the jackknife+", Annals of Statistics 49 (2021) 486) with recordings as
+units. (The shape is fitted to the same errors as the factors: a few quantiles of thousands of
+windows.) A speed class that occurs in fewer than ``LEAST_RECORDINGS`` recordings, and a joint that
+fewer show, are not calibrated; physical limits are used there.
 
 *Limits*: a scale that grows with past errors grows beyond what can happen. Beside somebody who
 stops, radii of 4 m at 1 s stood against a largest error of 2.3 m in a whole calibration. So no
@@ -19,6 +20,7 @@ quantile. The limits cost a tenth of what a level may miss, at most (Boole's ine
 recordings that are ranked: it is the fixed growth ``body_shape``.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -33,11 +35,15 @@ from hri_predict.risk.settings import LEVELS
 from hri_predict.risk.zones.calibration import OFS, Calibration, Of, UsedRecording, needed, plain
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES, speed_class
 from hri_predict.risk.zones.motion_ranges import SHORT_S, motion_ranges, short_ratio
+from hri_predict.risk.zones.scale_shape import KNOTS, ScaleShape
 from hri_predict.skeleton import Skeleton
 
 LEAST_RECORDINGS = 4
 _CAUTION = 8.0
 SPARE = 10.0
+SHAPE_LEVEL = 0.97
+_SOME = 20
+"""Values of a recording in a part of the sizes; fewer tell nothing about a tail."""
 
 
 def calibrate(
@@ -68,9 +74,11 @@ def calibrate(
         )
     network, scale = cross_scales(scores, rate_hz, skeleton, on_fit)
     error = np.concatenate([s.error_m for s in scores])
-    ratio = np.concatenate([s.error_m / own for s, own in zip(scores, scale, strict=True)])
+    scale_m = np.concatenate(scale)
     unit = np.concatenate([np.full(len(s.error_m), names.index(s.name)) for s in scores])
     fast = speed_class(np.concatenate([s.speed_m_s for s in scores]))
+    shape = shape_of(error=error, scale_m=scale_m, fast=fast, unit=unit)
+    ratio = error / shape.of(scale_m, fast)
     joints, group = _calibrated_joints(error, unit, skeleton)
     ratio[:, :, group < 0] = np.nan
     counts = np.array(
@@ -88,6 +96,7 @@ def calibrate(
         rate_hz=rate_hz,
         joints=joints,
         scale=network,
+        shape=shape,
         estimated=estimated,
         limits=limits,
         guaranteed=guaranteed,
@@ -128,6 +137,57 @@ def _calibrated_joints(
         )
     of = [joints.index(n) if n in joints else -1 for n in map(plain, skeleton.joints)]
     return joints, np.array(of)
+
+
+def shape_of(*, error: Floats, scale_m: Floats, fast: Ints, unit: Ints) -> ScaleShape:
+    """How the quantile of error over scale depends on the scale's size.
+
+    The values of a speed class and step are parted by their scale into ``KNOTS`` parts of equal
+    weight, fewer if there are few recordings. In each part the quantile ``SHAPE_LEVEL`` is taken. A
+    higher one would rest on too few errors of a part; the factors state the level.
+
+    Args:
+        error, scale_m: (W, H, J) metres, NaN where unknown.
+        fast, unit: (W,) speed class and recording.
+    """
+    steps = error.shape[1]
+    size = np.tile(np.geomspace(0.01, 1.0, KNOTS), (len(SPEED_CLASSES), steps, 1))
+    factor = np.ones_like(size)
+    for c in range(len(SPEED_CLASSES)):
+        own = [(fast == c) & (unit == u) for u in np.unique(unit[fast == c])]
+        parts = min(KNOTS, len(own) // LEAST_RECORDINGS)
+        for step in range(steps if parts > 1 else 0):
+            values = [(error[w, step].ravel(), scale_m[w, step].ravel()) for w in own]
+            known = [(e[np.isfinite(e)], s[np.isfinite(e)]) for e, s in values]
+            known = [(e, s) for e, s in known if e.size]
+            sizes, factors = _tails(known, parts)
+            if len(sizes) > 1:
+                size[c, step] = np.geomspace(sizes[0], sizes[-1], KNOTS)
+                logs = np.interp(np.log(size[c, step]), np.log(sizes), np.log(factors))
+                factor[c, step] = np.exp(logs)
+    return ScaleShape(size, factor)
+
+
+def _tails(known: Sequence[tuple[Floats, Floats]], parts: int) -> tuple[list[float], list[float]]:
+    """The parts' middle sizes, ascending, and their quantiles of error over scale."""
+    scale = np.concatenate([s for _, s in known])
+    weight = np.concatenate([np.full(s.size, 1.0 / s.size) for _, s in known])
+    order = np.argsort(scale)
+    reached = np.cumsum(weight[order]) / len(known)
+    inner = scale[order][np.searchsorted(reached, np.arange(1, parts) / parts)]
+    edges = [0.0, *inner.tolist(), math.inf]
+    sizes: list[float] = []
+    factors: list[float] = []
+    for low, high in itertools.pairwise(edges):
+        inside = [(e, s, (s >= low) & (s < high)) for e, s in known]
+        some = [(e[w] / s[w], float(np.median(s[w]))) for e, s, w in inside if w.sum() >= _SOME]
+        if len(some) < LEAST_RECORDINGS:
+            continue
+        middle = float(np.median([m for _, m in some]))
+        if not sizes or middle > sizes[-1]:
+            sizes.append(middle)
+            factors.append(of_equals([ratio for ratio, _ in some], SHAPE_LEVEL))
+    return sizes, factors
 
 
 def _estimated(ratio: Floats, fast: Ints, unit: Ints) -> dict[Of, Floats]:

@@ -83,7 +83,11 @@ def score_parts(
         RecordingError: a file cannot be read, or none can be used.
         PredictorError: the predictor breaks its contract.
     """
-    scale = LearnedScale(base.scale, predictor.skeleton, predictor.rate_hz, base.steps)
+    learned = LearnedScale(base.scale, predictor.skeleton, predictor.rate_hz, base.steps)
+
+    def scale(entry: Scores) -> Floats:
+        plain = learned(evidence_of(entry))
+        return plain if base.shape is None else base.shape.of(plain, speed_class(entry.speed_m_s))
 
     def of(name: str, recording: Recording, presences: Sequence[Presence]) -> list[Part]:
         here = []
@@ -148,7 +152,12 @@ def _chosen(stretches: Sequence[Presence]) -> list[Presence]:
 
 
 def _part(
-    *, name: str, digest: str | None, known: Sequence[Scores], scale: LearnedScale, rate_hz: float
+    *,
+    name: str,
+    digest: str | None,
+    known: Sequence[Scores],
+    scale: Callable[[Scores], Floats],
+    rate_hz: float,
 ) -> Part:
     history = np.concatenate([entry.history[:, -HISTORY_STEPS:] for entry in known])
     observed = np.concatenate([entry.observed[:, -HISTORY_STEPS:] for entry in known])
@@ -158,9 +167,7 @@ def _part(
         name=name,
         digest=digest,
         error_m=np.concatenate([entry.error_m[::EVERY].astype(small) for entry in known]),
-        scale_m=np.concatenate(
-            [scale(evidence_of(entry))[::EVERY].astype(small) for entry in known]
-        ),
+        scale_m=np.concatenate([scale(entry)[::EVERY].astype(small) for entry in known]),
         speeds=np.concatenate([speed_class(entry.speed_m_s[::EVERY]) for entry in known]),
         fastest_m_s=ranges.speed_m_s,
     )

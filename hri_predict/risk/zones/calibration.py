@@ -5,8 +5,8 @@ questions (each *joint* alone; the whole *body* at once), each speed class and h
 tells radii in two ways:
 
 - **estimated**: a factor on the learned scale (``learned_scale``), which says for each joint how
-  wrong this forecast may be, up to a limit. Windows of one recording
-  overlap and resemble each other, so this is an estimate without a guarantee
+  wrong this forecast may be, after its shape (``scale_shape``), up to a limit. Windows of one
+  recording overlap and resemble each other, so this is an estimate without a guarantee
   (``calibration.conformal``).
 - **guaranteed**: a radius in metres for each joint, by split conformal prediction over
   recordings: only these are independent. The score
@@ -39,6 +39,7 @@ from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.learned_scale import ScaleNetwork
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES, trunk_joints
 from hri_predict.risk.zones.motion_ranges import MotionRanges
+from hri_predict.risk.zones.scale_shape import ScaleShape
 from hri_predict.settings import Settings, validated
 from hri_predict.skeleton import JOINTS, Skeleton
 
@@ -94,6 +95,7 @@ class CalibrationFile(Settings):
     levels: list[float]
     classes: list[str]
     scale: dict[str, Any]
+    shape: dict[str, Any] | None = Field(None, description="factors on the scale by its size")
     estimated_thousandths: dict[str, list[list[Row]]] = Field(
         description="of the scale: of, level, speed class"
     )
@@ -118,6 +120,7 @@ class Calibration:
         rate_hz: steps per second.
         joints: names of the G joints, without their side.
         scale: the fitted network.
+        shape: of the scale; ``None``: it was made before there was any.
         estimated: per question (L, 3, H) factors on the scale, by speed class; infinite if unknown.
         limits: per question (L, 3, G, H) metres, above which no estimated radius is; ``None``: it
             was made before there were any.
@@ -138,6 +141,7 @@ class Calibration:
     guaranteed: Mapping[Of, Floats]
     recordings: tuple[UsedRecording, ...]
     ranges: Mapping[str, Any]
+    shape: ScaleShape | None = None
     limits: Mapping[Of, Floats] | None = None
     made: date | None = None
     site: SiteParts | None = None
@@ -224,6 +228,7 @@ def save_text(calibration: Calibration) -> str:
         levels=list(LEVELS),
         classes=list(SPEED_CLASSES),
         scale=calibration.scale.to_json(),
+        shape=None if calibration.shape is None else calibration.shape.to_json(),
         estimated_thousandths={
             of: _thousandths(table) for of, table in calibration.estimated.items()
         },
@@ -275,6 +280,7 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         rate_hz=file.rate_hz,
         joints=tuple(file.joints),
         scale=ScaleNetwork.of_json(file.scale),
+        shape=None if file.shape is None else ScaleShape.of_json(file.shape, file.steps),
         estimated=factors,
         limits=limits,
         guaranteed=guaranteed,

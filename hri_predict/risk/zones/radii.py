@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.arrays import Floats, Ints
 from hri_predict.errors import ConfigError
 from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration, needed, plain
 from hri_predict.risk.zones.learned_scale import Evidence, LearnedScale
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES, speed_class
+from hri_predict.risk.zones.scale_shape import ScaleShape
 from hri_predict.skeleton import Skeleton
 
 
@@ -39,6 +40,7 @@ class Radii:
         self.steps = calibration.steps
         level, known = LEVELS.index(settings.level), min(horizon_steps, calibration.steps)
         self._scale: LearnedScale | None = None
+        self._shape: ScaleShape | None = None
         limits: Floats | None = None
         names = list(calibration.joints)
         of_joint = [names.index(n) if n in names else -1 for n in map(plain, skeleton.joints)]
@@ -51,15 +53,14 @@ class Radii:
             )
             factors = calibration.estimated[settings.of][level][..., None]  # (3, H, 1)
             table = np.where(np.array(of_joint) < 0, np.inf, factors)  # (3, H, J)
+            self._shape = calibration.shape
             if calibration.limits is not None:
                 limits = calibration.limits[settings.of][level]
         self._table = np.full((len(table), horizon_steps, table.shape[2]), np.inf)
         self._table[:, :known] = table[:, :known]
-        self._whatever_speed = self._table.max(0)
         self._limits = np.full_like(self._table, np.inf)
         if limits is not None:
             self._limits[:, :known] = _by_joint(limits, of_joint)[:, :known]
-        self._limit_whatever_speed = self._limits.max(0)
 
     def of(self, speed_m_s: Floats, evidence: Evidence) -> Floats:
         """(P, H, J) metres for P people.
@@ -68,13 +69,23 @@ class Radii:
             speed_m_s: (P,) trunk speeds; who has none (NaN) gets the largest radii of all speeds.
             evidence: of the same people.
         """
-        unknown = np.isnan(speed_m_s)[:, None, None]
-        found = np.where(unknown, self._whatever_speed, self._table[speed_class(speed_m_s)])
-        if self._scale is None:
-            return found
-        limit = np.where(unknown, self._limit_whatever_speed, self._limits[speed_class(speed_m_s)])
+        unknown = np.isnan(speed_m_s)
+        scale_m = None if self._scale is None else self._scale(evidence)
+        found = self._by_class(speed_class(speed_m_s), scale_m)
+        if unknown.any():
+            some = None if scale_m is None else scale_m[unknown]
+            each = [np.full(np.count_nonzero(unknown), c) for c in range(len(SPEED_CLASSES))]
+            found[unknown] = np.max([self._by_class(fast, some) for fast in each], axis=0)
+        return found
+
+    def _by_class(self, fast: Ints, scale_m: Floats | None) -> Floats:
+        """(P, H, J) metres for people of known speed classes; no scale: the table is in metres."""
+        if scale_m is None:
+            return self._table[fast]
+        shaped = scale_m if self._shape is None else self._shape.of(scale_m, fast)
+        found = np.minimum(self._table[fast] * shaped, self._limits[fast])
         # a zone must not shrink with the horizon
-        return np.maximum.accumulate(np.minimum(found * self._scale(evidence), limit), axis=1)
+        return np.maximum.accumulate(found, axis=1)
 
 
 def _by_joint(table: Floats, of_joint: Sequence[int]) -> Floats:

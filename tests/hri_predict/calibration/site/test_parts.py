@@ -1,11 +1,22 @@
 """Parts of a site's recordings: cut by time, bounded, in order."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hri_predict.calibration.presence import Presence
 from hri_predict.calibration.site import parts
-from hri_predict.calibration.site.parts import STRETCH_S, STRETCHES, _chosen, _stretches
+from hri_predict.calibration.site.parts import (
+    STRETCH_S,
+    STRETCHES,
+    _chosen,
+    _stretches,
+    score_parts,
+)
+from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
+from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
+from hri_predict.risk.zones.scale_shape import KNOTS, ScaleShape
 from hri_predict.skeleton import JOINTS
 
 COUNT = len(JOINTS)
@@ -44,3 +55,18 @@ def test_stretches_are_spread_over_the_part_and_bounded():
 
 def test_the_stretch_divides_the_part():
     assert parts.PART_S % STRETCH_S == 0
+
+
+def test_the_scale_of_a_part_is_shaped_as_in_the_node(make_recording):
+    base = replace(load_calibration(shipped_calibration("zero_velocity")), shape=None)
+    size = np.broadcast_to(np.geomspace(0.01, 1.0, KNOTS), (3, base.steps, KNOTS)).copy()
+    body = 0.3 * np.random.default_rng(3).normal(size=(COUNT, 3))
+    walks = body + np.arange(80)[:, None, None] * np.array([0.02, 0.0, 0.0])
+    settings = ZeroVelocitySettings(name="zero_velocity", horizon_s=base.steps / base.rate_hz)
+    predictor = ZeroVelocity(settings)
+    recording = make_recording(walks)
+    (plain,) = score_parts(predictor=predictor, base=base, files=[recording])
+    doubled = replace(base, shape=ScaleShape(size, np.full_like(size, 2.0)))
+    (shaped,) = score_parts(predictor=predictor, base=doubled, files=[recording])
+    np.testing.assert_allclose(shaped.scale_m, 2 * plain.scale_m, rtol=1e-6)
+    np.testing.assert_array_equal(shaped.error_m, plain.error_m)

@@ -20,6 +20,7 @@ from hri_predict.risk.zones.calibration import (
     save_text,
 )
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES
+from hri_predict.risk.zones.scale_shape import KNOTS, ScaleShape
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 WRIST, HEAD = JOINTS.index("l_wrist"), JOINTS.index("head")
@@ -58,6 +59,16 @@ def test_limits_that_are_stored_come_back(tmp_path, make_calibration):
     for of in ("joint", "body"):
         assert back.limits[of] == pytest.approx(limits[of], abs=1e-3)
         assert (back.limits[of] >= limits[of] - 1e-9).all()  # rounded up
+
+
+def test_a_shape_that_is_stored_comes_back(tmp_path, make_calibration):
+    made = make_calibration(steps=3)
+    assert load_calibration(stored(tmp_path, made)).shape is None
+    size = np.broadcast_to(np.geomspace(0.1, 10.0, KNOTS), (3, 3, KNOTS)).copy()
+    back = load_calibration(stored(tmp_path, replace(made, shape=ScaleShape(size, size * 0 + 1.5))))
+    assert back.shape is not None
+    np.testing.assert_allclose(back.shape.size_m, size, atol=1e-6)
+    np.testing.assert_allclose(back.shape.factor, 1.5)
 
 
 @settings(max_examples=50, deadline=None)
@@ -139,6 +150,8 @@ def _weight(data, value):
         (lambda d: _factors(d, [1, 2, 10**9]), "estimated_thousandths"),
         (lambda d: _factors(d, [1, 2, float("nan")]), "estimated_thousandths"),
         (lambda d: _factors(d, [1, 2, "far"]), "estimated_thousandths"),
+        (lambda d: d.update(shape={"size_um": 1}), "shape must have size_um and thousandths"),
+        (lambda d: d.update(shape=3), "shape"),
         (lambda d: d.update(version=2), "is of another version; make a new one"),
         (lambda d: d.update(version=1), "is of another version; make a new one"),
         (lambda d: d.pop("version"), "is of another version"),

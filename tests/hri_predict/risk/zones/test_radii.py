@@ -12,6 +12,7 @@ from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import UsedRecording, needed, plain
 from hri_predict.risk.zones.learned_scale import Evidence
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.scale_shape import KNOTS, ScaleShape
 from hri_predict.skeleton import CANONICAL, JOINTS
 from tests.hri_predict.risk.conftest import scale_of
 
@@ -72,6 +73,25 @@ def test_no_estimated_radius_is_above_its_limit_and_without_one_nothing_is_cut(m
         assert radius(limited, speed, HEAD) == radius(made, speed, HEAD) > limit
         for_sure = {"basis": "guaranteed"}
         assert radius(limited, speed, WRIST, **for_sure) == radius(made, speed, WRIST, **for_sure)
+
+
+def test_the_scale_is_shaped_before_it_is_multiplied_and_limited(make_calibration):
+    made = make_calibration(steps=4)
+    size = np.broadcast_to(np.geomspace(0.1, 10.0, KNOTS), (3, 4, KNOTS)).copy()
+    factor = np.broadcast_to(np.array([2.0, 0.5, 4.0])[:, None, None], size.shape).copy()
+    shaped = replace(made, shape=ScaleShape(size, factor))
+
+    def radius(calibration, speed):
+        coverage = CoverageSettings(level=0.99, of="joint")
+        return of(Radii(calibration, coverage, CANONICAL, 4), speed, steps=4)[0, 2, WRIST]
+
+    for speed, times in ((0.0, 2.0), (0.5, 0.5), (1.0, 4.0)):
+        assert radius(shaped, speed) == pytest.approx(times * radius(made, speed))
+    assert radius(shaped, np.nan) == pytest.approx(4.0 * radius(made, 1.0))  # the largest of all
+    table = np.full(made.guaranteed["joint"].shape, 0.3)
+    limited = replace(shaped, limits={"joint": table, "body": table})
+    assert radius(limited, 1.0) == pytest.approx(0.3)
+    assert radius(limited, 0.5) == radius(shaped, 0.5) < 0.3
 
 
 def test_the_factor_multiplies_the_scale_of_each_joint(make_calibration):
