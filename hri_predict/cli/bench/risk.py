@@ -29,7 +29,7 @@ TICK_NS = 40_000_000
 AGE_NS = 10_000_000
 _STATES = 40
 _PHASES_S = (1.6, 4.8)  # phases of the two arms on their trajectories
-_PEOPLE_AT = ((2.2, 5.9), (3.1, -5.9), (-2.5, -5.6), (5.9, 5.6))
+_PEOPLE_AT = ((1.45, 3.9), (2.05, -3.9), (-1.65, -3.7), (3.9, 3.7))
 _WALK_TICKS = 50  # people come into view and walk up; then the next people come
 
 
