@@ -42,6 +42,10 @@ LEAST_RECORDINGS = 4
 _CAUTION = 8.0
 SPARE = 10.0
 SHAPE_LEVEL = 0.97
+_SPREAD = 1.05
+"""Sizes of a scale that differ by less have no shape."""
+_LEAST_FACTOR = 0.01
+"""People who stand like statues have errors of 0; a scale must stay above 0."""
 _SOME = 20
 """Values of a recording in a part of the sizes; fewer tell nothing about a tail."""
 
@@ -161,7 +165,7 @@ def shape_of(*, error: Floats, scale_m: Floats, fast: Ints, unit: Ints) -> Scale
             known = [(e[np.isfinite(e)], s[np.isfinite(e)]) for e, s in values]
             known = [(e, s) for e, s in known if e.size]
             sizes, factors = _tails(known, parts)
-            if len(sizes) > 1:
+            if len(sizes) > 1 and sizes[-1] > _SPREAD * sizes[0]:
                 size[c, step] = np.geomspace(sizes[0], sizes[-1], KNOTS)
                 logs = np.interp(np.log(size[c, step]), np.log(sizes), np.log(factors))
                 factor[c, step] = np.exp(logs)
@@ -186,7 +190,8 @@ def _tails(known: Sequence[tuple[Floats, Floats]], parts: int) -> tuple[list[flo
         middle = float(np.median([m for _, m in some]))
         if not sizes or middle > sizes[-1]:
             sizes.append(middle)
-            factors.append(of_equals([ratio for ratio, _ in some], SHAPE_LEVEL))
+            found = of_equals([ratio for ratio, _ in some], SHAPE_LEVEL)
+            factors.append(min(max(found, _LEAST_FACTOR), 1.0 / _LEAST_FACTOR))
     return sizes, factors
 
 

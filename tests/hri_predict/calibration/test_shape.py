@@ -3,6 +3,7 @@
 import numpy as np
 
 from hri_predict.calibration.conformal import LEAST_RECORDINGS, SHAPE_LEVEL, shape_of
+from hri_predict.risk.zones.scale_shape import ScaleShape
 from hri_predict.skeleton import JOINTS
 
 COUNT = len(JOINTS)
@@ -48,3 +49,20 @@ def test_unknown_errors_do_not_count_for_the_shape():
     found = shape_of(error=error, scale_m=size, fast=fast, unit=unit)
     np.testing.assert_allclose(found.factor, wanted.factor)
     np.testing.assert_allclose(found.size_m, wanted.size_m)
+
+
+def test_errors_of_nothing_leave_a_scale_that_can_be_stored():
+    error, size, unit = drawn(20, lambda size: 0.0)
+    fast = np.zeros(len(unit), int)
+    shape = shape_of(error=error, scale_m=size, fast=fast, unit=unit)
+    assert (shape.factor > 0).all()
+    ScaleShape.of_json(shape.to_json(), 1)
+
+
+def test_a_scale_of_one_size_has_no_shape():
+    error, size, unit = drawn(20, lambda size: 3.0)
+    size = np.full_like(size, 0.1) * (1 + 1e-6 * size)
+    fast = np.zeros(len(unit), int)
+    shape = shape_of(error=error, scale_m=size, fast=fast, unit=unit)
+    np.testing.assert_allclose(shape.factor, 1.0)
+    ScaleShape.of_json(shape.to_json(), 1)
