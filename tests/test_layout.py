@@ -26,7 +26,8 @@ LIBRARY = {"__init__", "library"}
 NODE = "core protocol robots contracts people predictors risk"
 OFFLINE = "core contracts people predictors recording"
 EVERYTHING = (
-    f"{NODE} node monitoring recording run discovery datasets evaluation training calibration"
+    f"{NODE} node monitoring recording evidence run discovery datasets evaluation training "
+    "calibration"
 )
 MAY_IMPORT = {  # from the bottom to the top
     "core": "",
@@ -40,7 +41,8 @@ MAY_IMPORT = {  # from the bottom to the top
     "node": NODE,
     "monitoring": "core protocol contracts people risk node",
     "recording": "core protocol contracts people predictors risk node",
-    "run": f"{NODE} node monitoring recording discovery",
+    "evidence": "core protocol contracts risk node recording",
+    "run": f"{NODE} node monitoring recording evidence discovery",
     "datasets": OFFLINE,
     "evaluation": f"{OFFLINE} datasets",
     "training": f"{OFFLINE} datasets evaluation",

@@ -190,6 +190,10 @@ def test_command(page: Path, command: str, folder: Path, serial_port: str):
     if words[:3] == ["hri-predict", "replay", "monday.mcap"]:  # which an earlier command records
         record = ["run", "cell.yaml", "--shadow", "--record", "monday.mcap", "--duration", "3"]
         hri_predict(*record, cwd=folder)
+    if words[1] == "evidence":  # which an earlier run keeps
+        with (folder / "cell.yaml").open("a", encoding="utf-8") as cell:
+            cell.write("\nevidence: evidence\n")
+        hri_predict("run", "cell.yaml", "--shadow", "--duration", "3", cwd=folder)
     if "--calibration" in words:  # which an earlier command makes
         shutil.copy(CALIBRATION, folder / "mine.calibration.json")
     daemon = words[1] == "run" and "--duration" not in words

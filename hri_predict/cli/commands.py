@@ -9,6 +9,7 @@ from hri_predict.cli import (
     convert,
     discover,
     evaluate,
+    evidence,
     fleet,
     listen,
     protocol,
@@ -53,6 +54,7 @@ app.command()(register.register)
 app.command()(run.replay)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
+app.command()(evidence.evidence)
 app.command()(discover.discover)
 app.command()(check.predictors)
 app.command()(conformance.conformance)

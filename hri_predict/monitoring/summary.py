@@ -77,6 +77,7 @@ class Summary:
     self_check: dict[str, Any] | None = None
     source: dict[str, Any] = field(default_factory=dict)
     recording: dict[str, Any] | None = None
+    evidence: dict[str, Any] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for ``--json``."""
@@ -120,6 +121,8 @@ class Summary:
             rows.insert(0, ("shadow mode", "links were told unknown"))
         if self.recording is not None:
             rows.insert(-1, ("recording", _recording(self.recording)))
+        if self.evidence is not None:
+            rows.insert(-1, ("evidence", _evidence(self.evidence)))
         if self.self_check is not None:
             rows.insert(-1, ("forecasts that held", _held(self.self_check)))
         for row in rows:
@@ -233,6 +236,16 @@ def _recording(report: dict[str, Any]) -> str:
     lost = f", {report['dropped']} lost" if report["dropped"] else ""
     ended = f"; it ended early: {report['error']}" if report["error"] else ""
     return f"{report['path']}: {report['written']} messages{lost}{ended}"
+
+
+def _evidence(report: dict[str, Any]) -> str:
+    kinds = {"stop": "stops", "near_miss": "near misses", "fault": "faults"}
+    counts = ", ".join(f"{kinds[kind]} {n}" for kind, n in report["events"].items())
+    lost = report["dropped"] + report["failures"]
+    wrong = f", {lost} lost" if lost else ""
+    return (
+        f"{counts or 'no event'}; {report['kept']} kept{wrong}; hash {report['newest_hash'][:16]}"
+    )
 
 
 def _rounded(value: float | None) -> float | None:

@@ -14,6 +14,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, floor_distance
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.levels.advice import Levels
+from hri_predict.risk.levels.near_miss import near_misses
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
 from hri_predict.risk.separation.stage import Findings, Separation
@@ -212,7 +213,8 @@ class RiskEngine:
         drift = [Reason.CALIBRATION_DRIFT] if self._is_drifting else []
         said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *drift]
         reasons = dict.fromkeys(said)
-        return Assessment(advices, bodies.zones, findings.named, tuple(reasons))
+        near = near_misses(findings, bodies)
+        return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near)
 
     def _remarks(self, robot: int, now_ns: int) -> tuple[Reason, ...]:
         """What a robot does other than advised."""

@@ -35,12 +35,35 @@ class Assessment:
         zones: the zones behind the advice.
         named_zones: the state of each of the user's named zones.
         reasons: why the zones are no better than they are; empty if nothing is wrong.
+        near_misses: where a moving robot was nearly too close, one per robot at most.
     """
 
     advices: tuple[Advice, ...]
     zones: Zones
     named_zones: tuple["NamedZoneState", ...]
     reasons: tuple[Reason, ...] = ()
+    near_misses: tuple["NearMiss", ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class NearMiss:
+    """A robot that moves, and somebody hardly farther from it than its motion needs.
+
+    Attributes:
+        robot: its index.
+        person: the id.
+        segment: name of the body's segment.
+        link: index of the robot's capsule.
+        separation_m: the distance now.
+        limit_m: the distance that the robot's motion needs.
+    """
+
+    robot: int
+    person: int
+    segment: str
+    link: int
+    separation_m: float
+    limit_m: float
 
 
 @dataclass(frozen=True, slots=True)

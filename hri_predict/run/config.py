@@ -13,6 +13,7 @@ from pydantic import Field
 from hri_predict import registry
 from hri_predict.discovery.services import DiscoverySettings
 from hri_predict.errors import ConfigError, nearest
+from hri_predict.evidence.settings import EvidenceSettings
 from hri_predict.files import data_path, read_text, read_yaml
 from hri_predict.link import ChecksTogether, LinkSettings
 from hri_predict.monitoring.alerts import AlertSettings
@@ -49,6 +50,9 @@ class NodeSettings(Settings):
     record: str | None = Field(None, min_length=1, description="file to record into (MCAP)")
     state: StateSettings | None = Field(
         None, description="file in which latches and lost people survive the node"
+    )
+    evidence: EvidenceSettings | None = Field(
+        None, description="keep the seconds around each stop, near miss and fault in this folder"
     )
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; without it, nothing is announced"

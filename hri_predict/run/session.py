@@ -3,7 +3,7 @@
 import contextlib
 import logging
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from hri_predict import registry
 from hri_predict.clock import Clock, MonotonicClock, VirtualClock
 from hri_predict.discovery.announcer import Announcer, node_properties
 from hri_predict.errors import ConfigError
+from hri_predict.evidence.keeper import Evidence
 from hri_predict.monitoring.alerts import Alerts
 from hri_predict.monitoring.pace import Pace
 from hri_predict.monitoring.source_report import source_report
@@ -20,6 +21,7 @@ from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory, StateSettings
 from hri_predict.peers import Cell, ControllerReport
 from hri_predict.recording import Recorder, RecordingInfo
+from hri_predict.recording.mcap.items import Items
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
@@ -130,6 +132,7 @@ class _Session:
         )
         self.reports: Sequence[ControllerReport] | None = None
         self.recorder: Recorder | None = None
+        self.evidence: Evidence | None = None
         self.announcer: Announcer | None = None
         self.referee: _Referee | None = None
         self.memory: Memory | None = None
@@ -159,9 +162,31 @@ class _Session:
         if path is not None:
             self.recorder = Recorder(path, self._recording_info(source), threaded=not virtual)
             listeners.append(self.recorder)
-            for link in assembly.links:
-                link.on_sent = self.recorder.sent
+        self._keep_evidence(assembly, source, listeners)
+        takers = [each for each in (self.recorder, self.evidence) if each is not None]
+        for link in assembly.links:
+            link.on_sent = _to_all(takers)
         return assembly
+
+    def _keep_evidence(
+        self, assembly: assemble.Assembly, source: Source, listeners: list[Listener]
+    ) -> None:
+        """Keep evidence, if this is a live run and the configuration asks for it.
+
+        Raises:
+            ConfigError: the folder cannot be used.
+        """
+        settings = self.config.node.evidence
+        if settings is None or self.options.factor is None or not self.options.keep_state:
+            return
+        self.evidence = Evidence(
+            settings,
+            self.config.base_dir,
+            self._recording_info(source),
+            robots=[robot.name for robot in assembly.robots],
+            links=[robot.capsule_names for robot in assembly.robots],
+        )
+        listeners.append(self.evidence)
 
     def _remember(self, assembly: assemble.Assembly, listeners: list[Listener]) -> None:
         """Use the state file, if this run has one.
@@ -259,6 +284,9 @@ class _Session:
             counters["state_write_failures"] = self.memory.failures
         if self.recorder is not None:
             counters["recorder_dropped"] = self.recorder.dropped
+        if self.evidence is not None:
+            counters["evidence_dropped"] = self.evidence.dropped
+            counters["evidence_failures"] = self.evidence.failures
         result = summarise(
             node=assembly.node,
             pace=pace,
@@ -274,6 +302,8 @@ class _Session:
         )
         if self.recorder is not None:
             result.recording = self.recorder.report()
+        if self.evidence is not None:
+            result.evidence = self.evidence.report()
         result.controllers = [asdict(report) for report in self.reports or ()]
         return result
 
@@ -288,6 +318,20 @@ class _Session:
             self.memory.close()
         if self.recorder is not None:
             self.recorder.close()
+        if self.evidence is not None:
+            self.evidence.close()
+
+
+def _to_all(takers: Sequence[Items]) -> Callable[[str, Any, int], None] | None:
+    """Hand what a link sent to each of these; ``None`` if there are none."""
+    if not takers:
+        return None
+
+    def sent(link: str, unit: Any, now_ns: int) -> None:
+        for taker in takers:
+            taker.sent(link, unit, now_ns)
+
+    return sent
 
 
 def _same(a: Path, b: Path) -> bool:

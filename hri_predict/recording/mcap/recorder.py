@@ -10,35 +10,22 @@ import json
 import logging
 import queue
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
-import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from hri_predict.errors import RecordingError
 from hri_predict.files import refuse_named_pipe
-from hri_predict.link import Received
-from hri_predict.node.listeners import Listener, Tick
-from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast
 from hri_predict.recording.mcap.format import (
     LIBRARY,
     METADATA,
     SCHEMAS,
     RecordingInfo,
-    forecast_to_dict,
-    message_to_dict,
-    scene_to_dict,
-    sent_to_dict,
     to_json,
-    zones_to_dict,
 )
-from hri_predict.risk.types import Zones
-from hri_predict.scene import Scene
+from hri_predict.recording.mcap.items import Item, Items
 
 log = logging.getLogger(__name__)
 
@@ -50,17 +37,7 @@ REMIND_NS = 60_000_000_000
 """After a failed write, the log says again what is lost, each minute."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Item:
-    """A message to write; the recorder's thread encodes it."""
-
-    topic: str
-    log_ns: int
-    encode: Callable[..., dict[str, Any]]
-    args: tuple[Any, ...]
-
-
-class Recorder(Listener):
+class Recorder(Items):
     """Writes a recording, as a listener of the node.
 
     Every method may be called from any thread, and none but ``close`` waits for the disk.
@@ -93,10 +70,9 @@ class Recorder(Listener):
         Raises:
             RecordingError: the file cannot be created.
         """
+        super().__init__(horizon_stride=horizon_stride, zones_every=zones_every)
         self.dropped = self.written = 0
         self.error: str | None = None
-        self._stride, self._zones_every = max(1, horizon_stride), max(1, zones_every)
-        self._ticks = 0
         self._path = path
         try:
             refuse_named_pipe(path)
@@ -110,58 +86,11 @@ class Recorder(Listener):
         self._lock = threading.Lock()
         self._closed = False
         self._remind_ns: int | None = None
-        self._queue: queue.Queue[_Item | None] = queue.Queue(queue_items)
+        self._queue: queue.Queue[Item | None] = queue.Queue(queue_items)
         self._thread: threading.Thread | None = None
         if threaded:
             self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
             self._thread.start()
-
-    def on_scene(self, scene: Scene, receipt_ns: int) -> None:
-        """A scene was received."""
-        self._put("/scene", receipt_ns, scene_to_dict, scene, receipt_ns)
-
-    def on_received(self, link: str, received: Received) -> None:
-        """A controller's message was received on ``link``."""
-        self._put("/received", received.received_ns, _received_to_dict, link, received)
-
-    def on_tick(self, tick: Tick) -> None:
-        """A tick is over; what it computed is recorded, in shadow mode too."""
-        self._put("/status", tick.now_ns, message_to_dict, tick.status)
-        for advice in tick.advices:
-            self._put("/advice", tick.now_ns, message_to_dict, advice)
-        if tick.forecast is not None and tick.snapshot is not None and tick.snapshot.ids:
-            self._forecast(tick.snapshot, tick.forecast)
-        due = self._ticks % self._zones_every == 0
-        self._ticks += 1
-        if due and tick.assessment is not None and tick.assessment.zones.ids:
-            self._zones(tick.now_ns, tick.assessment.zones)
-
-    def _forecast(self, snapshot: PeopleSnapshot, forecast: Forecast) -> None:
-        """The decimated steps are copied here, so the caller may reuse its arrays."""
-        count = forecast.positions.shape[1]
-        steps = list(range(self._stride - 1, count, self._stride)) or [count - 1]
-        captures = [int(c) for c in snapshot.capture_ns]
-        kept = forecast.positions[:, steps]
-        self._put(
-            "/forecast", snapshot.now_ns, forecast_to_dict, snapshot.ids, captures, steps, kept
-        )
-
-    def _zones(self, now_ns: int, zones: Zones) -> None:
-        """The decimated horizons (the first, the body now, always) are copied here."""
-        capsules = zones.capsules
-        kept = np.arange(0, capsules.radius.shape[1], self._stride)
-        packed = np.concatenate(
-            (capsules.a[:, kept], capsules.b[:, kept], capsules.radius[:, kept, :, None]), axis=-1
-        )
-        times_s = np.asarray(zones.times_s)[kept]
-        self._put("/zones", now_ns, zones_to_dict, zones.ids, zones.segments, times_s, packed)
-
-    def sent(self, link: str, unit: Any, now_ns: int) -> None:
-        """``unit`` (bytes, or a CAN frame) was written to ``link``."""
-        if isinstance(unit, bytes | bytearray | memoryview):
-            self._put("/sent", now_ns, sent_to_dict, link, None, bytes(unit))
-        else:
-            self._put("/sent", now_ns, sent_to_dict, link, unit.arbitration_id, bytes(unit.data))
 
     def close(self) -> None:
         """Write waiting messages, finish the file and close it. Safe to call twice."""
@@ -196,13 +125,11 @@ class Recorder(Listener):
     ) -> None:
         self.close()
 
-    def _put(
-        self, topic: str, log_ns: int, encode: Callable[..., dict[str, Any]], *args: Any
-    ) -> None:
-        item = _Item(topic, log_ns, encode, args)
+    def take(self, item: Item) -> None:
+        """Queue it, or write it at once; what cannot be written is counted."""
         if self._closed or self.error is not None:
             self._drop()
-            self._remind(log_ns)
+            self._remind(item.log_ns)
         elif self._thread is None:
             self._write(item)
         else:
@@ -215,7 +142,7 @@ class Recorder(Listener):
         while (item := self._queue.get()) is not None:
             self._write(item)
 
-    def _write(self, item: _Item) -> None:
+    def _write(self, item: Item) -> None:
         if self.error is not None:
             self._drop()
             return
@@ -277,8 +204,3 @@ def _begin(file: IO[bytes], info: RecordingInfo) -> tuple[Writer, dict[str, int]
         schema_id = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
         channels[topic] = writer.register_channel(topic, "json", schema_id)
     return writer, channels
-
-
-def _received_to_dict(link: str, received: Received) -> dict[str, Any]:
-    fields = message_to_dict(received.message)
-    return {"link": link, "received_ns": received.received_ns, **fields}

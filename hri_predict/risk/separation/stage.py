@@ -38,12 +38,14 @@ class RobotFindings:
             people, by the standard's separation where its assumptions hold, and by their zones
             where not (``BodyZones.as_assumed``). The milder of the two counts.
         unseen: about the space that the sensor does not see; ``None`` if it sees everything.
+        speed_m_s: of the robot's fastest point.
     """
 
     unknown: tuple[Reason, ...] = ()
     people: Finding | None = None
     standard: Finding | None = None
     unseen: Finding | None = None
+    speed_m_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +135,12 @@ class Separation:
             return RobotFindings(unknown=motion)
         people, standard = about_people
         unseen = self._unseen(robot, motion, bodies)
-        return RobotFindings(people=people, standard=standard, unseen=unseen)
+        return RobotFindings(
+            people=people,
+            standard=standard,
+            unseen=unseen,
+            speed_m_s=motion.speed_m_s,
+        )
 
     def _motion(
         self, robot: int, now: RobotNow, bodies: BodyZones

@@ -1,0 +1,36 @@
+"""Near misses: a robot that moves while somebody is hardly farther away than its motion needs."""
+
+from hri_predict.risk.separation.stage import Findings
+from hri_predict.risk.types import NearMiss
+from hri_predict.risk.zones.body_zones import BodyZones
+
+SHARE = 0.2
+"""Within so much of the limit, a separation is a near miss."""
+MOVING_M_S = 0.01
+
+
+def near_misses(findings: Findings, bodies: BodyZones) -> tuple[NearMiss, ...]:
+    """The near misses of one tick: at most one for each robot.
+
+    Of several ways to judge the same people the mildest counts, as for the advice. A separation
+    below the limit is no near miss: it is a stop.
+    """
+    found: list[NearMiss] = []
+    for robot, each in enumerate(findings.robots):
+        ways = [way for way in (each.people, each.standard) if way is not None]
+        if not ways or not each.speed_m_s > MOVING_M_S:
+            continue
+        closest = max(ways, key=lambda way: way.slack_m)
+        limit_m = closest.separation_m - closest.slack_m
+        if not 0 <= closest.slack_m < SHARE * limit_m:
+            continue
+        miss = NearMiss(
+            robot=robot,
+            person=bodies.zones.ids[closest.person],
+            segment=bodies.zones.segments[closest.segment],
+            link=closest.link,
+            separation_m=closest.separation_m,
+            limit_m=limit_m,
+        )
+        found.append(miss)
+    return tuple(found)
