@@ -164,8 +164,9 @@ class _Session:
             listeners.append(self.recorder)
         self._keep_evidence(assembly, source, listeners)
         takers = [each for each in (self.recorder, self.evidence) if each is not None]
-        for link in assembly.links:
-            link.on_sent = _to_all(takers)
+        if takers:  # else whoever views the run may listen
+            for link in assembly.links:
+                link.on_sent = _to_all(takers)
         return assembly
 
     def _keep_evidence(
@@ -322,10 +323,8 @@ class _Session:
             self.evidence.close()
 
 
-def _to_all(takers: Sequence[Items]) -> Callable[[str, Any, int], None] | None:
-    """Hand what a link sent to each of these; ``None`` if there are none."""
-    if not takers:
-        return None
+def _to_all(takers: Sequence[Items]) -> Callable[[str, Any, int], None]:
+    """Hand what a link sent to each of these."""
 
     def sent(link: str, unit: Any, now_ns: int) -> None:
         for taker in takers:
