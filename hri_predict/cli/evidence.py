@@ -73,7 +73,7 @@ def _events(line: chain.Line) -> list[dict[str, Any]]:
 
 
 def _notes(folder: Path, lines: list[chain.Line]) -> list[str]:
-    """What is no damage to the chain, and worth a look all the same."""
+    """Say what the chain does not show: runs without an end, and files that no line names."""
     notes, begun = [], ""
     for line in lines:
         kind = line.data.get("kind")

@@ -113,20 +113,17 @@ def test_no_bytes_break_the_reader(tmp_path_factory, data):
 
 @settings(max_examples=100)
 @given(at=st.integers(0, 5000), bit=st.integers(0, 7))
-def test_no_flipped_bit_passes(tmp_path_factory, at, bit):
+def test_a_flipped_bit_is_found_or_changes_no_entry(tmp_path_factory, at, bit):
     folder = tmp_path_factory.mktemp("flip")
     written(folder)
+    before = [json.loads(text) for text in lines(folder)]
     raw = bytearray((folder / chain.LOG).read_bytes())
     at %= len(raw)
     raw[at] ^= 1 << bit
     (folder / chain.LOG).write_bytes(bytes(raw))
-    same = (
-        [json.loads(text) for text in bytes(raw).decode(errors="replace").splitlines() if text]
-        if not wrongs(folder)
-        else None
-    )
-    if same is not None:  # only the spelling of the JSON changed, such as a space for a tab
-        assert [chain.hash_of(entry) for entry in same] == [entry["hash"] for entry in same]
+    read = [*chain.read(folder)]
+    if not any(line.wrong for line in read):  # such as a tab for a space, or the last line's end
+        assert [line.data for line in read] == before
 
 
 @pytest.mark.parametrize("name", ["a\0b.mcap", "\udc80.mcap", "/etc/passwd", "x/y.mcap", 7, [], ""])
