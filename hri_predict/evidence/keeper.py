@@ -87,7 +87,7 @@ class Evidence(Items):
             wall: the wall clock, UTC.
 
         Raises:
-            ConfigError: the folder cannot be used, or its log is broken.
+            ConfigError: the folder cannot be used, or another node uses it.
         """
         super().__init__()
         self.folder = base_dir / settings.folder
