@@ -17,6 +17,7 @@ from hri_predict.errors import LinkError
 from hri_predict.protocol.keyed import Keyed
 from hri_predict.protocol.messages import Advice, Message, Status
 from hri_predict.protocol.reception import ReceiveCounters
+from hri_predict.protocol.wire import StateShape
 from hri_predict.settings import Settings
 
 MIN_STATUS_HZ = 10.0
@@ -238,6 +239,7 @@ class LinkClass(Protocol[S, U]):
         *,
         rate_hz: float = 25.0,
         robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
     ) -> Link:
         """Make a link; nothing is opened yet.
 
@@ -247,6 +249,8 @@ class LinkClass(Protocol[S, U]):
             transport: the wire, if not the configured device (a pipe, a fault injector).
             rate_hz: the node's cycle, from which the room for Zone and Pose follows.
             robots: indices of the robots that are advised on this link.
+            shapes: what each of them has, in the same order; if left out, six joints on a base
+                that stands.
 
         Raises:
             LinkError: the settings name no device, and no transport is given.
@@ -262,8 +266,19 @@ class LinkClass(Protocol[S, U]):
     def receiver(self, settings: S, /) -> Receiver[U]:
         """What decodes this link's units, for whoever only listens."""
 
-    def load(self, settings: S, rate_hz: float, robots: Sequence[int] = (0,), /) -> LinkLoad:
-        """How full the wire will be, at worst; the node refuses what does not fit."""
+    def load(
+        self,
+        settings: S,
+        rate_hz: float,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
+        /,
+    ) -> LinkLoad:
+        """How full the wire will be, at worst; the node refuses what does not fit.
+
+        Raises:
+            LinkError: this kind of wire cannot carry the RobotState of one of these robots.
+        """
 
 
 AnyLinkClass = LinkClass[LinkSettings, object]

@@ -7,17 +7,23 @@
 
 static void decode_advice(hri_advice *m, const uint8_t *p)
 {
-    m->level = (p[0] <= HRI_LEVEL_FAULT) ? p[0] : (uint8_t)HRI_LEVEL_UNKNOWN;
+    uint32_t rest = get_u16(&p[15]) | ((uint32_t)p[17] << 16);
+    uint8_t level = p[0] & 15u;
+    uint8_t mode = p[0] >> 4;
+    m->level = (level <= HRI_LEVEL_FAULT) ? level : (uint8_t)HRI_LEVEL_UNKNOWN;
+    m->operating_mode =
+        (mode <= HRI_OPERATING_MODE_MUTED) ? mode : (uint8_t)HRI_OPERATING_MODE_AUTOMATIC;
     m->reason = p[1];
     m->speed_limit_mm_s = get_u16(&p[2]);
     m->separation_mm = get_i16(&p[4]);
     m->predicted_separation_mm = get_i16(&p[6]);
-    m->time_to_breach_ms = get_u16(&p[8]);
+    m->echo = get_u16(&p[8]);
     m->age_ms = get_u16(&p[10]);
     m->latch_id = get_u16(&p[12]);
-    m->echo = get_u16(&p[14]);
-    m->body_part = p[16];
-    m->robot_link = p[17];
+    m->tool = p[14];
+    m->time_to_breach_ms = (uint16_t)(rest & 0xFFFu);
+    m->body_part = (uint8_t)((rest >> 12) & 0x3Fu);
+    m->robot_link = (uint8_t)(rest >> 18);
 }
 
 static void decode_status(hri_status *m, const uint8_t *p)

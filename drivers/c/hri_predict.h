@@ -18,13 +18,13 @@
 #include <stdint.h>
 
 /* generated: begin (renew: hri-predict protocol c-header) */
-#define HRI_SCHEMA_VERSION 1u
-#define HRI_SCHEMA_HASH 0xD680A301u
+#define HRI_SCHEMA_VERSION 2u
+#define HRI_SCHEMA_HASH 0x1673E091u
 #define HRI_DEFAULT_BASE_ID 0x680u
-#define HRI_LAST_NUMBER 0x45u
+#define HRI_LAST_NUMBER 0x5Fu
 #define HRI_MAX_ROBOTS 8u
 #define HRI_ROBOT_STRIDE 8u
-#define HRI_MAX_JOINTS 7u
+#define HRI_MAX_JOINTS 9u
 #define HRI_MAX_DELTA 5u
 #define HRI_RESYNC 3u
 #define HRI_FORGET_MS 1000u
@@ -32,14 +32,21 @@
 #define HRI_DATA_ID_32 0x48520000u
 #define HRI_PART_BYTES 6u
 #define HRI_PARTS_ADVICE 3u
-#define HRI_PARTS_STATE 5u
+#define HRI_PARTS_STATE 9u
+#define HRI_PARTS_STATE_ALWAYS 5u
+#define HRI_BASE_ROBOTS 4u
+#define HRI_EXTRA_STRIDE 2u
+#define HRI_NUMBER_STATE_PART_5 0x48u
+#define HRI_NUMBER_STATE_PART_6 0x49u
+#define HRI_NUMBER_STATE_PART_7 0x58u
+#define HRI_NUMBER_STATE_PART_8 0x59u
 #define HRI_ZONE_ITEMS 3u
 #define HRI_POSE_ITEMS 7u
 #define HRI_SERIAL_BYTES 72u
 #define HRI_NUMBER_ADVICE 0x00u
 #define HRI_BYTES_ADVICE 18u
 #define HRI_NUMBER_ROBOT_STATE 0x03u
-#define HRI_BYTES_ROBOT_STATE 30u
+#define HRI_BYTES_ROBOT_STATE 54u
 #define HRI_NUMBER_STATUS 0x40u
 #define HRI_BYTES_STATUS 6u
 #define HRI_NUMBER_ACKNOWLEDGE 0x41u
@@ -107,6 +114,10 @@
 #define HRI_MODE_MANUAL 2u
 #define HRI_MODE_MAINTENANCE 3u
 #define HRI_MODE_DRIVES_OFF 4u
+#define HRI_OPERATING_MODE_AUTOMATIC 0u
+#define HRI_OPERATING_MODE_TEACH 1u
+#define HRI_OPERATING_MODE_RECOVERY 2u
+#define HRI_OPERATING_MODE_MUTED 3u
 /* generated: end */
 
 /* How the node is connected (hri_settings.link). */
@@ -128,6 +139,8 @@
 #define HRI_NO_U16 0xFFFFu
 #define HRI_NO_I16 INT16_MIN
 #define HRI_NO_I32 INT32_MIN
+#define HRI_NO_U12 0xFFFu /* of time_to_breach_ms */
+#define HRI_NO_U6 0x3Fu   /* of body_part and robot_link */
 
 /* What determines the permitted speed (hri_receiver.verdict); all but the first mean stop. */
 #define HRI_BY_ADVICE 0u       /* the newest Advice does; it may be a stop as well */
@@ -144,7 +157,7 @@
 #ifndef HRI_SENT_KEPT
 #define HRI_SENT_KEPT 32u
 #endif
-#define HRI_UNIT_BYTES 48u  /* longest frame that a controller sends */
+#define HRI_UNIT_BYTES 68u  /* longest frame that a controller sends */
 
 typedef struct {
     uint8_t link;                /* HRI_CLASSIC, HRI_FD or HRI_SERIAL */
@@ -170,6 +183,8 @@ typedef struct {
     uint16_t echo;
     uint8_t body_part;
     uint8_t robot_link;
+    uint8_t operating_mode; /* HRI_OPERATING_MODE_... in force */
+    uint8_t tool;           /* number of the tool set that the node counts with */
 } hri_advice;
 
 typedef struct {
@@ -271,13 +286,23 @@ typedef struct {
     uint8_t sent_kept;
 } hri_receiver;
 
-/* The state of the robot. Positions in microradians, velocities in microradians per second; they
- * saturate. HRI_NO_I32 means not available, which voids the message. */
+/* The state of the robot. Positions in microradians, velocities in microradians per second; of
+ * prismatic joints in micrometres and micrometres per second. Velocities saturate. A position beyond
+ * what the wire can hold, or HRI_NO_I32, means not available, which voids the message. */
 typedef struct {
     uint8_t mode;   /* HRI_MODE_... */
     uint8_t joints; /* at most HRI_MAX_JOINTS */
     int32_t position_urad[HRI_MAX_JOINTS];
     int32_t velocity_urad_s[HRI_MAX_JOINTS];
+    uint8_t request;     /* HRI_OPERATING_MODE_... that the operator asks for */
+    bool enabling;       /* the enabling device is held */
+    uint8_t tool;        /* number of the tool set in use, HRI_NO_U8: not said */
+    bool tool_confirmed; /* the controller has checked it */
+    bool base_moves;     /* on classic CAN robots 0 to HRI_BASE_ROBOTS - 1 only */
+    int32_t base_um[2];  /* x and y of the base in the room */
+    int32_t base_yaw_urad;
+    int32_t base_um_s[2];
+    int32_t base_yaw_urad_s;
 } hri_robot_state;
 
 /* One frame to send: CAN with its id, or serial with its delimiter. */
@@ -306,7 +331,8 @@ uint16_t hri_permitted_speed(hri_receiver *r, uint32_t now_ms);
 const char *hri_verdict_name(uint8_t verdict);
 
 /* Encode a RobotState; return how many units to send now, in order (at most HRI_PARTS_STATE), or 0
- * for too many joints. The library keeps the time, which bounds the age of the echoing Advice. */
+ * for too many joints, or a moving base of a robot that has none on classic CAN. The library keeps
+ * the time, which bounds the age of the echoing Advice. */
 uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint32_t now_ms,
                              hri_unit units[HRI_PARTS_STATE]);
 

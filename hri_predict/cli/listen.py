@@ -14,7 +14,7 @@ from hri_predict import registry
 from hri_predict.errors import ConfigError
 from hri_predict.link import AnyLinkClass, LinkSettings
 from hri_predict.protocol.can import DEFAULT_BASE_ID
-from hri_predict.protocol.messages import Advice, Level, Message, Schema, Status
+from hri_predict.protocol.messages import Advice, BaseMotion, Level, Message, Schema, Status
 from hri_predict.protocol.reception import ERRORS, FORGET_S, ReceiveCounters, SchemaGate
 from hri_predict.settings import set_key, validated
 
@@ -219,6 +219,8 @@ class Printer:
 def _short(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.3f}"
+    if isinstance(value, BaseMotion):
+        return _short(dataclasses.astuple(value))
     if isinstance(value, tuple):
         return (
             f"[{len(value)}]"

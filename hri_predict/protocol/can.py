@@ -13,6 +13,7 @@ from hri_predict.protocol.codec import (
 from hri_predict.protocol.definition import (
     BY_TYPE,
     frame_table,
+    needed_parts,
 )
 from hri_predict.protocol.fields import (
     PART_BYTES,
@@ -23,8 +24,8 @@ from hri_predict.protocol.messages import Message
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters, fresh
 
-DEFAULT_BASE_ID = 0x680  # up to 0x6C5: neither a default nor a reserved id of CANopen
-LAST_NUMBER = max(frame_table(classic=False))
+DEFAULT_BASE_ID = 0x680  # up to 0x6DF: neither a default nor a reserved id of CANopen
+LAST_NUMBER = max((*frame_table(classic=True), *frame_table(classic=False)))
 CLASSIC_BYTES = e2e.PROFILE_2_HEADER + PART_BYTES
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
@@ -57,8 +58,8 @@ def check_base_id(base_id: int, extended: bool) -> None:
 def fd_length(definition: Definition, payload_bytes: int) -> int:
     """Length of the FD frame that carries a payload.
 
-    Zone and Pose always have the length of a full frame, however many items they hold: then each
-    id has one length, as a DBC says.
+    Zone and Pose always have the length of a full frame, however many items they hold, and so has
+    RobotState, whatever its robot needs: then each id has one length, as a DBC says.
     """
     if definition.item:
         payload_bytes = definition.max_bytes
@@ -92,7 +93,8 @@ class CanSender:
         """Return the frames of ``message`` in sending order.
 
         Raises:
-            ValueError: classic CAN does not carry this message, or a field cannot hold its value.
+            ValueError: classic CAN does not carry this message, or not for this robot, or a field
+                cannot hold its value.
         """
         definition = BY_TYPE[type(message)]
         if not self.carries(definition.type):
@@ -102,28 +104,28 @@ class CanSender:
         if self._fd:
             frames = [self._fd_frame(number, padded(definition, payload)) for payload in payloads]
         else:
-            frames = self._classic_frames(definition, number, payloads[0])
+            frames = self._classic_frames(definition, robot_of(message), payloads[0])
         if self.own is not None:
             for frame in frames:
                 self.own.sent(frame)
         return frames
 
-    def _classic_frames(
-        self, definition: Definition, number: int, payload: bytes
-    ) -> list[CanFrame]:
-        counter = self._next(number)
+    def _classic_frames(self, definition: Definition, robot: int, payload: bytes) -> list[CanFrame]:
+        parts = sorted(needed_parts(definition, payload))
+        numbers = [frame_number(definition, robot, part) for part in parts]
+        counter = self._next(numbers[0])
         return [
             CanFrame(
-                self._base + number + part,
+                self._base + number,
                 e2e.protect_profile2(
                     counter,
                     payload[part * PART_BYTES : (part + 1) * PART_BYTES],
-                    _ID_LISTS[number + part],
+                    _ID_LISTS[number],
                 ),
                 False,
                 self._extended,
             )
-            for part in range(definition.parts)
+            for part, number in zip(parts, numbers, strict=True)
         ]
 
     def _fd_frame(self, number: int, payload: bytes) -> CanFrame:
@@ -154,8 +156,9 @@ class _Stream:
 class CanReceiver:
     """Decodes frames of one link; it counts errors and continues.
 
-    A multi-frame message is complete when all its parts have arrived with the same counter. A part
-    that comes twice before that makes it void: the two may come from two senders.
+    A multi-frame message is complete when all the parts that its part 0 asks for have arrived with
+    the same counter. A part that comes twice before that makes it void, and so does one that part 0
+    does not ask for: the two may come from two senders.
 
     Attributes:
         counters: see ``ReceiveCounters``.
@@ -193,11 +196,15 @@ class CanReceiver:
         if stream is None:
             stream = self._streams[number] = _Stream()
         if self._fd:
-            payload = self._fd_payload(frame.data, number)
+            payload = self._fd_payload(frame.data, number, definition)
             counter = frame.data[2] if payload is not None else 0
         else:
             payload = self._classic_payload(
-                data=frame.data, stream=stream, number=number, part=part, parts=definition.parts
+                data=frame.data,
+                stream=stream,
+                number=frame.arbitration_id - self._base,
+                part=part,
+                definition=definition,
             )
             counter = frame.data[1] if payload is not None else 0
         if payload is None:
@@ -206,36 +213,49 @@ class CanReceiver:
             return []
         return self._decoded(definition, robot, payload)
 
-    def _fd_payload(self, data: bytes, number: int) -> bytes | None:
+    def _fd_payload(self, data: bytes, number: int, definition: Definition) -> bytes | None:
         if not e2e.check_profile5(data, e2e.data_id_16(number)):
             self.counters.crc_errors += 1
+            return None
+        if definition.extra and len(data) < e2e.PROFILE_5_HEADER + definition.fixed_bytes:
+            self.counters.malformed += 1
             return None
         return data[e2e.PROFILE_5_HEADER :]
 
     def _classic_payload(
-        self, *, data: bytes, stream: _Stream, number: int, part: int, parts: int
+        self, *, data: bytes, stream: _Stream, number: int, part: int, definition: Definition
     ) -> bytes | None:
-        """Return the whole payload if ``data`` is its last missing part."""
+        """Return the payload if ``data`` is its last missing part; parts not needed are zeros."""
         if len(data) != CLASSIC_BYTES:
             self.counters.malformed += 1
             return None
-        if not e2e.check_profile2(data, _ID_LISTS[number + part]):
+        if not e2e.check_profile2(data, _ID_LISTS[number]):
             self.counters.crc_errors += 1
             return None
-        if parts == 1:
+        if definition.parts == 1:
             return data[2:]
         if data[1] != stream.counter:
             self._start(stream, data[1])
         elif stream.closed or part in stream.parts:
-            self.counters.counter_errors += 1
-            stream.closed = True
-            stream.sequence.repeated()
+            self._void(stream)
             return None
         stream.parts[part] = data[2:]
-        if len(stream.parts) < parts:
+        if 0 not in stream.parts:
+            return None
+        needed = needed_parts(definition, stream.parts[0])
+        if not needed >= stream.parts.keys():
+            self._void(stream)
+            return None
+        if len(stream.parts) < len(needed):
             return None
         stream.closed = True
-        return b"".join(stream.parts[i] for i in range(parts))
+        nothing = bytes(PART_BYTES)
+        return b"".join(stream.parts.get(i, nothing) for i in range(definition.parts))
+
+    def _void(self, stream: _Stream) -> None:
+        self.counters.counter_errors += 1
+        stream.closed = True
+        stream.sequence.repeated()
 
     def _start(self, stream: _Stream, counter: int) -> None:
         if stream.counter is not None and not stream.closed:

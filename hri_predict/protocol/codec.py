@@ -4,24 +4,25 @@ Both directions are compiled once from the definition: a payload is one integer,
 """
 
 from collections.abc import Callable, Sequence
-from math import ceil, floor, isnan
+from math import ceil, floor, isfinite, isnan, remainder, tau
 from typing import Any
 
 from hri_predict.protocol.definition import (
     BY_TYPE,
     MAX_ITEMS,
-    MAX_JOINTS,
-    MAX_ROBOTS,
     SCHEMA_HASH,
     SCHEMA_VERSION,
+    needed_bytes,
 )
 from hri_predict.protocol.fields import (
+    MAX_ROBOTS,
     Definition,
     Field,
 )
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
+    BaseMotion,
     Message,
     Pose,
     RobotState,
@@ -30,6 +31,7 @@ from hri_predict.protocol.messages import (
     Zone,
     ZoneCapsule,
 )
+from hri_predict.protocol.robot_state import MAX_JOINTS
 
 __all__ = [
     "SCHEMA_HASH",
@@ -74,20 +76,23 @@ def _encoder(field: Field) -> Callable[[Any], int]:
                 if missing is None:
                     raise ValueError(f"{field.signal} must be a number")
                 return missing
+            if missing is not None and field.bounded and not low <= value <= high:
+                return missing
             return low if value < low else high if value > high else int(value)
 
         return integer
 
     assert missing is not None  # every scaled field has the code
+    above, below = (missing, missing) if field.bounded else (high & mask, low & mask)
 
     def number(value: Any) -> int:
         if value is None or isnan(value):
             return missing
         steps = value * scale
         if steps >= high:
-            return high & mask
+            return high & mask if steps < high + 1 else above
         if steps <= low:
-            return low & mask
+            return low & mask if steps > low - 1 else below
         return rounded(steps) & mask
 
     return number
@@ -155,14 +160,24 @@ def _robot_state_row(m: RobotState) -> list[Any]:
         )
     absent = (None,) * (MAX_JOINTS - joints)
     positions, velocities = (*m.positions, *absent), (*m.velocities, *absent)
-    last = (positions[-1], velocities[-1])
-    return [m.mode, joints, m.counter, *last, *positions[:-1], *velocities[:-1]]
+    more = [number for pair in zip(positions[6:], velocities[6:], strict=True) for number in pair]
+    head = (m.mode, joints, m.counter, m.request, m.tool, m.enabling is True)
+    confirmed, moving = m.tool_confirmed is True, m.base is not None
+    return [*head, confirmed, moving, *positions[:6], *velocities[:6], *more, *_base_row(m.base)]
+
+
+def _base_row(base: BaseMotion | None) -> list[float | None]:
+    if base is None:
+        return [None] * 6
+    turn = remainder(base.yaw_rad, tau) if isfinite(base.yaw_rad) else None
+    return [base.x_m, base.y_m, turn, base.vx_m_s, base.vy_m_s, base.yaw_rate_rad_s]
 
 
 _ROW: dict[type, Callable[[Any], Sequence[Any]]] = {
     Advice: lambda m: (
-        *(m.level, m.reason, m.speed_limit_m_s, m.separation_m, m.predicted_separation_m),
-        *(m.time_to_breach_s, m.age_s, m.latch_id, m.echo, m.body_part, m.robot_link),
+        *(m.level, m.mode, m.reason, m.speed_limit_m_s, m.separation_m),
+        *(m.predicted_separation_m, m.echo, m.age_s, m.latch_id, m.tool),
+        *(m.time_to_breach_s, m.body_part, m.robot_link),
     ),
     Status: lambda m: (m.node_state, m.people, m.reason, m.predictor, m.cycle, m.age_s),
     Acknowledge: lambda m: (m.latch_id, m.ack_id),
@@ -212,22 +227,25 @@ def decode_payload(
 ) -> Message:
     """Return the message in ``payload``; bytes after its end (padding) are ignored.
 
+    Extra parts that it does not need may be missing or hold anything.
+
     ``items`` is the largest number of items of a Zone or Pose; default: what fits a frame.
 
     Raises:
         Malformed: too short, or an impossible value.
     """
     fixed = _FIXED[definition.type]
-    if len(payload) < fixed.size:
+    if len(payload) < needed_bytes(definition, payload):
         raise Malformed(f"{definition.name} of {len(payload)} bytes")
-    row = fixed.unpack(payload[: fixed.size])
+    row = fixed.unpack(payload[: fixed.size])  # what is missing at its end reads as zeros
     if definition.item and row[-1] > (items or definition.items_per_frame):
         raise Malformed(f"{definition.name} holds {row[-1]} items")
     return _BUILD[definition.type](row, robot, payload)
 
 
 def _advice(row: list[Any], robot: int, payload: bytes) -> Advice:
-    level, reason, speed, separation, predicted, breach, age, latch, echo, part, link = row
+    level, mode, reason, speed, separation, predicted, echo, age, latch, *rest = row
+    tool, breach, part, link = rest
     return Advice(
         robot=robot,
         level=level,
@@ -241,6 +259,8 @@ def _advice(row: list[Any], robot: int, payload: bytes) -> Advice:
         robot_link=link,
         echo=echo,
         age_s=age,
+        mode=mode,
+        tool=tool,
     )
 
 
@@ -252,20 +272,31 @@ def _status(row: list[Any], robot: int, payload: bytes) -> Status:
 
 
 def _robot_state(row: list[Any], robot: int, payload: bytes) -> RobotState:
-    mode, joints, counter, last_position, last_velocity, *rest = row
-    if joints > MAX_JOINTS:
-        raise Malformed(f"JOINTS {joints}")
-    positions = [*rest[: MAX_JOINTS - 1], last_position][:joints]
-    velocities = [*rest[MAX_JOINTS - 1 :], last_velocity][:joints]
-    if None in positions or None in velocities:
-        raise Malformed("a joint of RobotState is not available")
+    mode, joints, counter, request, tool, enabling, confirmed, moving, *rest = row
+    if joints > MAX_JOINTS or moving > 1:
+        raise Malformed(f"JOINTS {joints}, BASE {moving}")
+    positions = [*rest[:6], *rest[12:18:2]][:joints]
+    velocities = [*rest[6:12], *rest[13:18:2]][:joints]
+    base = rest[18:] if moving else []
+    if None in positions or None in velocities or None in base:
+        raise Malformed("a joint of RobotState, or its base, is not available")
     return RobotState(
         robot=robot,
         mode=mode,
         counter=counter,
         positions=tuple(positions),
         velocities=tuple(velocities),
+        request=request,
+        enabling=enabling == 1,
+        tool=tool,
+        tool_confirmed=confirmed == 1,
+        base=_base_of(*base) if base else None,
     )
+
+
+def _base_of(*row: float) -> BaseMotion:
+    x, y, yaw, vx, vy, rate = row
+    return BaseMotion(x_m=x, y_m=y, yaw_rad=yaw, vx_m_s=vx, vy_m_s=vy, yaw_rate_rad_s=rate)
 
 
 def _items(kind: type, row: list[Any], payload: bytes) -> list[list[Any]]:

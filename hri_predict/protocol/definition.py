@@ -11,10 +11,12 @@ Rounding is conservative: separations, times and speeds round down, radii and ag
 import hashlib
 
 from hri_predict.protocol.fields import (
+    PART_BYTES,
     Definition,
     Field,
     Rounding,
     frame_number,
+    index_of,
 )
 from hri_predict.protocol.messages import (
     Acknowledge,
@@ -22,18 +24,16 @@ from hri_predict.protocol.messages import (
     Level,
     Message,
     NodeState,
+    OperatingMode,
     Pose,
-    RobotMode,
-    RobotState,
     Schema,
     Status,
     Zone,
 )
 from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.robot_state import ROBOT_STATE
 
-SCHEMA_VERSION = 1
-MAX_ROBOTS = 8  # on one link
-MAX_JOINTS = 7
+SCHEMA_VERSION = 2
 MAX_ITEMS = 255  # of a Zone or Pose, over all its frames
 
 
@@ -47,8 +47,8 @@ def frame_table(classic: bool) -> dict[int, tuple[Definition, int, int]]:
     for d in DEFINITIONS:
         if classic and not d.classic:
             continue
-        for robot in range(MAX_ROBOTS if d.per_robot else 1):
-            for part in range(d.parts if classic else 1):
+        for part in range(d.parts if classic else 1):
+            for robot in range(d.robots_with(part)):
                 number = frame_number(d, robot, part)
                 if number in table:
                     raise ValueError(f"{d.name} and {table[number][0].name} share frame {number}")
@@ -69,30 +69,6 @@ def _metres(
         signed=True,
         rounding=rounding,
         optional=optional,
-    )
-
-
-def _joint(kind: str, number: int) -> Field:
-    """Return a joint's field; "not available" where the robot has fewer joints.
-
-    The seventh joint has 12 bits: the room left in the first classic frame.
-    """
-    bits = 16 if number < MAX_JOINTS else 12
-    unit, scale = {
-        ("position", 16): ("rad", 4000),
-        ("position", 12): ("rad", 250),
-        ("velocity", 16): ("rad/s", 1000),
-        ("velocity", 12): ("rad/s", 100),
-    }[kind, bits]
-    text = f"{kind} of joint {number}"
-    return Field(
-        signal=f"{kind.upper()}_{number}",
-        bits=bits,
-        text=text,
-        unit=unit,
-        scale=scale,
-        signed=True,
-        optional=True,
     )
 
 
@@ -129,10 +105,17 @@ DEFINITIONS: tuple[Definition, ...] = (
         fields=(
             Field(
                 signal="LEVEL",
-                bits=8,
+                bits=4,
                 text="requested level; any value but 1, 2 or 3 means stop",
                 enum=Level,
                 fallback=Level.UNKNOWN,
+            ),
+            Field(
+                signal="OPERATING_MODE",
+                bits=4,
+                text="operating mode in force",
+                enum=OperatingMode,
+                fallback=OperatingMode.AUTOMATIC,
             ),
             Field(
                 signal="REASON",
@@ -160,65 +143,29 @@ DEFINITIONS: tuple[Definition, ...] = (
                 True,
             ),
             Field(
-                signal="TIME_TO_BREACH",
+                signal="ECHO",
                 bits=16,
+                text="STATE_COUNTER of the last RobotState that the node received",
+                optional=True,
+            ),
+            _AGE,
+            Field(signal="LATCH_ID", bits=16, text=_LATCH_ID),
+            index_of("TOOL", 8, "number of the tool set that the node counts with"),
+            Field(
+                signal="TIME_TO_BREACH",
+                bits=12,
                 text="time until the separation may be violated; 0 if it already is",
                 unit="s",
                 scale=1000,
                 rounding="down",
                 optional=True,
             ),
-            _AGE,
-            Field(signal="LATCH_ID", bits=16, text=_LATCH_ID),
-            Field(
-                signal="ECHO",
-                bits=16,
-                text="STATE_COUNTER of the last RobotState that the node received",
-                optional=True,
-            ),
-            Field(
-                signal="BODY_PART",
-                bits=8,
-                text="index of the deciding body segment",
-                optional=True,
-            ),
-            Field(
-                signal="ROBOT_LINK",
-                bits=8,
-                text="index of the deciding robot capsule",
-                optional=True,
-            ),
+            index_of("BODY_PART", 6, "index of the deciding body segment"),
+            index_of("ROBOT_LINK", 6, "index of the deciding robot capsule"),
         ),
         per_robot=True,
     ),
-    Definition(
-        type=RobotState,
-        number=0x03,
-        text="position and motion of one robot",
-        sender="controller",
-        cycle_ms=20,
-        fields=(
-            Field(
-                signal="MODE",
-                bits=4,
-                text="operating mode of the robot",
-                enum=RobotMode,
-                fallback=RobotMode.UNKNOWN,
-            ),
-            Field(signal="JOINTS", bits=4, text="number of joints, at most 7"),
-            Field(
-                signal="STATE_COUNTER",
-                bits=16,
-                text="advances by 1 with every RobotState, modulo 65536; Advice echoes it",
-                wraps=True,
-            ),
-            _joint("position", MAX_JOINTS),
-            _joint("velocity", MAX_JOINTS),
-            *(_joint("position", i) for i in range(1, MAX_JOINTS)),
-            *(_joint("velocity", i) for i in range(1, MAX_JOINTS)),
-        ),
-        per_robot=True,
-    ),
+    ROBOT_STATE,
     Definition(
         type=Status,
         number=0x40,
@@ -336,13 +283,14 @@ def schema_hash(definitions: tuple[Definition, ...] = DEFINITIONS) -> int:
     def shape(field: Field) -> tuple[object, ...]:
         names = [(e.name, e.value) for e in field.enum] if field.enum else []
         head = (field.signal, field.bits, field.unit, field.scale, field.signed, field.rounding)
-        return (*head, names, field.optional, field.wraps)
+        return (*head, names, field.optional, field.bounded, field.wraps)
 
     text = repr(
         [
             (
                 *(d.name, d.number, d.per_robot, d.items_per_frame, d.classic, d.sequenced),
                 *([shape(f) for f in d.fields], [shape(f) for f in d.item]),
+                [(e.part, e.number, e.stride, e.robots, e.signal, e.least) for e in d.extra],
             )
             for d in definitions
         ]
@@ -351,3 +299,34 @@ def schema_hash(definitions: tuple[Definition, ...] = DEFINITIONS) -> int:
 
 
 SCHEMA_HASH = schema_hash()
+
+
+def _asked(definition: Definition) -> tuple[tuple[int, int, int, int], ...]:
+    """(part, shift, mask, least) of each extra part; the field is in part 0."""
+    places: dict[str, tuple[int, int]] = {}
+    shift = 0
+    for field in definition.fields:
+        places[field.signal] = (shift, (1 << field.bits) - 1)
+        shift += field.bits
+    return tuple((e.part, *places[e.signal], e.least) for e in definition.extra)
+
+
+_ASKED = {d.type: _asked(d) for d in DEFINITIONS}
+
+
+def needed_parts(definition: Definition, head: bytes) -> frozenset[int]:
+    """Parts that a message has on classic CAN; ``head`` is its part 0 or its whole payload."""
+    bits = int.from_bytes(head[:PART_BYTES], "little")
+    asked = {
+        part
+        for part, shift, mask, least in _ASKED[definition.type]
+        if (bits >> shift & mask) >= least
+    }
+    return frozenset(asked.union(range(definition.always)))
+
+
+def needed_bytes(definition: Definition, payload: bytes) -> int:
+    """Least number of bytes that the fixed part of this payload must have."""
+    if not definition.extra:
+        return definition.fixed_bytes
+    return PART_BYTES * (1 + max(needed_parts(definition, payload)))

@@ -7,7 +7,8 @@ from typing import Literal
 from hri_predict.protocol.messages import Message
 
 PART_BYTES = 6  # payload bytes in a classic frame: 8 less CRC and counter
-ROBOT_STRIDE = 8  # frame numbers per robot
+ROBOT_STRIDE = 8  # frame numbers per robot, but for extra parts
+MAX_ROBOTS = 8  # on one link
 
 Rounding = Literal["nearest", "down", "up"]
 
@@ -29,6 +30,8 @@ class Field:
         fallback: what a receiver reads in place of a value unknown to ``enum``.
         optional: whether "not available" is a valid value (a plain integer then reserves the
             all-ones code for it). If not, a receiver refuses a message that holds it.
+        bounded: a value beyond the range becomes "not available" instead of the nearest end,
+            because the end would name another place or another thing.
         wraps: counts modulo 2^bits; every other number saturates.
     """
 
@@ -42,6 +45,7 @@ class Field:
     enum: type[IntEnum] | None = None
     fallback: IntEnum | None = None
     optional: bool = False
+    bounded: bool = False
     wraps: bool = False
 
     @property
@@ -66,6 +70,27 @@ class Field:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Extra:
+    """A part that a message has on classic CAN only where a field of its part 0 asks for it.
+
+    Attributes:
+        part: its place among the parts.
+        number: number of its frame, for robot 0.
+        stride: frame numbers per robot.
+        robots: how many robots have it, from robot 0 on.
+        signal: the field of part 0 that asks for it ...
+        least: ... from this raw value on.
+    """
+
+    part: int
+    number: int
+    stride: int
+    robots: int
+    signal: str
+    least: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Definition:
     """One message.
 
@@ -79,6 +104,7 @@ class Definition:
         item: fields of one repeated item after the fixed part; empty if nothing repeats.
         items_per_frame: how many items one frame carries at most.
         classic: whether classic CAN carries it.
+        extra: its last parts, as far as not every message has them.
         sequenced: whether its counter must advance. False for Schema, which never changes while the
             node runs: a receiver takes the Schema of a restarted node at once, before its Advice.
     """
@@ -93,6 +119,7 @@ class Definition:
     item: tuple[Field, ...] = ()
     items_per_frame: int = 0
     classic: bool = True
+    extra: tuple[Extra, ...] = ()
     sequenced: bool = True
 
     @property
@@ -117,10 +144,38 @@ class Definition:
 
     @property
     def parts(self) -> int:
-        """Number of frames of the message on classic CAN."""
+        """Number of frames of the message on classic CAN, those included that few need."""
         return self.fixed_bytes // PART_BYTES
+
+    @property
+    def always(self) -> int:
+        """Number of the parts that every such message has."""
+        return self.parts - len(self.extra)
+
+    def robots_with(self, part: int) -> int:
+        """How many robots have a part, from robot 0 on; 1 if the message belongs to no robot."""
+        if part >= self.always:
+            return self.extra[part - self.always].robots
+        return MAX_ROBOTS if self.per_robot else 1
 
 
 def frame_number(definition: Definition, robot: int = 0, part: int = 0) -> int:
-    """Number of a frame: CAN id minus base id; the E2E data ids follow from it."""
-    return definition.number + robot * ROBOT_STRIDE * definition.per_robot + part
+    """Number of a frame: CAN id minus base id; the E2E data ids follow from it.
+
+    Raises:
+        ValueError: this robot has no such part on classic CAN.
+    """
+    if part < definition.always:
+        return definition.number + robot * ROBOT_STRIDE * definition.per_robot + part
+    extra = definition.extra[part - definition.always]
+    if robot >= extra.robots:
+        raise ValueError(
+            f"classic CAN carries part {part} of {definition.name} for robots 0 to "
+            f"{extra.robots - 1} only, not for robot {robot}; use FD or serial"
+        )
+    return extra.number + robot * extra.stride
+
+
+def index_of(signal: str, bits: int, text: str) -> Field:
+    """A number that names something: one too large for it names nothing."""
+    return Field(signal=signal, bits=bits, text=text, optional=True, bounded=True)

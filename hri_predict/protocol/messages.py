@@ -41,6 +41,15 @@ class RobotMode(IntEnum):
     DRIVES_OFF = 4
 
 
+class OperatingMode(IntEnum):
+    """What the operator asks for (RobotState), and what is in force (Advice)."""
+
+    AUTOMATIC = 0
+    TEACH = 1
+    RECOVERY = 2
+    MUTED = 3
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
     """State of the node, sent every cycle even without input.
@@ -75,6 +84,9 @@ class Advice:
         echo: counter of the last RobotState received on the same link; the link fills it in.
         age_s: age of the capture at encoding; the link computes it from ``capture_ns``.
         capture_ns: when the capture was made, node's clock; not on the wire.
+        mode: the operating mode in force.
+        tool: number of the tool set that the node counts with; ``None``: none is named, or the
+            worst of all counts.
         detail: a line for people, with names; not on the wire.
     """
 
@@ -91,6 +103,8 @@ class Advice:
     echo: int | None = None
     age_s: float | None = None
     capture_ns: int | None = None
+    mode: OperatingMode = OperatingMode.AUTOMATIC
+    tool: int | None = None
     detail: str = ""
 
 
@@ -137,14 +151,43 @@ class Schema:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BaseMotion:
+    """Pose and twist of a robot's base on the floor, in the room's frame: m, rad, m/s, rad/s."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    vx_m_s: float
+    vy_m_s: float
+    yaw_rate_rad_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RobotState:
-    """Joint positions (rad) and velocities (rad/s), at most 7; ``counter`` counts 0..65535."""
+    """What a controller says of its robot.
+
+    Attributes:
+        robot: the robot's index in the configuration.
+        mode: operating mode of the controller.
+        counter: counts 0..65535.
+        positions, velocities: of at most 9 joints, rad and rad/s; m and m/s of prismatic ones.
+        request: the operating mode that the operator asks for.
+        enabling: whether the enabling device is held.
+        tool: number of the tool set in use; ``None``: not said.
+        tool_confirmed: whether the controller has checked it, by the tool changer's code say.
+        base: where the robot's base is, and how it moves; ``None``: it stands where configured.
+    """
 
     robot: int
     mode: RobotMode
     counter: int
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
+    request: OperatingMode = OperatingMode.AUTOMATIC
+    enabling: bool = False
+    tool: int | None = None
+    tool_confirmed: bool = False
+    base: BaseMotion | None = None
 
 
 @dataclass(frozen=True, slots=True)

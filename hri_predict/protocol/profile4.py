@@ -11,6 +11,7 @@ from hri_predict.protocol.definition import (
     DEFINITIONS,
     MAX_ITEMS,
     frame_table,
+    needed_bytes,
 )
 from hri_predict.protocol.fields import frame_number
 from hri_predict.protocol.messages import Message
@@ -44,8 +45,12 @@ class Profile4Sender:
         Raises:
             ValueError: a field cannot hold its value.
         """
-        number = frame_number(BY_TYPE[type(message)], robot_of(message))
-        return [self._frame(number, payload) for payload in encode_payloads(message, self._items)]
+        definition = BY_TYPE[type(message)]
+        number = frame_number(definition, robot_of(message))
+        payloads = encode_payloads(message, self._items)
+        if definition.extra:
+            payloads = [payload[: needed_bytes(definition, payload)] for payload in payloads]
+        return [self._frame(number, payload) for payload in payloads]
 
     def _frame(self, number: int, payload: bytes) -> bytes:
         counter = self._counters.get(number, 0)

@@ -10,9 +10,20 @@ from typing import Literal, NamedTuple
 from hri_predict.protocol import e2e
 from hri_predict.protocol.can import CLASSIC_BYTES, fd_length
 from hri_predict.protocol.definition import BY_TYPE
+from hri_predict.protocol.fields import PART_BYTES, Definition
 from hri_predict.protocol.messages import Message
 
 LinkKind = Literal["can", "can_fd", "serial"]
+
+
+class StateShape(NamedTuple):
+    """What decides how many parts the RobotState of a robot has."""
+
+    joints: int = 6
+    moving_base: bool = False
+
+
+SIX_JOINTS = StateShape()
 
 
 class WireBits(NamedTuple):
@@ -53,6 +64,8 @@ def wire_bits(
     kind: LinkKind,
     extended: bool = False,
     items: int | None = None,
+    *,
+    shape: StateShape = SIX_JOINTS,
 ) -> WireBits:
     """Worst-case bits of all frames of one message.
 
@@ -61,6 +74,7 @@ def wire_bits(
         kind: "can", "can_fd" or "serial" (8 data bits, no parity: 10 bits a byte).
         extended: 29-bit CAN ids.
         items: capsules of a Zone, joints of a Pose; default: what one frame carries.
+        shape: of the robot, for a RobotState.
 
     Raises:
         ValueError: classic CAN does not carry this message.
@@ -69,17 +83,31 @@ def wire_bits(
     if kind == "can":
         if not definition.classic:
             raise ValueError(f"classic CAN does not carry {definition.name}")
-        return WireBits(definition.parts * classic_bits(CLASSIC_BYTES, extended), 0)
+        parts = definition.always + len(_extra_parts(definition, shape))
+        return WireBits(parts * classic_bits(CLASSIC_BYTES, extended), 0)
+    if kind == "serial" and definition.extra:
+        last = max((definition.always - 1, *_extra_parts(definition, shape)))
+        return WireBits(_serial_bits(PART_BYTES * (last + 1)), 0)
     room = definition.items_per_frame
     left = max(0, room if items is None else items)
     nominal = data = 0
     while True:
         payload = definition.fixed_bytes + min(left, room) * definition.item_bytes
         if kind == "serial":
-            nominal += 10 * (e2e.PROFILE_4_HEADER + payload + 2)  # COBS overhead and 0x00
+            nominal += _serial_bits(payload)
         else:
             bits = fd_bits(fd_length(definition, payload), extended)
             nominal, data = nominal + bits.nominal, data + bits.data
         left -= room
         if left <= 0:
             return WireBits(nominal, data)
+
+
+def _serial_bits(payload: int) -> int:
+    return 10 * (e2e.PROFILE_4_HEADER + payload + 2)  # COBS overhead and 0x00
+
+
+def _extra_parts(definition: Definition, shape: StateShape) -> list[int]:
+    """Extra parts of a message that this shape needs."""
+    raw = {"JOINTS": shape.joints, "BASE": int(shape.moving_base)}
+    return [e.part for e in definition.extra if raw[e.signal] >= e.least]

@@ -44,7 +44,7 @@ LAG_S = 0.03
 SHARE = 0.2
 """Permitted error of velocities, as a part of the reported travel: encoders only estimate them."""
 NOISE_RAD = 0.004
-"""Encoder noise and the wire's rounding (0.25 mrad; 4 mrad for the seventh joint)."""
+"""Encoder noise and the wire's rounding (0.25 mrad; version 1 had 4 mrad for the seventh joint)."""
 NOISE_SEVENTH_RAD = 0.01
 OFFSET_RAD_S = 0.01
 """Noise and rounding (1 mrad/s; 10 mrad/s for the seventh joint) of a velocity that adds up."""

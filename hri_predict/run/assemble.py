@@ -7,12 +7,13 @@ from typing import Any
 from hri_predict import registry
 from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError, PredictorError, RobotError
-from hri_predict.link import Link, LinkSettings, Simulatable, Transport, check_load
+from hri_predict.link import Link, LinkLoad, LinkSettings, Simulatable, Transport, check_load
 from hri_predict.node.node import Listener, Node
 from hri_predict.node.publisher import Publisher
 from hri_predict.people.people import People
 from hri_predict.predictors.base import Predictor, PredictorSettings, refuse_unsound
 from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.protocol.wire import StateShape
 from hri_predict.recording.played_link import played_links
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
@@ -155,7 +156,7 @@ def unused_coverage(config: Config) -> str:
 
 def advised_on_links(config: Config) -> list[frozenset[int]]:
     """Return, for each opened link, the indices of the robots whose advice it carries."""
-    return [frozenset(_advised(config, settings)) for settings in config.opened_links]
+    return [frozenset(advised(config, settings)) for settings in config.opened_links]
 
 
 def build_budget(config: Config, source: Source) -> DelayBudget:
@@ -188,17 +189,35 @@ def build_link(
             raise ConfigError(f"link {settings.name}: kind '{settings.kind}' cannot be simulated")
         settings = settings.model_copy(update={cls.port_field: port})
     settings = settings.resolved(config.base_dir)
-    rate_hz, robots = config.node.rate_hz, _advised(config, settings)
+    rate_hz, robots = config.node.rate_hz, advised(config, settings)
+    shapes = state_shapes(config, robots)
     with registry.building(f"link '{settings.name}'"):
-        check_load(cls.load(settings, rate_hz, robots))
+        check_load(load_of(config, settings))
         if settings.faults:
             faulty = registry.load("faults", "link")
             inner = transport if transport is not None else cls.make_transport(settings)
             transport = faulty(inner=inner, faults=settings.faults, clock=clock, seed=0)
-        return cls(settings, clock, transport, rate_hz=rate_hz, robots=robots)
+        return cls(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
 
 
-def _advised(config: Config, link: LinkSettings) -> list[int]:
+def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
+    """How full a link will be, with the robots that it advises.
+
+    Raises:
+        LinkError: this kind of link cannot carry the RobotState of one of them.
+    """
+    robots = advised(config, settings)
+    cls = registry.load("links", settings.kind)
+    return cls.load(settings, config.node.rate_hz, robots, state_shapes(config, robots))
+
+
+def state_shapes(config: Config, robots: Sequence[int]) -> list[StateShape]:
+    """What decides how long the RobotState of each of these robots is."""
+    models = build_robots(config)
+    return [StateShape(joints=models[i].dof) for i in robots]
+
+
+def advised(config: Config, link: LinkSettings) -> list[int]:
     """Return the indices of the robots whose advice a link carries."""
     return [
         i

@@ -47,6 +47,7 @@ static void print_message(uint8_t kind, unsigned robot, const hri_message *messa
                a->time_to_breach_ms, a->age_ms);
         printf(" LATCH_ID=%u ECHO=%u BODY_PART=%u ROBOT_LINK=%u", a->latch_id, a->echo,
                a->body_part, a->robot_link);
+        printf(" OPERATING_MODE=%u TOOL=%u", a->operating_mode, a->tool);
     } else if (kind == HRI_STATUS) {
         printf(" NODE_STATE=%u PEOPLE=%u REASON=%u PREDICTOR=%u CYCLE=%u AGE=%u", s->node_state,
                s->people, s->reason, s->predictor, s->cycle, s->age_ms);

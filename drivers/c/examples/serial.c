@@ -61,7 +61,7 @@ int main(int argc, char **argv)
 {
     static hri_receiver receiver; /* the only memory that the library needs */
     hri_settings settings = {.link = HRI_SERIAL, .robot = 0, .silence_timeout_ms = 150};
-    hri_robot_state state = {.mode = HRI_MODE_AUTOMATIC, .joints = 6};
+    hri_robot_state state = {.mode = HRI_MODE_AUTOMATIC, .joints = 6, .tool = HRI_NO_U8};
     /* upright, elbow bent: microradians */
     static const int32_t posture[6] = {0, -1570796, 1570796, -1570796, -1570796, 0};
     uint32_t state_due = now_ms();

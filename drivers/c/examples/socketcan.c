@@ -82,7 +82,7 @@ static void send_state(hri_receiver *r, int bus, const hri_robot_state *state, u
 int main(int argc, char **argv)
 {
     static hri_receiver receiver;
-    static const hri_robot_state still = {.mode = HRI_MODE_AUTOMATIC, .joints = 6};
+    static const hri_robot_state still = {.mode = HRI_MODE_AUTOMATIC, .joints = 6, .tool = HRI_NO_U8};
     hri_settings settings = {.link = HRI_CLASSIC,
                              .robot = 0,
                              .base_id = HRI_DEFAULT_BASE_ID,

@@ -131,7 +131,7 @@ static long resident_kib(void)
 
 static void run(uint64_t inputs)
 {
-    static const hri_robot_state still = {HRI_MODE_AUTOMATIC, 6, {0}, {0}};
+    static const hri_robot_state still = {.mode = HRI_MODE_AUTOMATIC, .joints = 6};
     hri_receiver receivers[3];
     hri_unit units[HRI_PARTS_STATE];
     uint64_t accepted = 0, permitted = 0;

@@ -3,9 +3,10 @@
 from typing import Protocol, TypeVar
 
 from hri_predict.link import LinkCounters
-from hri_predict.protocol.messages import Message, Pose, Zone
+from hri_predict.protocol.messages import Message, Pose, RobotState, Zone
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters
+from hri_predict.protocol.wire import SIX_JOINTS, StateShape
 
 U = TypeVar("U")
 
@@ -64,3 +65,10 @@ def item_count(message: Message) -> int | None:
     if isinstance(message, Zone):
         return len(message.capsules)
     return len(message.joints) if isinstance(message, Pose) else None
+
+
+def shape_of(message: Message) -> StateShape:
+    """What decides how long this message is, if it is a RobotState."""
+    if isinstance(message, RobotState):
+        return StateShape(len(message.positions), message.base is not None)
+    return SIX_JOINTS

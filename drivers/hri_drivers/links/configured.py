@@ -12,6 +12,7 @@ from hri_drivers.links.supervised import SupervisedLink
 from hri_drivers.wires.transport import Transport
 from hri_predict.clock import Clock
 from hri_predict.link import LinkLoad, LinkSettings
+from hri_predict.protocol.wire import StateShape
 
 U = TypeVar("U")
 
@@ -39,6 +40,7 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
         transport: a wire to use instead of the configured one (a pipe, a fault injector).
         rate_hz: the node's cycle rate; with the bit rate it sets the room for Zone and Pose.
         robots: indices of the robots that this link advises.
+        shapes: what each of them has; see ``LinkClass``.
 
     Raises:
         LinkError: the settings name no device and no transport is given.
@@ -52,6 +54,7 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
         *,
         rate_hz: float = 25.0,
         robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
     ) -> None:
         wire = transport if transport is not None else self.make_transport(settings)
         super().__init__(
@@ -59,7 +62,7 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
             clock=clock,
             transport=wire,
             codec=self._make_codec(settings, wire),
-            budget=Budget(max(0.0, self.load(settings, rate_hz, robots).spare)),
+            budget=Budget(max(0.0, self.load(settings, rate_hz, robots, shapes).spare)),
             wait_for_device=settings.wait_for_device,
         )
 
@@ -79,5 +82,10 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
 
     @staticmethod
     @abstractmethod
-    def load(settings: S, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
+    def load(
+        settings: S,
+        rate_hz: float,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
+    ) -> LinkLoad:
         """Return how full the link will be; see ``LinkClass``."""

@@ -7,7 +7,7 @@ What reads the serial line (``drivers/c``, ``drivers/plc``) reads it, too.
 from collections.abc import Sequence
 from typing import ClassVar, Generic, TypeVar
 
-from hri_drivers.links.codec import copy_counts, item_count
+from hri_drivers.links.codec import copy_counts, item_count, shape_of
 from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
 from hri_drivers.links.load import link_load
 from hri_drivers.links.slots import BULK
@@ -17,7 +17,7 @@ from hri_predict.link import LinkCounters, LinkLoad
 from hri_predict.protocol.messages import Message
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
-from hri_predict.protocol.wire import wire_bits
+from hri_predict.protocol.wire import StateShape, wire_bits
 
 BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit: what ``wire_bits`` counts
 NETWORK_BITRATE = 10_000_000.0
@@ -81,7 +81,9 @@ class SerialCodec:
 
     def worst_s(self, message: Message) -> float:
         """Seconds of wire of such a message."""
-        bits = wire_bits(type(message), "serial", items=item_count(message))
+        bits = wire_bits(
+            type(message), "serial", items=item_count(message), shape=shape_of(message)
+        )
         return bits.seconds(self._bitrate_8n1)
 
     def unit_s(self, unit: bytes) -> float:
@@ -110,7 +112,12 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
         return SerialCodec(settings.bitrate_8n1)
 
     @staticmethod
-    def load(settings: S, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
+    def load(
+        settings: S,
+        rate_hz: float,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
+    ) -> LinkLoad:
         """How full the wire will be; see ``LinkClass``."""
         return link_load(
             name=settings.name,
@@ -119,7 +126,8 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
             data_bitrate=None,
             extended=False,
             rate_hz=rate_hz,
-            robots=len(robots),
+            robots=robots,
+            shapes=shapes,
             robot_state_rate_hz=settings.robot_state_rate_hz,
             reserved_load=settings.reserved_load,
         )

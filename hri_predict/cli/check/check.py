@@ -116,12 +116,7 @@ def examine(config: Config) -> dict[str, Any]:
     # a check touches no device: anything may stand in its place
     transports = {link.name: cast(Transport[Any], object()) for link in config.links}
     assembly = assemble.build(config, clock, source=source, transports=transports)
-    loads = [
-        registry.load("links", link.kind).load(
-            link, config.node.rate_hz, [0] * len(assembly.robots)
-        )
-        for link in config.links
-    ]
+    loads = [assemble.load_of(config, link) for link in config.links]
     simulated = [link for link in config.links if link.simulate is not None]
     if simulated:  # built but not started: this checks its settings
         registry.load("cells", "mock")(

@@ -14,12 +14,11 @@ from hri_predict.protocol.can import DEFAULT_BASE_ID, LAST_NUMBER
 from hri_predict.protocol.definition import (
     BY_TYPE,
     DEFINITIONS,
-    MAX_JOINTS,
-    MAX_ROBOTS,
     SCHEMA_HASH,
     SCHEMA_VERSION,
 )
 from hri_predict.protocol.fields import (
+    MAX_ROBOTS,
     PART_BYTES,
     ROBOT_STRIDE,
 )
@@ -28,13 +27,14 @@ from hri_predict.protocol.messages import (
     Advice,
     Level,
     NodeState,
+    OperatingMode,
     Pose,
     RobotMode,
-    RobotState,
     Zone,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import FORGET_S
+from hri_predict.protocol.robot_state import BASE_ROBOTS, MAX_JOINTS, ROBOT_STATE
 from hri_predict.protocol.serial import MAX_ENCODED
 
 _BLOCK = re.compile(r"(/\* generated: begin .*?\*/\n).*?(/\* generated: end \*/)", re.DOTALL)
@@ -43,6 +43,7 @@ ENUMS: dict[str, type[IntEnum]] = {
     "REASON": Reason,
     "NODE_STATE": NodeState,
     "MODE": RobotMode,
+    "OPERATING_MODE": OperatingMode,
 }
 
 
@@ -63,7 +64,11 @@ def constants() -> dict[str, str]:
         "HRI_DATA_ID_32": f"0x{e2e.data_id_32(0):08X}u",
         "HRI_PART_BYTES": f"{PART_BYTES}u",
         "HRI_PARTS_ADVICE": f"{BY_TYPE[Advice].parts}u",
-        "HRI_PARTS_STATE": f"{BY_TYPE[RobotState].parts}u",
+        "HRI_PARTS_STATE": f"{ROBOT_STATE.parts}u",
+        "HRI_PARTS_STATE_ALWAYS": f"{ROBOT_STATE.always}u",
+        "HRI_BASE_ROBOTS": f"{BASE_ROBOTS}u",
+        "HRI_EXTRA_STRIDE": f"{ROBOT_STATE.extra[0].stride}u",
+        **{f"HRI_NUMBER_STATE_PART_{e.part}": f"0x{e.number:02X}u" for e in ROBOT_STATE.extra},
         "HRI_ZONE_ITEMS": f"{BY_TYPE[Zone].items_per_frame}u",
         "HRI_POSE_ITEMS": f"{BY_TYPE[Pose].items_per_frame}u",
         "HRI_SERIAL_BYTES": f"{MAX_ENCODED}u",

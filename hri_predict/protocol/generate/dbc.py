@@ -108,11 +108,24 @@ def choices(field: Field) -> dict[int, str]:
 
 def frame_comment(definition: Definition, number: int, part: int, fd: bool) -> str:
     """Return the purpose of the frame and the data id in its CRC."""
-    of = f" Part {part + 1} of {definition.parts}; use it only with all parts of the same counter."
-    text = definition.text + "." + (of if definition.parts > 1 and not fd else "")
+    text = definition.text + "." + (_part_of(definition, part) if not fd else "")
     if fd:
         return f"{text} E2E profile 5, data id {data_id_16(number):#06x}."
     return f"{text} E2E profile 2, data id {data_id_list(number)[0]} for every counter."
+
+
+def _part_of(definition: Definition, part: int) -> str:
+    """Which part it is, and with which others it counts."""
+    if definition.parts == 1:
+        return ""
+    if not definition.extra:
+        others = f"Part {part + 1} of {definition.parts}; use it only with all parts"
+        return f" {others} of the same counter."
+    text = f" Part {part}; use it only with all parts that part 0 asks for, of the same counter."
+    if part < definition.always:
+        return text
+    extra = definition.extra[part - definition.always]
+    return f"{text} It is sent if {extra.signal} is {extra.least} or more."
 
 
 def dbc_text(fd: bool, base_id: int = DEFAULT_BASE_ID, extended: bool = False) -> str:

@@ -14,12 +14,12 @@ from hri_predict.protocol.can import DEFAULT_BASE_ID, LAST_NUMBER
 from hri_predict.protocol.definition import (
     BY_TYPE,
     DEFINITIONS,
-    MAX_ROBOTS,
     SCHEMA_HASH,
     SCHEMA_VERSION,
     frame_table,
 )
 from hri_predict.protocol.fields import (
+    MAX_ROBOTS,
     PART_BYTES,
     Definition,
     Field,
@@ -27,7 +27,7 @@ from hri_predict.protocol.fields import (
 )
 from hri_predict.protocol.generate.dbc import frame_name
 from hri_predict.protocol.generate.examples import EXAMPLES, encodings, fields_of, meaning
-from hri_predict.protocol.messages import Level, Message, NodeState, RobotMode
+from hri_predict.protocol.messages import Level, Message, NodeState, OperatingMode, RobotMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import MAX_DECODED, MAX_ENCODED
 from hri_predict.protocol.wire import wire_bits
@@ -114,22 +114,33 @@ def frames() -> str:
     """Return the table of frames: number, ids, sender and content."""
     rows = []
     for d in DEFINITIONS:
-        robot = f" + {frame_number(d, 1) - frame_number(d)} r" if d.per_robot else ""
         for part in range(d.parts if d.classic else 1):
             number = frame_number(d, 0, part)
+            robot = f" + {frame_number(d, 1, part) - number} r" if d.per_robot else ""
             rows.append(
                 (
                     f"{number:#04x}{robot}",
                     f"`{DEFAULT_BASE_ID + number:#05x}`{robot}",
                     d.name + (f", part {part}" if d.classic and d.parts > 1 else ""),
                     d.sender,
-                    "yes" if d.classic else "no",
+                    _carried(d, part),
                     "yes" if part == 0 else "",
                     f"{d.cycle_ms} ms" if d.cycle_ms else "event" if d.classic else "spare load",
                 )
             )
     head = ("number", "CAN id (default)", "message", "sender", "classic CAN", "FD, serial", "cycle")
     return table(head, rows)
+
+
+def _carried(d: Definition, part: int) -> str:
+    """Whether classic CAN carries a part, and when."""
+    if not d.classic:
+        return "no"
+    if part < d.always:
+        return "yes"
+    extra = d.extra[part - d.always]
+    asked = f"if {extra.signal} is {extra.least} or more"
+    return asked if extra.robots == MAX_ROBOTS else f"{asked}; r up to {extra.robots - 1}"
 
 
 def reasons() -> str:
@@ -166,7 +177,7 @@ def sizes() -> str:
     """Return the worst-case size of each message on the wire."""
     rows = []
     for d in DEFINITIONS:
-        classic = f"{wire_bits(d.type, 'can').nominal}" if d.classic else "-"
+        classic = f"{wire_bits(d.type, 'can').nominal}" if d.classic else "-"  # of six joints
         fd, serial = wire_bits(d.type, "can_fd"), wire_bits(d.type, "serial")
         rows.append((d.name, classic, f"{fd.nominal} + {fd.data}", serial.nominal))
     return table(("message", "classic", "FD, nominal + data", "serial"), rows)
@@ -216,6 +227,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "levels": lambda: enumeration(Level),
     "node states": lambda: enumeration(NodeState),
     "robot modes": lambda: enumeration(RobotMode),
+    "operating modes": lambda: enumeration(OperatingMode),
     "reasons": reasons,
     "data ids": data_ids,
     "sizes": sizes,

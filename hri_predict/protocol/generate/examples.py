@@ -17,6 +17,7 @@ from hri_predict.protocol.generate.dbc import choices, numbered_items
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
+    BaseMotion,
     Level,
     Message,
     NodeState,
@@ -31,8 +32,9 @@ from hri_predict.protocol.messages import (
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import SerialSender
 
-_POSITIONS = (0.0, -1.5, 1.25, -0.75, -1.57, 0.5)
-_VELOCITIES = (0.25, 0.0, -0.125, 0.0, 1.0, -2.0)
+_POSITIONS = (0.0, -1.5, 1.25, -0.75, -1.57, 0.5, 0.125)
+_VELOCITIES = (0.25, 0.0, -0.125, 0.0, 1.0, -2.0, 0.5)
+_BASE = BaseMotion(x_m=2.5, y_m=-1.25, yaw_rad=1.5, vx_m_s=0.25, vy_m_s=-0.125, yaw_rate_rad_s=0.1)
 _FOREARM = ZoneCapsule(6, (0.6, -0.2, 1.1), (0.85, -0.25, 1.05), 0.12)
 _HAND = ZoneCapsule(7, (0.85, -0.25, 1.05), (0.95, -0.27, 1.0), 0.15)
 
@@ -49,6 +51,7 @@ EXAMPLES: tuple[Message, ...] = (
         robot_link=5,
         echo=4711,
         age_s=0.041,
+        tool=2,
     ),
     RobotState(
         robot=1,
@@ -56,6 +59,9 @@ EXAMPLES: tuple[Message, ...] = (
         counter=4711,
         positions=_POSITIONS,
         velocities=_VELOCITIES,
+        tool=2,
+        tool_confirmed=True,
+        base=_BASE,
     ),
     Status(
         node_state=NodeState.RUNNING,

@@ -28,7 +28,14 @@ from hri_predict.arrays import Floats
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.protocol.definition import SCHEMA_VERSION
-from hri_predict.protocol.messages import Acknowledge, Message, RobotMode, RobotState
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    BaseMotion,
+    Message,
+    OperatingMode,
+    RobotMode,
+    RobotState,
+)
 from hri_predict.recording.labels import MAX_ID
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
@@ -230,10 +237,27 @@ def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | None:
             counter=int(data["counter"]),
             positions=_floats(data["positions"]),
             velocities=_floats(data["velocities"]),
+            **_since_version_2(data),
         )
     if data["type"] == "Acknowledge":
         return Acknowledge(latch_id=int(data["latch_id"]), ack_id=int(data["ack_id"]))
     return None
+
+
+def _since_version_2(data: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a RobotState that recordings of protocol version 1 lack."""
+    tool, base = data.get("tool"), data.get("base")
+    return {
+        "request": OperatingMode.__members__.get(data.get("request", ""), OperatingMode.AUTOMATIC),
+        "enabling": data.get("enabling") is True,
+        "tool": None if tool is None else int(tool),
+        "tool_confirmed": data.get("tool_confirmed") is True,
+        "base": None if base is None else BaseMotion(**_numbers(base)),
+    }
+
+
+def _numbers(data: dict[str, Any]) -> dict[str, float]:
+    return dict(zip(data, _floats(data.values()), strict=True))
 
 
 def _floats(values: Any) -> tuple[float, ...]:

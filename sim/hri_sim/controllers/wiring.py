@@ -24,7 +24,7 @@ from hri_predict.arrays import Floats
 PERMIT_STALE_S = 0.1
 _TRUTH_STALE_S = 0.25  # a drive silent for longer is dead; its brakes have closed
 _CARRIED_S = 0.1  # its motion is extrapolated for this long
-_MAX_JOINTS = 7
+_MAX_JOINTS = 9
 _VALUES = 1 + 2 * _MAX_JOINTS
 _BODY = struct.Struct(f"<qQ{_VALUES}d")  # stamp, number of values, values
 _SLOT = 8 + _BODY.size  # CRC-32 and padding, then the body
@@ -113,7 +113,7 @@ class Wiring:
         return min((self.permit(name, now_ns) for name in self._channels), default=0.0)
 
     def set_truth(self, q: Floats, qd: Floats, path_s: float, now_ns: int) -> None:
-        """Publish the arm's joints (N,), N up to 7."""
+        """Publish the arm's joints (N,), N up to 9."""
         self._write(0, now_ns, [path_s, *q.tolist(), *qd.tolist()])
 
     def truth(self) -> Truth | None:

@@ -37,6 +37,7 @@ from hri_predict.protocol.fields import (
 from hri_predict.protocol.generate.dbc import FILES
 from hri_predict.protocol.messages import Acknowledge, RobotState
 from hri_predict.protocol.reception import OURS
+from hri_predict.protocol.robot_state import BASE_ROBOTS
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
 
 DRIVERS = Path(__file__).resolve().parents[3] / "drivers"
@@ -44,6 +45,7 @@ C, DBC = DRIVERS / "c", DRIVERS / "dbc"
 LINKS = ("classic", "fd", "serial")
 BASE_ID = 0x680
 CHUNK = 1000  # messages at a time
+NO_TOOL = 255
 NAMES = {  # of listen, where they are not the signals' own
     "speed_limit_m_s": "SPEED_LIMIT",
     "separation_m": "SEPARATION",
@@ -55,6 +57,15 @@ NAMES = {  # of listen, where they are not the signals' own
     "hash": "SCHEMA_HASH",
     "counter": "STATE_COUNTER",
 }
+BASE = {
+    "x_m": "X",
+    "y_m": "Y",
+    "yaw_rad": "YAW",
+    "vx_m_s": "VX",
+    "vy_m_s": "VY",
+    "yaw_rate_rad_s": "YAW_RATE",
+}
+REQUESTS = ("automatic", "teach", "recovery", "muted")
 
 
 def raw_value(field: Field, rng: np.random.Generator) -> int:
@@ -129,6 +140,8 @@ def listened(receiver: Any, sent: list[Any], schema: list[Any]) -> dict[str, Any
 
 def flat(shown: dict[str, Any]) -> dict[str, Any]:
     """Listen's fields by signal."""
+    if shown["message"] == "advice":
+        shown = {"operating_mode" if k == "mode" else k: v for k, v in shown.items()}
     row = {NAMES.get(k, k.upper()): v for k, v in shown.items()}
     for i, capsule in enumerate(row.pop("CAPSULES", ())):
         row |= {f"SEGMENT_{i}": capsule["segment"], f"RADIUS_{i}": capsule["radius"]}
@@ -138,6 +151,10 @@ def flat(shown: dict[str, Any]) -> dict[str, Any]:
         row |= {f"{k}_{i}": v for k, v in zip(("JOINT", "X", "Y", "Z"), joint, strict=True)}
     for name, many in (("POSITION", "POSITIONS"), ("VELOCITY", "VELOCITIES")):
         row |= {f"{name}_{i + 1}": v for i, v in enumerate(row.pop(many, ()))}
+    base = row.get("BASE")
+    if base is not None:
+        row |= {f"BASE_{BASE[k]}": v for k, v in base.items()}
+    row["BASE"] = int(base is not None)
     if isinstance(row.get("SCHEMA_HASH"), str):
         row["SCHEMA_HASH"] = int(row["SCHEMA_HASH"], 16)
     return row
@@ -253,6 +270,27 @@ def node_to_controller(decode: str, messages: int, rng: np.random.Generator) -> 
     return agreed
 
 
+def random_state(rng: np.random.Generator, robot: int) -> tuple[list[int], dict[str, int]]:
+    """Arguments of the driver's ``state``, and what must be heard of it by signal."""
+    joints, mode, request = (int(rng.integers(n)) for n in (10, 5, 4))
+    q = rng.integers(-8_191_750, 8_191_751, joints).tolist()
+    qd = rng.integers(-32_767_000, 32_767_001, joints).tolist()
+    enabling, confirmed = (int(rng.integers(2)) for _ in range(2))
+    tool = int(rng.integers(256))  # 255: not said
+    moves = int(rng.random() < 0.3 and robot < BASE_ROBOTS)
+    place, speeds = rng.integers(-32_767_000, 32_767_001, (2, 3)).tolist()
+    place[2] = int(rng.integers(-3_141_592, 3_141_593))
+    words = [mode, joints, *q, *qd, request, enabling, tool, confirmed, moves, *place, *speeds]
+    row = {f"POSITION_{i + 1}": v for i, v in enumerate(q)}
+    row |= {f"VELOCITY_{i + 1}": v for i, v in enumerate(qd)}
+    row |= {"REQUEST": request, "ENABLING": enabling, "TOOL_CONFIRMED": confirmed, "BASE": moves}
+    row |= {} if tool == NO_TOOL else {"TOOL": tool}
+    if moves:
+        names = ("X", "Y", "YAW", "VX", "VY", "YAW_RATE")
+        row |= {f"BASE_{k}": v for k, v in zip(names, (*place, *speeds), strict=True)}
+    return words, row
+
+
 def controller_to_node(driver: str, messages: int, rng: np.random.Generator) -> Counter[str]:
     """What the controller sends: encoded by the C code, decoded by the others."""
     agreed: Counter[str] = Counter()
@@ -271,12 +309,9 @@ def controller_to_node(driver: str, messages: int, rng: np.random.Generator) -> 
                 lines.append(f"ack {latch} {ack}")
                 wanted.append((Acknowledge, {"LATCH_ID": latch, "ACK_ID": ack}))
                 continue
-            joints, mode = int(rng.integers(8)), int(rng.integers(5))
-            q = rng.integers(-8_188_000, 8_188_001, joints).tolist()
-            qd = rng.integers(-20_470_000, 20_470_001, joints).tolist()
-            lines.append(" ".join(map(str, ("state", mode, joints, *q, *qd))))
-            row = {f"POSITION_{i + 1}": v for i, v in enumerate(q)}
-            wanted.append((RobotState, row | {f"VELOCITY_{i + 1}": v for i, v in enumerate(qd)}))
+            words, row = random_state(rng, robot)
+            lines.append(" ".join(map(str, ("state", *words))))
+            wanted.append((RobotState, row))
         ready, *answers = run(driver, "\n".join(lines) + "\n")
         assert ready == "1"
         for (kind, row), answer in zip(wanted, answers, strict=True):
@@ -301,7 +336,8 @@ def check_told(kind: type, row: dict[str, int], got: dict[str, Any]) -> None:
     for signal, value in row.items():
         scale = fields[signal].scale
         want, slack = (value * 1e-6, 0.5 / scale + 1e-9) if scale else (value, 0)
-        assert abs(got[signal] - want) <= slack, (signal, want, got[signal])
+        heard = REQUESTS.index(got[signal]) if signal == "REQUEST" else got[signal]
+        assert abs(heard - want) <= slack, (signal, want, heard)
 
 
 def built(source: Path, folder: str) -> str:

@@ -3,7 +3,8 @@
  *   init LINK ROBOT BASE_ID EXTENDED SILENCE MAX_AGE TOLERATED WINDOW FIRST_COUNTER   prints 1 or 0
  *   at MS                    the tick from now on
  *   rx ID BYTES              takes a CAN frame (a serial line: ID is ignored)
- *   state MODE JOINTS P... V...     prints the units, "ID:BYTES ..."
+ *   state MODE JOINTS P... V... [REQUEST ENABLING TOOL CONFIRMED MOVES X Y YAW VX VY YAW_RATE]
+ *                                   prints the units, "ID:BYTES ..."
  *   ack LATCH_ID ACK_ID             prints the unit
  *   ask                      prints the permitted speed, the verdict, and the counts of errors
  */
@@ -78,6 +79,17 @@ static void send_state(hri_unit *units)
     for (unsigned i = 0; i < state.joints && i < HRI_MAX_JOINTS; i++) {
         state.velocity_urad_s[i] = (int32_t)number();
     }
+    state.request = (uint8_t)number();
+    state.enabling = number() != 0;
+    state.tool = (uint8_t)number();
+    state.tool_confirmed = number() != 0;
+    state.base_moves = number() != 0;
+    state.base_um[0] = (int32_t)number();
+    state.base_um[1] = (int32_t)number();
+    state.base_yaw_urad = (int32_t)number();
+    state.base_um_s[0] = (int32_t)number();
+    state.base_um_s[1] = (int32_t)number();
+    state.base_yaw_urad_s = (int32_t)number();
     print_units(units, hri_send_robot_state(&r, &state, now, units));
 }
 

@@ -276,7 +276,7 @@ def test_an_echo_of_a_state_sent_too_long_ago_is_not_believed(line):
 def test_settings_that_cannot_be_mean_stop_for_ever(build):
     program = build(Path(__file__).with_name("driver.c"))
     good = [0, 0, DEFAULT_BASE_ID, 0, 150, 330, 0, 500, 0]
-    for place, value in ((0, 3), (1, 8), (2, 0x7BB), (4, 0), (5, 0)):
+    for place, value in ((0, 3), (1, 8), (2, 0x7A1), (4, 0), (5, 0)):
         wrong = [*good[:place], value, *good[place + 1 :]]
         script = f"init {' '.join(map(str, wrong))}\nask\nstate 1 0\nask\n"
         done = subprocess.run([program], input=script, capture_output=True, text=True, check=True)
@@ -289,11 +289,11 @@ def test_base_ids_of_11_and_of_29_bits(build):
     program = build(Path(__file__).with_name("driver.c"))
     for base, extended, fits in (
         (0, 0, 1),
-        (0x7BA, 0, 1),
-        (0x7BB, 0, 0),
-        (0x7BB, 1, 1),
-        (0x1FFFFFBA, 1, 1),
-        (0x1FFFFFBB, 1, 0),
+        (0x7A0, 0, 1),
+        (0x7A1, 0, 0),
+        (0x7A1, 1, 1),
+        (0x1FFFFFA0, 1, 1),
+        (0x1FFFFFA1, 1, 0),
     ):
         script = f"init 0 1 {base} {extended} 150 330 0 500 6\nstate 1 1 500000 250000\n"
         done = subprocess.run([program], input=script, capture_output=True, text=True, check=True)

@@ -6,6 +6,7 @@ from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_predict.errors import ConfigError, LinkError
 from hri_predict.link import check_load
+from hri_predict.protocol.wire import StateShape
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.settings import validated
 
@@ -31,6 +32,35 @@ def test_each_robot_adds_its_advice_and_its_state():
     assert two.details["Advice"] == pytest.approx(2 * one.details["Advice"])
     assert two.details["RobotState"] == pytest.approx(2 * one.details["RobotState"])
     assert two.details["Status"] == one.details["Status"]
+
+
+@pytest.mark.parametrize(
+    ("shape", "frames", "octets"),
+    [
+        (StateShape(6), 5, 30),
+        (StateShape(7), 6, 36),
+        (StateShape(9), 7, 42),
+        (StateShape(6, moving_base=True), 7, 54),
+        (StateShape(9, moving_base=True), 9, 54),
+    ],
+)
+def test_a_state_counts_with_the_parts_that_its_robot_needs(shape, frames, octets):
+    shapes = [StateShape(), shape]
+    classic = CanLink.load(can(robot_state_rate_hz=50), 25, [0, 1], shapes)
+    assert classic.details["RobotState"] == pytest.approx(50 * (5 + frames) * 135 / 500_000)
+    line = SerialLink.load(serial(robot_state_rate_hz=50), 25, [0, 1], shapes)
+    bits = 10 * (30 + 14) + 10 * (octets + 14)
+    assert line.details["RobotState"] == pytest.approx(50 * bits / 115_200)
+
+
+def test_a_moving_base_without_frames_on_classic_can_is_refused_with_the_remedy():
+    moving = StateShape(6, moving_base=True)
+    assert CanLink.load(can(), 25, [3], [moving]).load > 0
+    with pytest.raises(
+        LinkError, match=r"not for robots\[4\]; list that robot earlier, or use CAN FD"
+    ):
+        CanLink.load(can(), 25, [0, 4], [StateShape(), moving])
+    assert CanLink.load(can(fd=True), 25, [4], [moving]).load > 0
 
 
 def test_status_counts_at_ten_hertz_even_in_a_slow_node():

@@ -72,7 +72,10 @@ def units() -> dict[str, Any]:
 def load(text: str) -> dict[str, Any]:
     """All functions and function blocks of a source."""
     text = re.sub(r"\(\*.*?\*\)", "", text, flags=re.DOTALL)
-    functions: dict[str, Any] = {"SHL": lambda value, count: value << count & 0xFF}  # of bytes
+    functions: dict[str, Any] = {  # of bytes
+        "SHL": lambda value, count: value << count & 0xFF,
+        "SHR": lambda value, count: value >> count,
+    }
     for a in BITS:
         functions |= {f"{a}_TO_{b}": (lambda value: value) for b in BITS}
     units: dict[str, Any] = {}

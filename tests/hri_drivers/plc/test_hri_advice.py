@@ -14,7 +14,7 @@ from hri_predict.protocol.definition import (
     frame_table,
 )
 from hri_predict.protocol.fields import ROBOT_STRIDE
-from hri_predict.protocol.messages import Advice, Level, Message, Schema
+from hri_predict.protocol.messages import Advice, Level, Message, OperatingMode, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import FORGET_S, OURS
 
@@ -25,7 +25,12 @@ SLOW = Advice(
     latch_id=9,
     speed_limit_m_s=0.75,
     age_s=0.041,
+    mode=OperatingMode.MUTED,
+    tool=3,
 )
+
+
+VERSION_1 = Schema(1, 0xD680A301)  # the last one of that version
 
 
 class Controller:
@@ -99,6 +104,7 @@ def test_it_reads_the_fields_and_permits_the_speed(controller: Controller) -> No
     assert controller.hear(OURS, SLOW) == 750
     assert (controller["Level"], controller["Reason"]) == (Level.SLOW, Reason.PERSON_APPROACHING)
     assert controller["LatchId"] == 9
+    assert (controller["OperatingMode"], controller["Tool"]) == (OperatingMode.MUTED, 3)
     assert (controller["CrcErrors"], controller["CounterErrors"]) == (0, 0)
 
 
@@ -133,7 +139,13 @@ def test_silence_stops_it_and_a_long_one_closes_the_schema(controller: Controlle
 def test_another_schema_or_none_stops_it(controller: Controller) -> None:
     assert controller.hear(SLOW) == 0
     assert controller.hear(OURS, SLOW) == 750
-    for other in (Schema(2, SCHEMA_HASH), Schema(1, SCHEMA_HASH ^ 0x10000), Schema(1, 0)):
+    others = (
+        Schema(SCHEMA_VERSION - 1, SCHEMA_HASH),
+        Schema(SCHEMA_VERSION, SCHEMA_HASH ^ 0x10000),
+        Schema(SCHEMA_VERSION, 0),
+        VERSION_1,
+    )
+    for other in others:
         assert controller.hear(other) == 0
         assert controller.hear(SLOW) == 0
         assert controller.hear(OURS) == 0

@@ -148,8 +148,8 @@ class Unprotected(SerialLink):
 
 class Weightless(SerialLink):
     @staticmethod
-    def load(settings, rate_hz, robots=(0,)):
-        load = SerialLink.load(settings, rate_hz, robots)
+    def load(settings, rate_hz, robots=(0,), shapes=()):
+        load = SerialLink.load(settings, rate_hz, robots, shapes)
         load.load = 0.0
         return load
 

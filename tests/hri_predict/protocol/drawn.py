@@ -1,6 +1,5 @@
 """Drawn messages, and how they are sent through the CAN codec."""
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,9 +9,11 @@ from hri_predict.protocol.can import CanReceiver, CanSender
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
+    BaseMotion,
     Level,
     Message,
     NodeState,
+    OperatingMode,
     Pose,
     RobotMode,
     RobotState,
@@ -43,12 +44,14 @@ advices = st.builds(
     latch_id=st.integers(0, 65535),
     separation_m=maybe(number(-32.767, 32.767)),
     predicted_separation_m=maybe(number(-32.767, 32.767)),
-    time_to_breach_s=maybe(number(0, 65.534)),
+    time_to_breach_s=maybe(number(0, 4.094)),
     speed_limit_m_s=maybe(number(0, 65.534)),
-    body_part=maybe(st.integers(0, 254)),
-    robot_link=maybe(st.integers(0, 254)),
+    body_part=maybe(st.integers(0, 62)),
+    robot_link=maybe(st.integers(0, 62)),
     echo=maybe(st.integers(0, 65534)),
     age_s=ages,
+    mode=st.sampled_from(OperatingMode),
+    tool=maybe(st.integers(0, 254)),
 )
 statuses = st.builds(
     Status,
@@ -59,14 +62,28 @@ statuses = st.builds(
     cycle=st.integers(0, 255),
     age_s=ages,
 )
-robot_states = st.integers(0, 7).flatmap(
-    lambda joints: st.builds(
+bases = st.builds(
+    BaseMotion,
+    x_m=number(-32.767, 32.767),
+    y_m=number(-32.767, 32.767),
+    yaw_rad=number(-3.1415, 3.1415),
+    vx_m_s=number(-32.767, 32.767),
+    vy_m_s=number(-32.767, 32.767),
+    yaw_rate_rad_s=number(-32.767, 32.767),
+)
+robot_states = st.tuples(st.integers(0, 9), maybe(bases)).flatmap(
+    lambda drawn: st.builds(
         RobotState,
-        robot=robots,
+        robot=robots if drawn[1] is None else st.integers(0, 3),
         mode=st.sampled_from(RobotMode),
         counter=st.integers(0, 65535),
-        positions=st.tuples(*[number(-8.188, 8.188)] * joints),
-        velocities=st.tuples(*([number(-32.767, 32.767)] * 6 + [number(-20.47, 20.47)])[:joints]),
+        positions=st.tuples(*[number(-8.1917, 8.1917)] * drawn[0]),
+        velocities=st.tuples(*[number(-32.767, 32.767)] * drawn[0]),
+        request=st.sampled_from(OperatingMode),
+        enabling=st.booleans(),
+        tool=maybe(st.integers(0, 254)),
+        tool_confirmed=st.booleans(),
+        base=st.just(drawn[1]),
     )
 )
 acknowledges = st.builds(Acknowledge, st.integers(0, 65535), st.integers(0, 2**32 - 1))
@@ -95,16 +112,8 @@ def flat(value: Any) -> list[Any]:
 
 
 def assert_close(got: Any, want: Any) -> None:
-    """Equal but for the resolution: 1 mm, 1 ms, 1 mm/s, 0.25 mrad; rounding either way.
-
-    The seventh joint has 4 mrad and 10 mrad/s.
-    """
+    """Equal but for the resolution: 1 mm, 1 ms, 1 mm/s, 0.25 mrad; rounding either way."""
     assert type(got) is type(want)
-    if isinstance(got, RobotState) and isinstance(want, RobotState):
-        assert got.positions[6:] == pytest.approx(want.positions[6:], abs=0.002 + 1e-8)
-        assert got.velocities[6:] == pytest.approx(want.velocities[6:], abs=0.005 + 1e-8)
-        got = replace(got, positions=got.positions[:6], velocities=got.velocities[:6])
-        want = replace(want, positions=want.positions[:6], velocities=want.velocities[:6])
     for a, b in zip(flat(got), flat(want), strict=True):
         assert a == (pytest.approx(b, abs=0.001 + 1e-8) if isinstance(b, float) else b)
 

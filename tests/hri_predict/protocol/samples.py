@@ -1,6 +1,15 @@
-"""A message that every codec's tests send."""
+"""Messages that every codec's tests send."""
 
-from hri_predict.protocol.messages import Advice, Level
+from dataclasses import replace
+
+from hri_predict.protocol.messages import (
+    Advice,
+    BaseMotion,
+    Level,
+    OperatingMode,
+    RobotMode,
+    RobotState,
+)
 from hri_predict.protocol.reasons import Reason
 
 ADVICE = Advice(
@@ -16,4 +25,18 @@ ADVICE = Advice(
     robot_link=6,
     echo=200,
     age_s=0.041,
+    mode=OperatingMode.MUTED,
+    tool=3,
+)
+SIX = RobotState(
+    robot=1, mode=RobotMode.AUTOMATIC, counter=1, positions=(0.0,) * 6, velocities=(0.0,) * 6
+)
+SEVEN = replace(SIX, positions=(0.5,) * 7, velocities=(0.0,) * 7)
+NINE = replace(
+    SIX,
+    positions=(0.25,) * 9,
+    velocities=(-0.5,) * 9,
+    base=BaseMotion(
+        x_m=1.5, y_m=-2.5, yaw_rad=0.75, vx_m_s=0.125, vy_m_s=-0.25, yaw_rate_rad_s=0.5
+    ),
 )

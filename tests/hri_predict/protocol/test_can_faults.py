@@ -97,7 +97,11 @@ HEAD = bytes((1, 0, 0, 0, 0, 0, 0))  # of a Zone, up to FIRST, TOTAL, COUNT
 @pytest.mark.parametrize(
     ("kind", "payload"),
     [
-        (RobotState, bytes((8 << 4, 0)) + bytes(28)),  # eight JOINTS
+        (RobotState, bytes((10 << 4, 0)) + bytes(52)),  # ten JOINTS
+        (RobotState, bytes((6 << 4, 0, 0, 0, 0, 2 << 4)) + bytes(48)),  # BASE 2
+        (RobotState, bytes((7 << 4, 0)) + bytes(28)),  # without the seventh joint
+        (RobotState, bytes((6 << 4, 0, 0, 0, 0, 1 << 4)) + bytes(36)),  # without its base
+        (RobotState, bytes(5)),
         (Zone, HEAD + bytes((2, 3, 2)) + bytes(30)),  # items beyond TOTAL
         (Zone, HEAD + bytes((0, 9, 4)) + bytes(60)),  # more than a frame carries
         (Zone, HEAD + bytes((0, 3, 3)) + bytes(44)),  # one byte short of three capsules

@@ -8,9 +8,10 @@ from hri_predict.protocol.can import DEFAULT_BASE_ID
 from hri_predict.protocol.definition import (
     BY_TYPE,
     DEFINITIONS,
-    MAX_ROBOTS,
     SCHEMA_HASH,
     frame_table,
+    needed_bytes,
+    needed_parts,
     schema_hash,
 )
 from hri_predict.protocol.fields import (
@@ -61,8 +62,8 @@ def test_no_two_frames_share_a_number() -> None:
             frame_number(d, robot, part)
             for d in DEFINITIONS
             if d.classic or not classic
-            for robot in range(MAX_ROBOTS if d.per_robot else 1)
             for part in range(d.parts if classic else 1)
+            for robot in range(d.robots_with(part))
         ]
         assert len(frames) == len(set(frames))
         assert set(frames) == set(frame_table(classic))
@@ -76,6 +77,48 @@ def test_default_ids_keep_clear_of_canopen() -> None:
     ]
     ids = {DEFAULT_BASE_ID + n for n in (*frame_table(True), *frame_table(False))}
     assert not [hex(i) for i in ids if any(i in block for block in taken)]
+
+
+def test_the_numbers_of_isotp_stay_free() -> None:
+    assert not {0x46, 0x47} & {*frame_table(True), *frame_table(False)}
+
+
+def test_a_message_without_numbers_for_a_robot_is_an_error() -> None:
+    assert frame_number(BY_TYPE[RobotState], 7, 6) == 0x57
+    with pytest.raises(ValueError, match=r"part 7 .* only, not for robot 4"):
+        frame_number(BY_TYPE[RobotState], 4, 7)
+
+
+@pytest.mark.parametrize(
+    ("joints", "base", "parts", "octets"),
+    [
+        (0, 0, set(range(5)), 30),
+        (6, 0, set(range(5)), 30),
+        (7, 0, set(range(6)), 36),
+        (8, 0, set(range(7)), 42),
+        (9, 0, set(range(7)), 42),
+        (6, 1, {*range(5), 7, 8}, 54),
+        (9, 1, set(range(9)), 54),
+    ],
+)
+def test_part_0_alone_says_which_parts_a_state_has(
+    joints: int, base: int, parts: set[int], octets: int
+) -> None:
+    head = bytes((joints << 4 | 1, 0xFF, 0xFF, 0xFF, 0xFF, base << 4 | 0xF))
+    assert needed_parts(BY_TYPE[RobotState], head) == parts
+    assert needed_bytes(BY_TYPE[RobotState], head) == octets
+
+
+def test_the_hash_changes_with_every_extra_part() -> None:
+    place = DEFINITIONS.index(BY_TYPE[RobotState])
+    extra = DEFINITIONS[place].extra
+    hashes = {SCHEMA_HASH}
+    for i, one in enumerate(extra):
+        for name in ("number", "stride", "robots", "least"):
+            other = replace(one, **{name: getattr(one, name) + 1})
+            changed = replace(DEFINITIONS[place], extra=(*extra[:i], other, *extra[i + 1 :]))
+            hashes.add(schema_hash((*DEFINITIONS[:place], changed, *DEFINITIONS[place + 1 :])))
+    assert len(hashes) == 1 + 4 * len(extra)
 
 
 def test_a_lower_id_wins_the_bus_in_order_of_urgency() -> None:
@@ -95,6 +138,7 @@ def changed_fields(field: Field) -> list[Field]:
         replace(field, signed=not field.signed),
         replace(field, unit=field.unit + "k"),
         replace(field, optional=not field.optional),
+        replace(field, bounded=not field.bounded),
         replace(field, wraps=not field.wraps),
     ]
 

@@ -1,10 +1,14 @@
 """What a receiver of another version makes of what it hears: nothing, and it says why."""
 
+import pytest
+
+from hri_predict.protocol import reception
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Schema
 from hri_predict.protocol.reception import SchemaGate
 
 OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
+VERSION_1 = Schema(1, 0xD680A301)  # the last one of that version
 BUILT_FOR = f"this is built for version {SCHEMA_VERSION}, hash {SCHEMA_HASH:#010x}"
 
 
@@ -34,6 +38,21 @@ def test_another_version_or_hash_closes_it_and_is_named() -> None:
         assert gate.why.endswith(BUILT_FOR)
         gate.take(OURS)
         assert gate.open
+
+
+def test_a_receiver_of_version_1_stays_closed_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reception, "OURS", VERSION_1)
+    gate = after(OURS)
+    assert not gate.open
+    assert gate.why == (
+        f"heard Schema of version 2, hash {SCHEMA_HASH:#010x}; "
+        "this is built for version 1, hash 0xd680a301"
+    )
+
+
+def test_version_1_is_not_ours() -> None:
+    assert not after(VERSION_1).open
+    assert "heard Schema of version 1, hash 0xd680a301" in after(VERSION_1).why
 
 
 def test_what_was_heard_before_a_silence_does_not_count() -> None:

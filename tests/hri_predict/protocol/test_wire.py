@@ -11,7 +11,7 @@ from hri_predict.protocol.messages import (
     Status,
     Zone,
 )
-from hri_predict.protocol.wire import classic_bits, fd_bits, wire_bits
+from hri_predict.protocol.wire import StateShape, classic_bits, fd_bits, wire_bits
 
 
 def test_wire_bits() -> None:
@@ -19,6 +19,9 @@ def test_wire_bits() -> None:
     assert classic_bits(8, extended=True) == 160
     assert wire_bits(Advice, "can") == (3 * 135, 0)
     assert wire_bits(RobotState, "can") == (5 * 135, 0)
+    for joints, moving_base, parts in ((7, False, 6), (9, False, 7), (6, True, 7), (9, True, 9)):
+        shape = StateShape(joints, moving_base)
+        assert wire_bits(RobotState, "can", shape=shape) == (parts * 135, 0)
     with pytest.raises(ValueError, match="does not carry"):
         wire_bits(Zone, "can")
     assert wire_bits(Zone, "can_fd", items=17) == tuple(6 * a for a in fd_bits(64))

@@ -14,7 +14,7 @@ from hri_drivers.links.can.isotp import (
 )
 from hri_drivers.links.can.settings import CanLinkSettings, check_together, id_filters
 from hri_drivers.links.can.transport import CanTransport
-from hri_drivers.links.codec import copy_counts, item_count
+from hri_drivers.links.codec import copy_counts, item_count, shape_of
 from hri_drivers.links.configured import ConfiguredLink
 from hri_drivers.links.load import link_load
 from hri_drivers.links.slots import BULK
@@ -25,7 +25,7 @@ from hri_predict.link import LinkCounters, LinkLoad
 from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.messages import Message, RobotState
 from hri_predict.protocol.own_frames import OwnFrames
-from hri_predict.protocol.wire import WireBits, classic_bits, fd_bits, wire_bits
+from hri_predict.protocol.wire import StateShape, WireBits, classic_bits, fd_bits, wire_bits
 
 log = logging.getLogger(__name__)
 
@@ -109,7 +109,8 @@ class CanCodec:
         if self.transfer is not None and isinstance(message, BULK):
             bits = isotp_bits(message, s.extended)
         else:
-            bits = wire_bits(type(message), s.wire_kind, s.extended, item_count(message))
+            items, shape = item_count(message), shape_of(message)
+            bits = wire_bits(type(message), s.wire_kind, s.extended, items, shape=shape)
         return bits.seconds(s.bitrate, s.data_bitrate)
 
     def unit_s(self, unit: CanFrame) -> float:
@@ -144,8 +145,9 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
         *,
         rate_hz: float = 25.0,
         robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
     ) -> None:
-        super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots)
+        super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
         device = _device(self._transport)
         if isinstance(device, CanTransport):
             device.on_error_frame = self._on_error_frame
@@ -202,7 +204,12 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
         return CanCodec(settings, _device(wire))
 
     @staticmethod
-    def load(settings: CanLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
+    def load(
+        settings: CanLinkSettings,
+        rate_hz: float,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
+    ) -> LinkLoad:
         """Return the worst-case load of the bus; see ``LinkClass``."""
         load = link_load(
             name=settings.name,
@@ -211,7 +218,8 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
             data_bitrate=settings.data_bitrate,
             extended=settings.extended,
             rate_hz=rate_hz,
-            robots=len(robots),
+            robots=robots,
+            shapes=shapes,
             robot_state_rate_hz=settings.robot_state_rate_hz,
             reserved_load=settings.reserved_load,
         )

@@ -19,6 +19,7 @@ from hri_predict.protocol.can import (
     LAST_NUMBER,
     check_base_id,
 )
+from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.wire import LinkKind, classic_bits, wire_bits
 from hri_predict.settings import Settings
 
@@ -96,13 +97,13 @@ class CanLinkSettings(ConfiguredLinkSettings):
             raise ValueError(
                 f"isotp sends Zone and Pose, but {why} forbids it; remove one of the two"
             )
-        ours = range(self.base_id, self.base_id + LAST_NUMBER + 1)
+        ours = self._own_ids()
         highest = self._highest
         for name, identifier in (("id", self.isotp_id), ("peer_id", isotp.peer_id)):
             if identifier > highest or identifier in ours:
                 raise ValueError(
                     f"isotp.{name} {identifier:#x}: choose one up to {highest:#x} outside "
-                    f"{ours[0]:#x} to {ours[-1]:#x}, such as {self.base_id + ISOTP_NUMBER:#x} for "
+                    f"{min(ours):#x} to {max(ours):#x}, or {self.base_id + ISOTP_NUMBER:#x} for "
                     f"id and {self.base_id + FLOW_CONTROL_NUMBER:#x} for peer_id"
                 )
         if self.isotp_id == isotp.peer_id:
@@ -118,10 +119,14 @@ class CanLinkSettings(ConfiguredLinkSettings):
     @property
     def ids(self) -> list[int]:
         """All ids that belong to this link, ascending."""
-        ids = set(range(self.base_id, self.base_id + LAST_NUMBER + 1))
+        ids = self._own_ids()
         if self.isotp is not None:
             ids |= {self.isotp_id, self.isotp.peer_id}
         return sorted(ids)
+
+    def _own_ids(self) -> set[int]:
+        numbers = {*range(ISOTP_NUMBER), *frame_table(classic=not self.fd)}
+        return {self.base_id + number for number in numbers}
 
     @property
     def heard_ids(self) -> list[int]:
@@ -130,8 +135,8 @@ class CanLinkSettings(ConfiguredLinkSettings):
 
     @property
     def hears_isotp(self) -> bool:
-        """Whether Zone and Pose may arrive by ISO-TP; the highest base ids leave no id for it."""
-        return not self.fd and self.isotp_id <= self._highest
+        """Whether Zone and Pose may arrive by ISO-TP."""
+        return not self.fd
 
     @property
     def _highest(self) -> int:
@@ -221,8 +226,9 @@ def check_together(links: Sequence[CanLinkSettings]) -> None:
                 f"{both}, but their bitrate, fd or data_bitrate differ; make them equal"
             )
         common = set(a.ids) & set(b.ids) if a.extended == b.extended else set()
+        lowest = max(0, a.ids[0] - LAST_NUMBER)
         if common:
             raise ConfigError(
                 f"{both}, and both use the id {min(common):#x}; give '{b.name}' a base_id outside "
-                f"{a.ids[0] - LAST_NUMBER:#x} to {a.ids[-1]:#x}, or use one link for all robots"
+                f"{lowest:#x} to {a.ids[-1]:#x}, or use one link for all robots"
             )

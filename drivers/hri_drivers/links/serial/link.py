@@ -13,6 +13,7 @@ from hri_drivers.wires.serial import Parity, SerialTransport, StopBits
 from hri_drivers.wires.usb_ports import UsbDevice
 from hri_predict.errors import ConfigError, LinkError
 from hri_predict.link import LinkLoad
+from hri_predict.protocol.wire import StateShape
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 
@@ -104,10 +105,13 @@ class SerialLink(FramedLink[SerialLinkSettings]):
 
     @staticmethod
     def load(
-        settings: SerialLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)
+        settings: SerialLinkSettings,
+        rate_hz: float,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
     ) -> LinkLoad:
         """Return the worst-case load of the line; see ``LinkClass``."""
-        load = FramedLink.load(settings, rate_hz, robots)
+        load = FramedLink.load(settings, rate_hz, robots, shapes)
         return replace(load, bitrate=settings.baudrate)  # a remedy names the configured rate
 
     @staticmethod

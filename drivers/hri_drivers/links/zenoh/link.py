@@ -8,9 +8,9 @@ from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from hri_drivers.links.codec import copy_counts, item_count
+from hri_drivers.links.codec import copy_counts, item_count, shape_of
 from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
-from hri_drivers.links.load import SCHEMA_HZ
+from hri_drivers.links.load import SCHEMA_HZ, padded_shapes
 from hri_drivers.wires.transport import Transport
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import CellSettings, ZenohSettings
@@ -18,7 +18,7 @@ from hri_predict.link import MIN_STATUS_HZ, LinkCounters, LinkLoad
 from hri_predict.protocol.keyed import ROOT, Keyed, KeyedReceiver, KeyedSender, prefix
 from hri_predict.protocol.messages import Advice, Message, RobotState, Schema, Status
 from hri_predict.protocol.own_frames import OwnFrames
-from hri_predict.protocol.wire import wire_bits
+from hri_predict.protocol.wire import SIX_JOINTS, StateShape, wire_bits
 
 OVERHEAD_BITS = 8 * 160
 """Largest overhead of a message on Ethernet: 38 + 52 bytes of Ethernet, IPv6 and TCP (with gap
@@ -84,7 +84,7 @@ class ZenohCodec:
 
     def worst_s(self, message: Message) -> float:
         """Worst-case seconds on the network of the message."""
-        return worst_bits(type(message), item_count(message)) / self._bitrate
+        return worst_bits(type(message), item_count(message), shape_of(message)) / self._bitrate
 
     def unit_s(self, unit: Keyed) -> float:
         """Seconds on the network of this payload."""
@@ -99,9 +99,11 @@ class ZenohCodec:
         return len(unit.data)
 
 
-def worst_bits(message: type[Message], items: int | None = None) -> int:
+def worst_bits(
+    message: type[Message], items: int | None = None, shape: StateShape = SIX_JOINTS
+) -> int:
     """Worst-case bits of one message: its bytes as on a serial line, plus the overhead."""
-    return OVERHEAD_BITS + wire_bits(message, "serial", items=items).nominal * 8 // 10
+    return OVERHEAD_BITS + wire_bits(message, "serial", items=items, shape=shape).nominal * 8 // 10
 
 
 class ZenohLink(ConfiguredLink[ZenohLinkSettings, Keyed]):
@@ -135,15 +137,22 @@ class ZenohLink(ConfiguredLink[ZenohLinkSettings, Keyed]):
         return ZenohTransport(settings, f"{ROOT}/", heard)
 
     @staticmethod
-    def load(settings: ZenohLinkSettings, rate_hz: float, robots: Sequence[int] = (0,)) -> LinkLoad:
+    def load(
+        settings: ZenohLinkSettings,
+        rate_hz: float,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
+    ) -> LinkLoad:
         """Return the fraction of ``bitrate`` that the link uses; see ``LinkClass``."""
         rates: dict[type[Message], float] = {
             Status: max(rate_hz, MIN_STATUS_HZ),
             Advice: rate_hz * len(robots),
             Schema: SCHEMA_HZ,
-            RobotState: settings.robot_state_rate_hz * len(robots) if settings.take else 0.0,
         }
         details = {m.__name__: r * worst_bits(m) / settings.bitrate for m, r in rates.items()}
+        states = sum(worst_bits(RobotState, shape=shape) for shape in padded_shapes(robots, shapes))
+        states_hz = settings.robot_state_rate_hz if settings.take else 0.0
+        details[RobotState.__name__] = states_hz * states / settings.bitrate
         load = sum(details.values())
         spare = 1.0 - load - settings.reserved_load
         return LinkLoad(

@@ -25,6 +25,7 @@ from hri_predict.protocol.messages import (
     Level,
     Message,
     NodeState,
+    OperatingMode,
     Pose,
     RobotMode,
     RobotState,
@@ -39,8 +40,9 @@ from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
 DBC = Path(__file__).resolve().parents[4] / "drivers" / "dbc"
 MULTICAST = "239.74.163.2"
 ROUNDS = 40
-NOT_AVAILABLE = {"m": -32.768, "s": 65.535, "m/s": 65.535, "index": 255, "echo": 65535}
-LIMIT = {"m": 32.767, "s": 65.534, "m/s": 65.534}
+NOT_AVAILABLE = {"m": -32.768, "s": 65.535, "m/s": 65.535, "echo": 65535}
+NOT_AVAILABLE |= {"index": 63, "tool": 255, "soon": 4.095}
+LIMIT = {"m": 32.767, "s": 65.534, "m/s": 65.534, "soon": 4.094}
 
 
 # -- the listener ---------------------------------------------------------------------------------
@@ -122,7 +124,7 @@ def random_messages(rng: np.random.Generator, fd: bool) -> list[Message]:
         return None if rng.random() < 0.2 else float(rng.uniform(low, high))
 
     def index() -> int | None:
-        return None if rng.random() < 0.2 else int(rng.integers(0, 255))
+        return None if rng.random() < 0.2 else int(rng.integers(0, 63))
 
     def point() -> tuple[float, float, float]:
         x, y, z = rng.uniform(-40, 40, 3)
@@ -140,6 +142,8 @@ def random_messages(rng: np.random.Generator, fd: bool) -> list[Message]:
             speed_limit_m_s=maybe(0, 80),
             body_part=index(),
             robot_link=index(),
+            mode=OperatingMode(int(rng.integers(0, 4))),
+            tool=index(),
         )
         for robot in rng.permutation(8)[:3]
     ]
@@ -179,11 +183,13 @@ def expected(message: Message) -> dict[str, tuple[Any, str]]:
                 "LATCH_ID": (message.latch_id, ""),
                 "SEPARATION": (message.separation_m, "m"),
                 "PREDICTED_SEPARATION": (message.predicted_separation_m, "m"),
-                "TIME_TO_BREACH": (message.time_to_breach_s, "s"),
+                "TIME_TO_BREACH": (message.time_to_breach_s, "soon"),
                 "SPEED_LIMIT": (message.speed_limit_m_s, "m/s"),
                 "BODY_PART": (message.body_part, "index"),
                 "ROBOT_LINK": (message.robot_link, "index"),
                 "ECHO": (message.echo, "echo"),
+                "OPERATING_MODE": (message.mode, ""),
+                "TOOL": (message.tool, "tool"),
                 "AGE": (message.age_s, "s"),
             }
         case Status():

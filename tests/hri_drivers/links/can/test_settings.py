@@ -37,9 +37,8 @@ def link(name: str = "plc", **more: Any) -> CanLinkSettings:
         ({"isotp": {"peer_id": 0x6C7}, "zones": False}, "zones: false forbids it"),
         ({"isotp": {"peer_id": 0x6C7}, "simulate": {}}, "the mock controller cannot be one"),
         ({"isotp": {}}, "peer_id"),
-        ({"isotp": {"peer_id": 0x700}, "base_id": 0x7BA}, "isotp.id 0x800"),
         ({"listen_only": True, "interface": "gs_usb"}, "no such mode for 'gs_usb'"),
-        ({"base_id": 0x7BB}, "base_id 0x7bb leaves no room for 11-bit ids"),
+        ({"base_id": 0x7A1}, "base_id 0x7a1 leaves no room for 11-bit ids"),
         ({"base_id": 0x1FFFFFC0, "extended": True}, "29-bit"),
     ],
 )
@@ -54,11 +53,12 @@ def test_a_channel_may_be_a_number_as_kvaser_and_vector_count_theirs():
 
 
 def test_ids_at_the_edges_are_right():
-    assert link(base_id=0x7BA).ids[-1] == 0x7FF
-    assert link(base_id=0x1FFFFFBA, extended=True).ids[-1] == 0x1FFFFFFF
+    assert link(base_id=0x7A0).ids[-1] == 0x7FF
+    assert link(base_id=0x1FFFFFA0, extended=True).ids[-1] == 0x1FFFFFFF
     assert link(isotp={"peer_id": 0}).ids[0] == 0
-    assert link(base_id=0x7BA).heard_ids[-1] == 0x7FF  # no id is left for ISO-TP
-    assert link().heard_ids == [*range(0x680, 0x6C7)]
+    assert link().ids == [*range(0x680, 0x6C6), *range(0x6C8, 0x6E0)]  # ISO-TP's between
+    assert link().heard_ids == [*range(0x680, 0x6C7), *range(0x6C8, 0x6E0)]
+    assert link(fd=True).heard_ids == [*range(0x680, 0x6C6)]
 
 
 @pytest.mark.parametrize(
@@ -86,8 +86,8 @@ def test_links_on_one_bus_whose_ids_meet_are_refused(first, second, words):
 @pytest.mark.parametrize(
     "second",
     [
-        {"base_id": 0x6C6},
-        {"base_id": 0x63A},
+        {"base_id": 0x6E0},
+        {"base_id": 0x620},
         {"channel": "can1"},
         {"extended": True},
         {"simulate": {}, "channel": None},
@@ -149,7 +149,7 @@ def test_exact_filters_let_these_ids_pass_and_no_other(ids):
 
 
 def test_few_filters_are_enough_for_a_link():
-    assert len(id_filters(link().heard_ids, False, exact=True)) <= 5
+    assert len(id_filters(link().heard_ids, False, exact=True)) <= 6
     (widest,) = id_filters(link(extended=True).heard_ids, True, exact=False)
     assert widest == {"can_id": 0x680, "can_mask": 0x1FFFFF80, "extended": True}
 

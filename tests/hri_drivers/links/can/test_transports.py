@@ -162,7 +162,7 @@ def test_what_is_not_ours_or_broken_costs_nothing_else(kind):
     fd = kind.endswith("fd")
     sender = CanSender(fd)
     with connected(kind) as (link, controller):
-        for base in (0x100, 0x67F, 0x6C8, 0x7FF):  # others' frames, ids at the edges among them
+        for base in (0x100, 0x67F, 0x6E0, 0x7FF):  # others' frames, ids at the edges among them
             controller.wire.write(CanFrame(base, b"12345678"))
         good = sender.encode(STATE)
         broken = CanFrame(good[0].arbitration_id, good[0].data[:-1] + b"\xff", fd=fd)

@@ -13,14 +13,17 @@ from cantools.database import Database
 
 from hri_predict.errors import ConfigError
 from hri_predict.protocol.can import CanSender
-from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, MAX_ROBOTS, frame_table
+from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, frame_table, needed_parts
+from hri_predict.protocol.fields import MAX_ROBOTS
 from hri_predict.protocol.generate.dbc import FILES, dbc_text, frame_name
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
+    BaseMotion,
     Level,
     Message,
     NodeState,
+    OperatingMode,
     Pose,
     RobotMode,
     RobotState,
@@ -74,6 +77,12 @@ def index(rng: np.random.Generator, end: int) -> int | None:
     return None if rng.random() < 0.15 else int(rng.integers(end))
 
 
+def base(rng: np.random.Generator) -> BaseMotion:
+    x, y, vx, vy, rate = rng.uniform(-32.7, 32.7, 5).tolist()
+    yaw = float(rng.uniform(-3.14, 3.14))
+    return BaseMotion(x_m=x, y_m=y, yaw_rad=yaw, vx_m_s=vx, vy_m_s=vy, yaw_rate_rad_s=rate)
+
+
 def random_message(rng: np.random.Generator, kind: type) -> Message:
     """A message with every field drawn from its whole range."""
     if kind is Advice:
@@ -84,12 +93,14 @@ def random_message(rng: np.random.Generator, kind: type) -> Message:
             latch_id=int(rng.integers(65536)),
             separation_m=some(rng, -32.7, 32.7),
             predicted_separation_m=some(rng, -32.7, 32.7),
-            time_to_breach_s=some(rng, 0, 65.5),
+            time_to_breach_s=some(rng, 0, 4.09),
             speed_limit_m_s=some(rng, 0, 65.5),
-            body_part=index(rng, 255),
-            robot_link=index(rng, 255),
+            body_part=index(rng, 63),
+            robot_link=index(rng, 63),
             echo=index(rng, 65535),
             age_s=some(rng, 0, 65.5),
+            mode=OperatingMode(int(rng.integers(4))),
+            tool=index(rng, 255),
         )
     if kind is Status:
         return Status(
@@ -101,13 +112,18 @@ def random_message(rng: np.random.Generator, kind: type) -> Message:
             age_s=some(rng, 0, 65.5),
         )
     if kind is RobotState:
-        joints = int(rng.integers(8))
+        joints, moving = int(rng.integers(10)), rng.random() < 0.3
         return RobotState(
-            robot=int(rng.integers(MAX_ROBOTS)),
+            robot=int(rng.integers(4 if moving else MAX_ROBOTS)),
             mode=RobotMode(int(rng.integers(5))),
             counter=int(rng.integers(65536)),
             positions=tuple(rng.uniform(-8.1, 8.1, joints).tolist()),
             velocities=tuple(rng.uniform(-20.4, 20.4, joints).tolist()),
+            request=OperatingMode(int(rng.integers(4))),
+            enabling=bool(rng.integers(2)),
+            tool=index(rng, 255),
+            tool_confirmed=bool(rng.integers(2)),
+            base=base(rng) if moving else None,
         )
     if kind is Acknowledge:
         return Acknowledge(int(rng.integers(65536)), int(rng.integers(1 << 32)))
@@ -153,6 +169,8 @@ def expected(message: Message) -> dict[str, object]:
                 "ROBOT_LINK": message.robot_link,
                 "ECHO": message.echo,
                 "AGE": message.age_s,
+                "OPERATING_MODE": message.mode.name,
+                "TOOL": message.tool,
             }
         case Status():
             return {
@@ -168,11 +186,21 @@ def expected(message: Message) -> dict[str, object]:
                 "MODE": message.mode.name,
                 "JOINTS": len(message.positions),
                 "STATE_COUNTER": message.counter,
+                "REQUEST": message.request.name,
+                "TOOL": message.tool,
+                "ENABLING": int(message.enabling),
+                "TOOL_CONFIRMED": int(message.tool_confirmed),
+                "BASE": int(message.base is not None),
             }
-            for i in range(7):
+            for i in range(max(6, len(message.positions))):
                 inside = i < len(message.positions)
                 row[f"POSITION_{i + 1}"] = message.positions[i] if inside else None
                 row[f"VELOCITY_{i + 1}"] = message.velocities[i] if inside else None
+            if message.base is not None:
+                row["BASE_X"], row["BASE_Y"] = message.base.x_m, message.base.y_m
+                row["BASE_VX"], row["BASE_VY"] = message.base.vx_m_s, message.base.vy_m_s
+                row["BASE_YAW"] = message.base.yaw_rad
+                row["BASE_YAW_RATE"] = message.base.yaw_rate_rad_s
             return row
         case Acknowledge():
             return {"LATCH_ID": message.latch_id, "ACK_ID": message.ack_id}
@@ -211,7 +239,9 @@ def test_cantools_in_another_process_reads_what_was_sent(fd: bool) -> None:
         rows = [next(decoded) for _ in group]
         got = {signal: value for _, row in rows for signal, value in row.items()}
         robot = getattr(message, "robot", 0)
-        names = [frame_name(definition, robot, 0 if fd else p, fd) for p in range(len(group))]
+        head = group[0].data[2:]
+        parts = [0] * len(group) if fd else sorted(needed_parts(definition, head))
+        names = [frame_name(definition, robot, part, fd) for part in parts]
         assert [name for name, _ in rows] == names
         for signal, want in expected(message).items():
             assert_same(signal, got[signal], want, RESOLUTION[signal])
@@ -262,8 +292,8 @@ def test_a_file_for_another_base_id_decodes_what_is_sent_there(
 
 
 def test_a_base_id_from_which_not_all_ids_fit_is_refused() -> None:
-    with pytest.raises(ConfigError, match="0x7ba"):
-        dbc_text(False, 0x7BB)
+    with pytest.raises(ConfigError, match="0x7a0"):
+        dbc_text(False, 0x7A1)
 
 
 @pytest.mark.parametrize("fd", [False, True])

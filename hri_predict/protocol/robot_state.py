@@ -1,0 +1,129 @@
+"""The definition of RobotState, and why not every RobotState has all parts.
+
+A RobotState of nine joints and a moving base has nine parts on classic CAN, and
+most robots need five. So a part that a robot does not need is neither sent nor awaited. Part 0
+alone decides which ones are needed: JOINTS and BASE. Not the receiver's configuration: sender and
+receiver could disagree about it. Part 0 has the CRC and counter of its message, so whoever has it
+knows what else must come with this counter; a part too many makes the message void as a repeated
+one does. On serial lines and zenoh the payload ends after the last needed part; on FD it is always
+whole, so that each id has one length. The numbers 0x46 and 0x47 are left out: by default
+ISO-TP uses these ids. The base of robots 4 to 7 has no numbers, because those that CANopen leaves
+free are used up; robots on several vehicles share no bus anyway.
+"""
+
+from hri_predict.protocol.fields import MAX_ROBOTS, Definition, Extra, Field, index_of
+from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
+
+MAX_JOINTS = 9
+BASE_ROBOTS = 4  # robots 0 to 3 may have a moving base on classic CAN
+
+
+def _position(number: int) -> Field:
+    """Where a joint is; "not available" where the robot has fewer joints."""
+    return Field(
+        signal=f"POSITION_{number}",
+        bits=16,
+        text=f"position of joint {number}; in m if it is prismatic",
+        unit="rad",
+        scale=4000,
+        signed=True,
+        optional=True,
+        bounded=True,
+    )
+
+
+def _velocity(number: int) -> Field:
+    """How fast a joint moves; "not available" where the robot has fewer joints."""
+    return Field(
+        signal=f"VELOCITY_{number}",
+        bits=16,
+        text=f"velocity of joint {number}; in m/s if it is prismatic",
+        unit="rad/s",
+        scale=1000,
+        signed=True,
+        optional=True,
+    )
+
+
+def _base(signal: str, text: str, unit: str, scale: int) -> Field:
+    """Of a moving base; "not available" where it does not move."""
+    return Field(
+        signal=f"BASE_{signal}",
+        bits=16,
+        text=text,
+        unit=unit,
+        scale=scale,
+        signed=True,
+        optional=True,
+        bounded=unit == "m",
+    )
+
+
+def _extra(part: int, number: int, robots: int, asked: tuple[str, int]) -> Extra:
+    """Two of them follow each other for each robot."""
+    signal, least = asked
+    return Extra(part=part, number=number, stride=2, robots=robots, signal=signal, least=least)
+
+
+ROBOT_STATE = Definition(
+    type=RobotState,
+    number=0x03,
+    text="position and motion of one robot",
+    sender="controller",
+    cycle_ms=20,
+    fields=(
+        Field(
+            signal="MODE",
+            bits=4,
+            text="operating mode of the robot",
+            enum=RobotMode,
+            fallback=RobotMode.UNKNOWN,
+        ),
+        Field(signal="JOINTS", bits=4, text=f"number of joints, at most {MAX_JOINTS}"),
+        Field(
+            signal="STATE_COUNTER",
+            bits=16,
+            text="advances by 1 with every RobotState, modulo 65536; Advice echoes it",
+            wraps=True,
+        ),
+        Field(
+            signal="REQUEST",
+            bits=8,
+            text="operating mode that the operator asks for",
+            enum=OperatingMode,
+            fallback=OperatingMode.AUTOMATIC,
+        ),
+        index_of("TOOL", 8, "number of the tool set in use"),
+        Field(
+            signal="ENABLING",
+            bits=2,
+            text="1: the enabling device is held; any other value: it is not",
+        ),
+        Field(
+            signal="TOOL_CONFIRMED",
+            bits=2,
+            text="1: the controller has checked TOOL; any other value: it has not",
+        ),
+        Field(
+            signal="BASE",
+            bits=4,
+            text="0: the base does not move; 1: BASE_X to BASE_YAW_RATE say how it does",
+        ),
+        *(_position(i) for i in range(1, 7)),
+        *(_velocity(i) for i in range(1, 7)),
+        *(field(i) for i in range(7, MAX_JOINTS + 1) for field in (_position, _velocity)),
+        _base("X", "place of the base on the room's floor", "m", 1000),
+        _base("Y", "place of the base on the room's floor", "m", 1000),
+        _base("YAW", "its turn about the room's z axis, -pi to pi", "rad", 10_000),
+        _base("VX", "its velocity in the room's frame", "m/s", 1000),
+        _base("VY", "its velocity in the room's frame", "m/s", 1000),
+        _base("YAW_RATE", "how fast it turns", "rad/s", 1000),
+    ),
+    per_robot=True,
+    extra=(
+        _extra(5, 0x48, MAX_ROBOTS, ("JOINTS", 7)),
+        _extra(6, 0x49, MAX_ROBOTS, ("JOINTS", 8)),
+        _extra(7, 0x58, BASE_ROBOTS, ("BASE", 1)),
+        _extra(8, 0x59, BASE_ROBOTS, ("BASE", 1)),
+    ),
+)
