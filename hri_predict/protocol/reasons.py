@@ -20,6 +20,7 @@ class Reason(IntEnum):
     RELEASE_PENDING = 8
     PERSON_FAST = 9
     SPEED_UNKNOWN = 10
+    CONTACT_POSSIBLE = 11
     NO_INPUT = 20
     INPUT_STALE = 21
     INPUT_FROZEN = 22
@@ -99,6 +100,10 @@ _TEXT = {
     Reason.SPEED_UNKNOWN: (
         "the person's speed is not known yet; physical limits are used",
         "the person's joints are seen for long enough",
+    ),
+    Reason.CONTACT_POSSIBLE: (
+        "the robot may touch a person; the speed limit is what that part of the body bears",
+        "the separation exceeds its limit by risk.band_m",
     ),
     Reason.NO_INPUT: ("no scene received yet", "the source delivers scenes"),
     Reason.INPUT_STALE: ("the newest scene is too old", "fresh scenes arrive"),

@@ -5,6 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from hri_predict.errors import ConfigError, nearest
@@ -12,6 +13,7 @@ from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast, problem_in
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, floor_distance
+from hri_predict.risk.contact.judges import contact_judges
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.levels.advice import Levels
 from hri_predict.risk.levels.near_miss import near_misses
@@ -63,6 +65,11 @@ class RiskEngine:
         doors: exits and entrances by their keys in the configuration.
         obeyed: whether the robots are moved by this advice, so that it can be seen whether they do
             as advised. Not so in shadow mode, and where a recording tells what robots did.
+        floor_m: height of the floor.
+        base_dir: base of relative paths in ``settings``.
+
+    Attributes:
+        constants: of the robots, as the run began.
 
     Raises:
         ConfigError: the delay budget goes past the horizon, a zone names an unknown robot, no
@@ -84,6 +91,8 @@ class RiskEngine:
         calibration: Calibration | None = None,
         doors: Mapping[str, Region] | None = None,
         obeyed: bool = False,
+        floor_m: float = 0.0,
+        base_dir: Path | None = None,
     ) -> None:
         self._settings = settings
         self._budget = budget
@@ -92,6 +101,7 @@ class RiskEngine:
         trusted = horizon_steps if calibration is None else min(horizon_steps, calibration.steps)
         horizon_s = trusted / forecast_rate_hz
         constants = [RobotConstants.of(each, settings, budget, horizon_s) for each in robots]
+        self.constants = tuple(constants)
         self._obedience = {
             i: _obedience(r) for i, r in enumerate(constants) if obeyed and r.is_reported
         }
@@ -130,6 +140,13 @@ class RiskEngine:
             view=None if field_of_view is None else FieldOfView.of(field_of_view),
             times_s=self._builder.times_s,
             horizon_s=horizon_s,
+            contact=contact_judges(
+                settings=settings,
+                robots=constants,
+                segments=[skeleton.segments[i] for i in self._builder.segment_index],
+                floor_m=floor_m,
+                base_dir=base_dir,
+            ),
         )
         self._levels = Levels(
             settings=settings,

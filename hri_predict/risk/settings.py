@@ -4,6 +4,7 @@ from typing import Any, Literal, Self, get_args
 
 from pydantic import Field, field_validator, model_validator
 
+from hri_predict.risk.contact.fixtures import Fixture
 from hri_predict.settings import Settings
 
 LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
@@ -12,7 +13,7 @@ LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
 LEVELS = (0.9, 0.95, 0.99)
 """Coverage levels of calibrated zones."""
 
-RiskMode = Literal["iso", "predictive", "reactive", "fixed"]
+RiskMode = Literal["iso", "predictive", "hybrid", "reactive", "fixed"]
 RISK_MODES: tuple[str, ...] = get_args(RiskMode)
 
 
@@ -112,13 +113,35 @@ class CoverageSettings(Settings):
         return self
 
 
+class ContactSettings(Settings):
+    """Contact that is permitted in mode ``hybrid`` (``risk.contact``); see ``contact.judge``."""
+
+    table: str | None = Field(
+        None, description="file with the limits of all body regions; default: the shipped one"
+    )
+    fixtures: list[Fixture] | None = Field(
+        None,
+        max_length=32,
+        description="what the robot may clamp a body part against, besides the floor; default: the"
+        " table that each robot stands on, a plane at its base",
+    )
+    slow_margin_m: float = Field(
+        0.1,
+        ge=0,
+        le=2,
+        description="as risk.slow_margin_m, for the parts of the body that may not be touched",
+    )
+
+
 class RiskSettings(Settings):
     """How separation is judged, and how levels change.
 
     ``iso`` compares the distance now with the protective separation distance of ISO/TS 15066.
     ``predictive`` compares the zones with the stopping robot, time by time. ``reactive`` does the
     same with zones that grow from the body as seen, without a forecast. ``fixed`` is a circle
-    around the robot's base: nobody may be inside while the robot moves.
+    around the robot's base: nobody may be inside while the robot moves. ``hybrid`` is
+    ``predictive``, and where separation cannot be kept, robots with ``contact: allowed`` may touch
+    people as fast as the touched part of the body bears.
     """
 
     mode: RiskMode = "iso"
@@ -169,6 +192,7 @@ class RiskSettings(Settings):
     )
     limits: HumanLimits = HumanLimits()
     coverage: CoverageSettings = CoverageSettings()
+    contact: ContactSettings = ContactSettings()
 
     @model_validator(mode="before")
     @classmethod
@@ -184,10 +208,24 @@ class RiskSettings(Settings):
             raise ValueError("limits.arm_speed_m_s must be at least limits.body_speed_m_s")
         return self
 
+    @model_validator(mode="after")
+    def _checked_contact(self) -> Self:
+        if self.mode == "hybrid" and not self.coverage.self_check:
+            raise ValueError(
+                "mode hybrid needs coverage.self_check: nobody may be touched on the word of"
+                " forecasts that are not checked"
+            )
+        return self
+
+    @property
+    def uses_forecasts(self) -> bool:
+        """Whether zones rest on forecasts and their calibration."""
+        return self.mode in ("predictive", "hybrid")
+
     @property
     def judges_over_time(self) -> bool:
         """Whether zones over time count, not only the distance now."""
-        return self.mode in ("predictive", "reactive")
+        return self.uses_forecasts or self.mode == "reactive"
 
     @property
     def beyond_horizon(self) -> bool:

@@ -130,6 +130,17 @@ class StoppingFile(Settings):
         return self
 
 
+class ContactFile(Settings):
+    """What a person feels who is touched; ``contact: allowed`` needs it.
+
+    ``area_cm2`` is the smallest area of contact with any part of the robot, its tool and its load.
+    """
+
+    source: str = Field(min_length=1)
+    moving_mass_kg: float = Field(gt=0, le=10_000, description="of all moving parts, without load")
+    area_cm2: float = Field(gt=0, le=1000)
+
+
 class RobotFile(Settings):
     """A robot: joints from the base outwards, capsules of every link, tool and payload."""
 
@@ -141,6 +152,7 @@ class RobotFile(Settings):
     tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
     payload: list[CapsuleFile] = Field([], description="likewise, of what the robot carries")
     stopping: StoppingFile
+    contact: ContactFile | None = None
 
     def links(self) -> list[str]:
         """Link names in the order of the chain."""

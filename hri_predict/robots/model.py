@@ -65,6 +65,9 @@ class RobotSettings(Settings):
     )
     max_speed_m_s: float = Field(gt=0, le=20, description="fastest point in production")
     motion: Motion = StateMotion()
+    contact: Literal["allowed"] | None = Field(
+        None, description="in mode hybrid: the robot may touch people as fast as they bear it"
+    )
 
 
 class RobotModel:
@@ -85,7 +88,10 @@ class RobotModel:
         position_min, position_max: (N,) rad.
         velocity_max: (N,) rad/s.
         base: (3,) the base's origin in the room.
+        moves: (C,) whether a capsule is beyond the first joint.
         reach_m: no point of any capsule is ever farther than this from ``base``.
+        contact: what a person feels who is touched; ``None`` if the file does not say.
+        effective_kg: m_R = M / 2 + m_L (ISO/TS 15066:2016, A.3.6), with ``contact``; else 0.
         stretch: times and distances of the stopping table are multiplied by it: more than 1 for a
             robot that was measured to stop late.
     """
@@ -104,6 +110,11 @@ class RobotModel:
         joints = [j.joint() for j in file.joints]
         self._chain = Chain(room_from_robot, joints)
         self._speeds, self._times, self._distances = _stopping_row(file.stopping, payload_kg)
+        load_kg = file.stopping.rows[-1].payload_kg if payload_kg is None else payload_kg
+        self.contact = file.contact
+        self.effective_kg = (
+            0.0 if file.contact is None else file.contact.moving_mass_kg / 2 + load_kg
+        )
         self._distance_curve = np.append(0.0, self._speeds), np.append(0.0, self._distances)
 
         links = {link: i for i, link in enumerate(file.links())}
@@ -114,6 +125,7 @@ class RobotModel:
         capsules += [(self.dof, c) for c in (*file.tool, *carried)]
         self.capsule_names = tuple(c.name for _, c in capsules)
         self._link = np.array([link for link, _ in capsules])
+        self.moves = self._link > 0
         self._radius = np.array([c.radius for _, c in capsules])
         self._ends = np.array([[c.a, c.b] for _, c in capsules])  # (C, 2, 3)
         # (C, 4, 2) for products with (3, 4) poses
@@ -321,6 +333,12 @@ def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:
             f"payload_kg: {settings.payload_kg:g} of '{settings.name}' is above the stopping "
             f"table of '{settings.model}', which ends at {heaviest:g} kg; "
             f"measure the stopping time with this load and add a row"
+        )
+    if settings.contact is not None and file.contact is None:
+        raise RobotError(
+            f"contact: '{settings.model}' does not say what a person feels who is touched; add "
+            f"'contact: {{source, moving_mass_kg, area_cm2}}' to the robot file, or leave it out "
+            f"here"
         )
     matrix = settings.room_from_robot.matrix()
     return RobotModel(file, matrix, settings.payload_kg, settings.name)

@@ -122,6 +122,8 @@ def build_risk(
         calibration=build_calibration(config),
         doors=_doors(config),
         obeyed=obeyed,
+        floor_m=config.node.people.floor_m,
+        base_dir=config.base_dir,
     )
 
 
@@ -137,7 +139,7 @@ def _doors(config: Config) -> dict[str, Region]:
 
 def build_calibration(config: Config) -> Calibration | None:
     """Load the calibration that the zones use; ``None`` if there is none or the mode needs none."""
-    if config.node.risk.mode != "predictive":
+    if not config.node.risk.uses_forecasts:
         return None
     settings = config.predictor.resolved(config.base_dir)
     return calibration_for(settings, config.node.risk.coverage, config.base_dir)
@@ -146,11 +148,11 @@ def build_calibration(config: Config) -> Calibration | None:
 def unused_coverage(config: Config) -> str:
     """Return a warning if ``risk.coverage`` is set and the mode does not use it, otherwise ""."""
     risk = config.node.risk
-    if risk.mode == "predictive" or risk.coverage == CoverageSettings():
+    if risk.uses_forecasts or risk.coverage == CoverageSettings():
         return ""
     return (
         f"risk.coverage has no effect: mode {risk.mode} uses no forecast; "
-        f"set mode: predictive, or leave it out"
+        f"set mode: predictive or hybrid, or leave it out"
     )
 
 

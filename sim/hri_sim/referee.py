@@ -6,7 +6,7 @@ skipped, never guessed.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -29,6 +29,33 @@ Bodies = Mapping[int, tuple[Floats, Bools]]
 
 Joints = Mapping[str, tuple[Floats, Floats]]
 """Robot name -> (N,) rad and (N,) rad/s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Contact:
+    """Touches of people and one robot between two observations. P people, K instants.
+
+    Attributes:
+        robot: its name.
+        bodies: (P, K, B) capsules, see ``body_capsules``.
+        velocity: (P, B, 3) of both ends of each, m/s.
+        links: (K, C) the robot's capsules.
+        distance: (P, K, B, C); infinite where a body's capsule does not count.
+        speed: (K,) of the robot's fastest point.
+    """
+
+    robot: str
+    bodies: Capsules
+    velocity: tuple[Floats, Floats]
+    links: Capsules
+    distance: Floats
+    speed: Floats
+
+    @property
+    def moving(self) -> Bools:
+        """(K,) whether the robot moves."""
+        result: Bools = self.speed > MOVING_M_S
+        return result
 
 
 @dataclass(slots=True)
@@ -57,8 +84,20 @@ class Referee:
         observations: number of instants judged.
     """
 
-    def __init__(self, robots: Sequence[RobotModel], clearance_m: float = 0.0) -> None:
-        """``robots``: their names are the keys in ``observe``; ``clearance_m``: C + Z_d + Z_r."""
+    def __init__(
+        self,
+        robots: Sequence[RobotModel],
+        clearance_m: float = 0.0,
+        on_contact: Callable[[Contact], None] | None = None,
+    ) -> None:
+        """Judge nothing yet.
+
+        Args:
+            robots: their names are the keys in ``observe``.
+            clearance_m: C + Z_d + Z_r.
+            on_contact: called with the touches of a moving robot.
+        """
+        self._on_contact = on_contact
         self._robots = {robot.name: robot for robot in robots}
         self._touches: dict[tuple[int, str], _Touch] = {}
         self._last: tuple[int, Bodies, Joints] | None = None
@@ -84,7 +123,14 @@ class Referee:
             bodies = self._bodies(ids, people, times)
             for name, (q, qd) in robots.items():
                 robot, speed = self._motion(name, q, qd, times)
-                gaps = self._judge(ids=ids, bodies=bodies, name=name, robot=robot, speed=speed)
+                gaps = self._judge(
+                    ids=ids,
+                    bodies=bodies,
+                    name=name,
+                    robot=robot,
+                    speed=speed,
+                    elapsed_s=elapsed_s,
+                )
                 self._measure(gaps.min(axis=0)[speed > MOVING_M_S], elapsed_s / len(times))
         gone = [key for key in self._touches if key[0] not in people]
         for key in gone:
@@ -137,6 +183,7 @@ class Referee:
         name: str,
         robot: Capsules,
         speed: Floats,
+        elapsed_s: float,
     ) -> Floats:
         """Follow every touch; return the distance (P, K) of each person from this robot."""
         body, counts = bodies
@@ -144,7 +191,19 @@ class Referee:
             Capsules(body.a[..., :, None, :], body.b[..., :, None, :], body.radius[..., :, None]),
             Capsules(robot.a[:, None], robot.b[:, None], robot.radius[:, None]),
         )
-        distance = np.where(counts[..., None], distance, np.inf).min(axis=(-2, -1))  # (P, K)
+        distance = np.where(counts[..., None], distance, np.inf)  # (P, K, B, C)
+        if self._on_contact is not None and (distance[:, speed > MOVING_M_S] <= 0).any():
+            self._on_contact(
+                Contact(
+                    robot=name,
+                    bodies=body,
+                    velocity=(_mean_velocity(body.a, elapsed_s), _mean_velocity(body.b, elapsed_s)),
+                    links=robot,
+                    distance=distance,
+                    speed=speed,
+                )
+            )
+        distance = distance.min(axis=(-2, -1))  # (P, K)
         least = float(distance.min())
         if math.isfinite(least):
             known = self.min_separation_m
@@ -176,6 +235,15 @@ class Referee:
                 touch.counted_moving = True
                 self._standing_touches -= 1
                 self.contacts += 1
+
+
+def _mean_velocity(places: Floats, elapsed_s: float) -> Floats:
+    """(P, B, 3) of points (P, K, B, 3) at instants that divide ``elapsed_s`` evenly."""
+    count = places.shape[1]
+    if count < 2:
+        return np.zeros_like(places[:, 0])
+    step_s = elapsed_s / count
+    return (places[:, -1] - places[:, 0]) / ((count - 1) * step_s)
 
 
 def body_capsules(positions: Floats, known: Bools) -> tuple[Capsules, Bools]:

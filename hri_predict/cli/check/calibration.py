@@ -17,7 +17,7 @@ OLD_DAYS = 365
 def zones_text(config: Config) -> str:
     """Describe the basis of the zones in one line, and claim no more than was measured."""
     risk, name = config.node.risk, config.predictor.name
-    if risk.mode != "predictive":
+    if not risk.uses_forecasts:
         return f"mode {risk.mode} uses no forecast"
     calibration = assemble.build_calibration(config)
     if calibration is None:
@@ -36,7 +36,7 @@ def zones_text(config: Config) -> str:
 
 def calibration_facts(config: Config, today: date) -> dict[str, Any] | None:
     """Age, recordings and levels of the calibration; ``None`` where zones have none."""
-    if config.node.risk.mode != "predictive":
+    if not config.node.risk.uses_forecasts:
         return None
     calibration = assemble.build_calibration(config)
     return None if calibration is None else facts_of(calibration, today)

@@ -36,7 +36,7 @@ class StandingBody:
         risk, steps = config.node.risk, predictor.horizon_steps
         calibration = assemble.build_calibration(config)
         skeleton = predictor.skeleton
-        self._predictor = predictor if risk.mode == "predictive" else None
+        self._predictor = predictor if risk.uses_forecasts else None
         self._history_steps, self._rate_hz = predictor.history_steps, predictor.rate_hz
         calm = Trust(
             residual_m=np.zeros(1),

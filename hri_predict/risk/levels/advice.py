@@ -5,13 +5,14 @@ The only memory is one ``LevelMachine`` per robot, and one ``SteadyReason``.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hri_predict.arrays import Ints
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.protocol.messages import Advice
+from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZone
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
@@ -213,8 +214,28 @@ def asked_of(
             by_zones, demand = demand, demand.milder(asked(found.standard))
             if (demand.level, demand.limit_m_s) != (by_zones.level, by_zones.limit_m_s):
                 people = found.standard
+        if found.contact is not None:
+            demand, people = _with_contact(found.contact, robot, demand, people)
     if found.unseen is not None:
         demand = demand | demand_of(found.unseen, risk, max_speed_m_s, Reason.OUT_OF_VIEW)
+    return demand, people
+
+
+def _with_contact(
+    contact: Finding, robot: RobotConstants, apart: Demand, people: Finding
+) -> tuple[Demand, Finding]:
+    """The milder of two demands, and the finding that decides; ``apart`` is without contact.
+
+    If neither permits motion, the part that may not be touched is named.
+    """
+    touching = demand_of(contact, robot.risk, robot.max_speed_m_s, Reason.CONTACT_POSSIBLE)
+    touching = touching.at_least(Level.WARN, Reason.CONTACT_POSSIBLE)
+    demand = apart.milder(touching)
+    if (demand.level, demand.limit_m_s) != (apart.level, apart.limit_m_s):
+        return demand, contact
+    if demand.level is Level.STOP:
+        named = {"person": contact.person, "segment": contact.segment, "link": contact.link}
+        return demand, replace(people, **named)
     return demand, people
 
 
@@ -232,6 +253,7 @@ def _decided_by_people(demand: Demand) -> bool:
         Reason.PERSON_APPROACHING,
         Reason.PERSON_LOST,
         Reason.SPEED_UNKNOWN,
+        Reason.CONTACT_POSSIBLE,
     )
 
 

@@ -1,7 +1,7 @@
 """Demands: what one tick demands of one robot, and how the worst of several is picked."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
@@ -74,6 +74,16 @@ class Demand:
             limit_m_s=max(self.limit_m_s, other.limit_m_s),
             release_limit_m_s=max(self.release_limit_m_s, other.release_limit_m_s),
             reason=mild.reason,
+        )
+
+    def at_least(self, level: Level, reason: Reason) -> "Demand":
+        """The same, but no milder than ``level``, for ``reason``."""
+        milder = severity(self.level) < severity(level)
+        return replace(
+            self,
+            level=level if milder else self.level,
+            release=max(self.release, level, key=severity),
+            reason=reason if milder else self.reason,
         )
 
     def full_or_stop(self, reason: Reason) -> "Demand":

@@ -17,7 +17,7 @@ def near_misses(findings: Findings, bodies: BodyZones) -> tuple[NearMiss, ...]:
     """
     found: list[NearMiss] = []
     for robot, each in enumerate(findings.robots):
-        ways = [way for way in (each.people, each.standard) if way is not None]
+        ways = [way for way in (each.people, each.standard, each.contact) if way is not None]
         if not ways or not each.speed_m_s > MOVING_M_S:
             continue
         closest = max(ways, key=lambda way: way.slack_m)

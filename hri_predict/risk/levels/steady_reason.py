@@ -20,6 +20,7 @@ _RANK = {
             Reason.MOTION_UNLIKE,
             Reason.PERSON_FAST,
             Reason.RELEASE_PENDING,
+            Reason.CONTACT_POSSIBLE,
             Reason.PERSON_APPROACHING,
             Reason.PERSON_NEAR,
         )

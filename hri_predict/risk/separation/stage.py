@@ -13,6 +13,7 @@ from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone
+from hri_predict.risk.contact.judge import ContactJudge
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.in_time import TimeByTime, farthest
 from hri_predict.risk.separation.nearest import BodiesInTime
@@ -37,6 +38,8 @@ class RobotFindings:
         standard: in mode ``predictive``, if the zones do not permit the highest speed: the same
             people, by the standard's separation where its assumptions hold, and by their zones
             where not (``BodyZones.as_assumed``). The milder of the two counts.
+        contact: in mode ``hybrid``, in the same case: what contact permits a robot that may touch
+            people.
         unseen: about the space that the sensor does not see; ``None`` if it sees everything.
         speed_m_s: of the robot's fastest point.
     """
@@ -44,6 +47,7 @@ class RobotFindings:
     unknown: tuple[Reason, ...] = ()
     people: Finding | None = None
     standard: Finding | None = None
+    contact: Finding | None = None
     unseen: Finding | None = None
     speed_m_s: float = 0.0
 
@@ -56,8 +60,8 @@ class Findings:
     named: tuple[NamedZoneState, ...]
 
 
-_AboutPeople = tuple[Finding, Finding | None]
-"""``people`` and ``standard`` of ``RobotFindings``."""
+_AboutPeople = tuple[Finding, Finding | None, Finding | None]
+"""``people``, ``standard`` and ``contact`` of ``RobotFindings``."""
 
 
 class Separation:
@@ -70,6 +74,7 @@ class Separation:
         view: what the sensor sees; ``None``: everything.
         times_s: (K+1,) the zones' times, see ``Zones``.
         horizon_s: the forecast's last step after the capture.
+        contact: judges of contact by the index of the robot that may touch people.
     """
 
     def __init__(
@@ -81,8 +86,10 @@ class Separation:
         view: FieldOfView | None,
         times_s: Floats,
         horizon_s: float,
+        contact: Mapping[int, ContactJudge] | None = None,
     ) -> None:
         self._settings = settings
+        self._contact = contact or {}
         self._robots = list(robots)
         self._named = named
         self._view = view
@@ -94,6 +101,8 @@ class Separation:
         """Take the stopping curve of a robot from its model again: it was measured to stop late."""
         revised = self._robots[robot].revised()
         self._robots[robot] = revised
+        if robot in self._contact:
+            self._contact[robot].revise(revised)
         self._farthest_m[robot] = farthest(revised.curve, self._times_s, revised.until_braking_s)
 
     def __call__(self, bodies: BodyZones, robots: Sequence[RobotNow]) -> Findings:
@@ -119,7 +128,7 @@ class Separation:
             )
             about_people = dict(zip(known, judge(known, bodies), strict=True))
         found = [
-            self._found(i, motion, bodies, about_people.get(i, (None, None)))
+            self._found(i, motion, bodies, about_people.get(i, (None, None, None)))
             for i, motion in enumerate(motions)
         ]
         return Findings(tuple(found), named)
@@ -129,15 +138,16 @@ class Separation:
         robot: int,
         motion: RobotMotion | tuple[Reason, ...],
         bodies: BodyZones,
-        about_people: tuple[Finding | None, Finding | None],
+        about_people: tuple[Finding | None, Finding | None, Finding | None],
     ) -> RobotFindings:
         if not isinstance(motion, RobotMotion):
             return RobotFindings(unknown=motion)
-        people, standard = about_people
+        people, standard, contact = about_people
         unseen = self._unseen(robot, motion, bodies)
         return RobotFindings(
             people=people,
             standard=standard,
+            contact=contact,
             unseen=unseen,
             speed_m_s=motion.speed_m_s,
         )
@@ -174,26 +184,29 @@ class Separation:
 
     def _iso(self, motions: Mapping[int, RobotMotion], bodies: BodyZones) -> list[_AboutPeople]:
         return [
-            (by_standard(self._robots[i], motion, bodies), None) for i, motion in motions.items()
+            (by_standard(self._robots[i], motion, bodies), None, None)
+            for i, motion in motions.items()
         ]
 
     def _fixed(self, motions: Mapping[int, RobotMotion], bodies: BodyZones) -> list[_AboutPeople]:
-        return [(by_circle(self._robots[i], m, bodies), None) for i, m in motions.items()]
+        return [(by_circle(self._robots[i], m, bodies), None, None) for i, m in motions.items()]
 
     def _over_time(
         self, motions: Mapping[int, RobotMotion], bodies: BodyZones
     ) -> list[_AboutPeople]:
-        """All robots together; also by the standard, if that may permit more."""
+        """All robots together; also by the standard and by contact, if that may permit more."""
         judging = [self._time_by_time(i, motion) for i, motion in motions.items()]
         found = outlooks(list(motions.values()), judging, BodiesInTime(bodies.zones.capsules))
         result: list[_AboutPeople] = []
         for (i, motion), judge, outlook in zip(motions.items(), judging, found, strict=True):
-            standard = None
+            standard = contact = None
             if self._may_permit_more(self._robots[i], outlook.finding):
                 standard = self._milder(
                     robot=i, motion=motion, judging=judge, bodies=bodies, outlook=outlook
                 )
-            result.append((outlook.finding, standard))
+                if i in self._contact:
+                    contact = self._contact[i](motion, bodies, outlook.finding)
+            result.append((outlook.finding, standard, contact))
         return result
 
     def _milder(
@@ -226,11 +239,11 @@ class Separation:
         return worst_of([relaxed, replace(kept, person=int(others[kept.person]))])
 
     def _may_permit_more(self, robot: RobotConstants, found: Finding) -> bool:
-        """Whether the standard's separation may permit more than the zones do.
+        """Whether the standard's separation, or contact, may permit more than the zones do.
 
         Zones that are not finite are a fault: the distance must not replace them.
         """
-        if self._settings.mode != "predictive" or not np.isfinite(found.slack_m):
+        if not self._settings.uses_forecasts or not np.isfinite(found.slack_m):
             return False
         is_free = min(found.limits) >= robot.max_speed_m_s
         return not (is_free and found.slack_m >= self._settings.band_m)

@@ -28,7 +28,7 @@ from hri_predict.risk.zones.human_speed import (
     joined_speeds,
     velocities_in,
 )
-from hri_predict.risk.zones.joint_speeds import joint_speeds
+from hri_predict.risk.zones.joint_speeds import JointSpeeds, joint_speeds
 from hri_predict.risk.zones.joint_zones import FRESH_S, JointZones
 from hri_predict.risk.zones.lost_places import anywhere_in
 from hri_predict.risk.zones.radii import Radii
@@ -50,6 +50,8 @@ class BodyZones:
         reasons: why the zones are no better than they are.
         claimed: see ``JointSpheres``.
         speeds: of everybody, in the order of ``zones``.
+        segments_m_s: (P, S) how fast each segment moves in the room as captured, at its faster end;
+            infinite if that is not known, as of a lost person.
         as_assumed: (P,) whether the standard's assumptions are known to hold for a person: here, of
             measured speed, not fast, and with a forecast that is neither widened nor out of
             distribution. For all others their zones alone decide in mode ``predictive``.
@@ -62,6 +64,7 @@ class BodyZones:
     age_s: float
     capture_ns: int | None
     speeds: HumanSpeeds
+    segments_m_s: Floats
     as_assumed: Bools
     reasons: tuple[Reason, ...] = ()
     claimed: Floats | None = None
@@ -179,6 +182,7 @@ class ZoneBuilder:
             capture_ns=capture_ns,
             claimed=joints.claimed,
             speeds=joined_speeds([speeds, self._lost_speeds(snapshot)]),
+            segments_m_s=self._segment_speeds(moving, len(snapshot.lost)),
             as_assumed=np.append(
                 speeds.within_standard & _trusted(trust, len(snapshot.ids)),
                 np.zeros(len(snapshot.lost), np.bool_),
@@ -188,6 +192,11 @@ class ZoneBuilder:
     def _lost_speeds(self, snapshot: PeopleSnapshot) -> HumanSpeeds:
         speeds_m_s = np.array([person.speed_m_s for person in snapshot.lost], dtype=np.float64)
         return self._speed_rule.lost(speeds_m_s, len(self.segment_names))
+
+    def _segment_speeds(self, moving: JointSpeeds, lost: int) -> Floats:
+        joints = np.where(moving.measured, moving.speed, np.inf)
+        seen = np.maximum(joints[:, self._a], joints[:, self._b])
+        return np.concatenate([seen, np.full((lost, len(self._a)), np.inf)])
 
     def _where_lost(
         self, zones: Capsules, snapshot: PeopleSnapshot, capture_ns: int | None

@@ -34,6 +34,7 @@ from hri_sim.referee import Referee, TruePeople
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact
 from hri_sim.simulation.bodies import Bodies
 from hri_sim.simulation.cell import Cell, Variant, with_risk, with_scenario
+from hri_sim.simulation.harm import Bearable, Harm
 from hri_sim.simulation.scenario import Scenario
 
 
@@ -50,6 +51,7 @@ class Log:
         contacts, contacts_standing, min_separation_m, moving_separation_m, violation_s,
             violation_m: the referee's.
         controllers: their reports.
+        harm: what touches of a moving robot meant.
     """
 
     times_s: list[float] = field(default_factory=list)
@@ -64,6 +66,7 @@ class Log:
     violation_s: float = 0.0
     violation_m: float = 0.0
     controllers: Sequence[ControllerReport] = ()
+    harm: Harm | None = None
 
 
 def run_episode(
@@ -123,12 +126,25 @@ def run_episode(
         node=node,
     )
     truth = TruePeople(ApproachSource(exact(cell_settings(config)), config.base_dir))
-    referee = Referee(cell.models, config.node.risk.clearance_m)
+    harm = Harm(_bearable(config, engine))
+    referee = Referee(cell.models, config.node.risk.clearance_m, harm.note)
     recorder = _Recorder(mock, truth, referee, cell)
     step_all(assembly=assembly, pace=Pace(), beside=mock, each_tick=recorder.observe)
     if node.assess_failures or node.listener_failures:
         raise RuntimeError(f"the risk stage failed in episode {scenario.index}")
-    return recorder.log(watch, mock.stop())
+    log = recorder.log(watch, mock.stop())
+    log.harm = harm
+    return log
+
+
+def _bearable(config: Config, engine: RiskEngine) -> dict[str, Bearable]:
+    """By the name of each robot that may touch people, whatever the mode."""
+    risk, people = config.node.risk, config.node.people
+    return {
+        robot.name: Bearable.of(risk, people, robot)
+        for robot in engine.constants
+        if robot.robot.contact is not None
+    }
 
 
 def cell_settings(config: Config) -> ApproachSettings:

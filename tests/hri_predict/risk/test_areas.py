@@ -82,6 +82,7 @@ def bodies(x: list[float], grown: float = 0.0) -> BodyZones:
         age_s=0.0,
         capture_ns=0,
         speeds=speeds_of(0.0),
+        segments_m_s=np.zeros((1, 1)),
         as_assumed=np.ones(1, bool),
     )
 
@@ -107,6 +108,7 @@ def test_nobody_occupies_nothing():
             age_s=0.0,
             capture_ns=0,
             speeds=speeds_of(),
+            segments_m_s=np.zeros((0, 1)),
             as_assumed=np.zeros(0, bool),
         )
     )

@@ -50,6 +50,8 @@ class Outcome:
         touches: 1 if the unprotected robot would have been touched.
         missed: 1 if, in addition, the advice was *clear* or *warn* until the touch.
         lead_s: if not missed, the time from the first stricter advice to the touch.
+        touch_speeds_m_s, touch_relative_m_s, touches_beyond, touches_relative_beyond,
+            touches_forbidden, clampings: see ``Harm``.
         cycles, cycles_empty: work done, and the work of an empty cell in the same time.
     """
 
@@ -72,6 +74,12 @@ class Outcome:
     lead_s: list[float] = field(default_factory=list)
     cycles: float = 0.0
     cycles_empty: float = 0.0
+    touch_speeds_m_s: dict[str, float] = field(default_factory=dict)
+    touch_relative_m_s: dict[str, float] = field(default_factory=dict)
+    touches_beyond: int = 0
+    touches_relative_beyond: int = 0
+    touches_forbidden: int = 0
+    clampings: int = 0
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -147,6 +155,7 @@ def outcome(*, cell: Cell, scenario: Scenario, log: Log, alone: Log, truth: Trut
         violation_s=log.violation_s,
         violation_m=log.violation_m,
         judged_s=max(0.0, float(times[-1] - times[start]) - HORIZON_S),
+        **({} if log.harm is None else log.harm.as_dict()),
     )
     _count_stops(found=found, cell=cell, log=log, truth=truth, times=times, start=start)
     for robot, (model, trajectory) in enumerate(zip(cell.models, cell.trajectories, strict=True)):

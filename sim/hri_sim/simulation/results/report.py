@@ -1,6 +1,6 @@
 """Tables of a simulation, for the terminal, Markdown and JSON."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,7 @@ _SUMMED = (
     "seconds", "contacts", "contacts_standing", "violation_s", "stops", "false_stops", "touches",
     "missed", "cycles", "cycles_empty",
 )  # fmt: skip
+_NOT_SUMMED = ("motion", "lead_s", "touch_speeds_m_s", "touch_relative_m_s")
 HARM, WORK = METRICS[:4], METRICS[4:]
 PREDICTION = (
     Metric(key="precision", title="precision, %", digits=1, factor=100.0, better="more"),
@@ -86,7 +87,7 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
     def of(top: Sequence[float], bottom: Sequence[float]) -> Estimate:
         return ratio(recordings=names, numerators=top, denominators=bottom)
 
-    column = {key: [row[key] for row in rows] for key in rows[0] if key not in ("motion", "lead_s")}
+    column = {key: [row[key] for row in rows] for key in rows[0] if key not in _NOT_SUMMED}
     ones = [1.0] * len(rows)
     moving = [row["moving_separation_m"] for row in rows]
     estimates = {
@@ -122,6 +123,12 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
         "missed": sum(column["missed"]),
         "cycles": sum(column["cycles"]),
         "cycles_empty": sum(column["cycles_empty"]),
+        "touches_beyond": sum(column["touches_beyond"]),
+        "touches_relative_beyond": sum(column["touches_relative_beyond"]),
+        "touches_forbidden": sum(column["touches_forbidden"]),
+        "clampings": sum(column["clampings"]),
+        "touch_speeds_m_s": _highest(row["touch_speeds_m_s"] for row in rows),
+        "touch_relative_m_s": _highest(row["touch_relative_m_s"] for row in rows),
     }
     return Judged(
         predictor=predictor,
@@ -131,6 +138,15 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
         totals=totals,
         by_recording=_by_recording(rows),
     )
+
+
+def _highest(speeds: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """The highest speed by body part."""
+    found: dict[str, float] = {}
+    for each in speeds:
+        for name, speed in each.items():
+            found[name] = max(found.get(name, 0.0), speed)
+    return found
 
 
 def _by_recording(rows: Sequence[Row]) -> dict[str, dict[str, float]]:

@@ -85,6 +85,7 @@ def spheres(*centres, radius=0.2) -> BodyZones:
         age_s=0.05,
         capture_ns=10**9,
         speeds=speeds_of(*np.zeros(len(ids))),
+        segments_m_s=np.zeros((len(ids), 1)),
         as_assumed=np.ones(len(ids), bool),
     )
 

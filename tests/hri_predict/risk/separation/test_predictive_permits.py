@@ -150,6 +150,7 @@ def sphere(x, speed_m_s=0.0, radius_m=0.2, growth_m_s=0.0):
         age_s=0.05,
         capture_ns=10**9,
         speeds=speeds_of(0.0),
+        segments_m_s=np.zeros((1, 1)),
         as_assumed=np.ones(1, bool),
     )
 

@@ -1,0 +1,344 @@
+"""How fast a robot may be beside people whom it may touch: mode ``hybrid``.
+
+A speed is permitted if, until the robot stands, it can reach no part of a body that does not bear a
+touch at this speed. For each part, that means: its zone stays away from the stopping robot, as in
+mode ``predictive``; or the speed is at most what the part bears (``limits``), less the part's own
+speed. A part that may be clamped between a link and a fixture must bear the quasi-static limits as
+well. Head, face and neck bear nothing, and so does everything of a person who is lost or whose
+speed is unknown. A speed is permitted only together with every slower one.
+
+A body part may be clamped if a link can reach it, a fixture can (its zone comes that near), and the
+link may come nearer to the fixture than the part is thick (ISO 13854:2017, Table 1, or the part's
+capsule, if that is thicker).
+
+The cost is bounded: beside more than ``MAX_BESIDE`` people within reach no contact is permitted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.geometry import Capsules, axis_distance, norm
+from hri_predict.risk.contact.fixtures import Fixture, gaps
+from hri_predict.risk.contact.limits import FOLLOWS, SegmentLimits
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.terms import (
+    SPEED_LEVELS,
+    Finding,
+    closing_s,
+    directed_limit,
+    speed_levels,
+    travel_m,
+)
+from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.motion import RobotMotion
+
+MAX_BESIDE = 3
+RUNGS = 5 * SPEED_LEVELS
+"""Number of speeds to try in any direction; among them those tried in the present direction."""
+_FREE_M = 1e3
+"""Slack if nothing within reach is in danger."""
+
+THICKNESS_M = {
+    "head": 0.3, "shoulders": 0.5, "thorax": 0.5, "abdomen": 0.5, "pelvis": 0.5,
+    "upper_arm": 0.12, "forearm": 0.12, "hand": 0.1, "thigh": 0.18, "shank": 0.18, "foot": 0.12,
+}  # fmt: skip
+"""Gaps in which nothing is crushed (ISO 13854:2017, Table 1: head, body, arm, hand, leg, foot)."""
+
+
+def thickness_m(segments: Sequence[str], radii_m: Floats) -> Floats:
+    """(S,) a link that stays so far from a fixture cannot clamp the segment."""
+    names = [s.removeprefix("l_").removeprefix("r_") for s in segments]
+    crushed = np.array([THICKNESS_M.get(name, max(THICKNESS_M.values())) for name in names])
+    return np.maximum(crushed, 2 * radii_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reachable:
+    """What may happen to the N people within reach, at each of V speeds; S segments, C links.
+
+    Attributes:
+        who: (N,) their indices.
+        near_m: (V, N, S, C) smallest distance of segment and link until the robot stands.
+        bears: (V, N, S) whether the segment bears a touch at this speed.
+    """
+
+    who: Ints
+    near_m: Floats
+    bears: Bools
+
+    def least_m(self, speed: int) -> float:
+        """The smallest distance of a segment that may not be touched at this speed."""
+        counted = np.where(self.bears[speed][..., None], np.inf, self.near_m[speed])
+        return float(counted.min(initial=np.inf))
+
+
+class ContactJudge:
+    """Judges contact with one robot; call it with the robot's motion and the bodies.
+
+    Args:
+        robot: the robot.
+        limits: how fast it may touch each of the S segments of the zones.
+        thickness_m: (S,) of each; see ``thickness_m``.
+        fixtures: against which it may clamp somebody.
+    """
+
+    def __init__(
+        self,
+        robot: RobotConstants,
+        limits: SegmentLimits,
+        thickness_m: Floats,
+        fixtures: Sequence[Fixture],
+    ) -> None:
+        self._robot = robot
+        self._free = limits.transient_m_s / FOLLOWS
+        self._clamped = limits.clamped_m_s / FOLLOWS
+        self._thickness = thickness_m
+        self._fixtures = fixtures
+        slow = robot.risk.contact.slow_margin_m
+        self._margins_m = slow, slow + robot.risk.band_m
+
+    def revise(self, robot: RobotConstants) -> None:
+        """Take another stopping curve."""
+        self._robot = robot
+
+    def __call__(self, motion: RobotMotion, bodies: BodyZones, people: Finding) -> Finding | None:
+        """What contact permits.
+
+        Args:
+            motion: of the robot.
+            bodies: everybody.
+            people: the finding of the zones; the result has its distances.
+
+        Returns:
+            Its slack says whether the present speed is permitted, its limits which are.
+            ``None``: too many people are within reach.
+        """
+        curve = self._robot.curve
+        rungs = curve.max_speed_m_s * np.arange(1, RUNGS + 1) / RUNGS
+        speeds = np.append(rungs, motion.speed_m_s)
+        zones = _after_now(bodies.zones.capsules, len(motion.times_s))
+        travel = self._travel_m(motion, speeds)
+        needed = [motion.clearance_m + margin for margin in self._margins_m]
+        who = _within(zones, motion.capsules, float(travel.max()) + needed[-1])
+        if len(who) > MAX_BESIDE:
+            return None
+        zones = Capsules(zones.a[who], zones.b[who], zones.radius[who])
+        near = _near_m(zones, motion.capsules, travel, needed[-1])
+        found = _Reachable(who, near, self._bears(motion, bodies, zones, who, near, travel, speeds))
+        least = np.array([found.least_m(i) for i in range(len(speeds))])
+        limits = [_limit(rungs, least[:-1], m) for m in needed]
+        slack = float(least[-1]) - motion.clearance_m
+        if motion.is_foreseen:
+            limits, slack = self._ahead(motion, zones, found, limits, slack)
+        slack = min(slack, _FREE_M)
+        person, segment, link = self._deciding(found, rungs, limits[0], people)
+        return replace(
+            people,
+            slack_m=slack,
+            near=False,
+            breach_s=closing_s(slack, motion.speed_m_s),
+            limits=(*limits, *limits),
+            person=person,
+            segment=segment,
+            link=link,
+        )
+
+    def _travel_m(self, motion: RobotMotion, speeds: Floats) -> Floats:
+        """(V, K) how far any point may get by the end of each step; minus infinity once it stands.
+
+        The last speed is the present one.
+        """
+        curve = self._robot.curve
+        stopping_s = np.interp(speeds, curve.speed_m_s, curve.time_s)
+        stopping_m = np.interp(speeds, curve.speed_m_s, curve.distance_m)
+        stopping_s[-1] = max(stopping_s[-1], motion.stopping_s)
+        stopping_m[-1] = max(stopping_m[-1], motion.stopping_m)
+        travel = travel_m(
+            motion.times_s[1:],
+            reaction_s=motion.until_braking_s,
+            speed_m_s=speeds[:, None],
+            stopping_s=stopping_s[:, None],
+            stopping_m=stopping_m[:, None],
+        )
+        stands_s = motion.until_braking_s + stopping_s
+        return np.where(motion.times_s[:-1] <= stands_s[:, None], travel, -np.inf)
+
+    def _bears(
+        self,
+        motion: RobotMotion,
+        bodies: BodyZones,
+        zones: Capsules,
+        who: Ints,
+        near: Floats,
+        travel: Floats,
+        speeds: Floats,
+    ) -> Bools:
+        """(V, N, S) whether each segment bears a touch at each speed."""
+        own = np.where(bodies.speeds.unknown[who][:, None], np.inf, bodies.segments_m_s[who])
+        free = self._free - own  # (N, S); a segment that bears nothing has a limit of 0
+        free = np.where(self._free > 0, free, -np.inf)
+        bears = free >= speeds[:, None, None]
+        slow = self._clamped >= speeds[:, None]  # (V, S)
+        return bears & (slow[:, None] | ~self._clamps(motion, zones, near, travel))
+
+    def _clamps(self, motion: RobotMotion, zones: Capsules, near: Floats, travel: Floats) -> Bools:
+        """(V, N, S) whether a link may press a segment against a fixture."""
+        touched = near < motion.clearance_m + self._margins_m[-1]  # (V, N, S, C)
+        result = np.zeros(touched.shape[:3], np.bool_)
+        people, segments = np.nonzero(touched.any(axis=(0, 3)))
+        if not (self._fixtures and people.size):
+            return result
+        some = Capsules(
+            zones.a[people, :, segments],
+            zones.b[people, :, segments],
+            zones.radius[people, :, segments],
+        )
+        beside = gaps(some, self._fixtures).min(1) < motion.clearance_m  # (n, F)
+        gap = gaps(motion.capsules, self._fixtures)  # (C, F)
+        gap[~self._robot.model.moves] = np.inf
+        left = gap - np.maximum(travel.max(1), 0.0)[:, None, None]  # (V, C, F)
+        thick = self._thickness[segments] + motion.clearance_m  # (n,)
+        narrow = left[:, None] < thick[:, None, None]  # (V, n, C, F)
+        pressed = narrow & beside[:, None] & touched[:, people, segments][..., None]
+        result[:, people, segments] = pressed.any(axis=(2, 3))
+        return result
+
+    def _ahead(
+        self,
+        motion: RobotMotion,
+        zones: Capsules,
+        found: _Reachable,
+        limits: list[float],
+        slack: float,
+    ) -> tuple[list[float], float]:
+        """Limits and slack where the robot goes on in its present direction, if that permits more.
+
+        A part that may be clamped on a way in any direction counts as such.
+        """
+        top = self._robot.curve.max_speed_m_s
+        levels = speed_levels(top, min(limits)) if min(limits) < top else np.empty(0)
+        rows = [round(RUNGS * level / top) - 1 for level in levels]
+        tried, at = list(levels), list(rows)
+        if slack < 0 and motion.speed_m_s > 0:
+            tried.append(motion.speed_m_s)
+            at.append(RUNGS)
+        if not tried:
+            return limits, slack
+        robot, until = motion.stopping_at(np.array(tried))
+        enough = motion.clearance_m + self._margins_m[-1]
+        least = np.empty(len(tried))
+        for i, row in enumerate(at):
+            close = (found.near_m[row].min(-1) < enough) & ~found.bears[row]
+            people, segments = np.nonzero(close)
+            steps = int(until[i])
+            least[i] = _least_m(
+                zones, (people, segments, steps), _part(robot, i, steps), at_most=enough
+            )
+        known = least[: len(levels)]
+        limits = [
+            directed_limit(levels, known, motion.clearance_m + margin, limit)
+            for margin, limit in zip(self._margins_m, limits, strict=True)
+        ]
+        if len(tried) > len(levels):
+            slack = max(slack, float(least[-1]) - motion.clearance_m)
+        return limits, slack
+
+    def _deciding(
+        self, found: _Reachable, rungs: Floats, limit: float, people: Finding
+    ) -> tuple[int, int, int]:
+        """Person, segment and link that limit the speed."""
+        row = min(int(np.searchsorted(rungs, limit, side="right")), len(rungs) - 1)
+        near = np.where(found.bears[row][..., None], np.inf, found.near_m[row])
+        if not (near.size and near.min() < np.inf):
+            return people.person, people.segment, people.link
+        n, s, c = np.unravel_index(int(near.argmin()), near.shape)
+        return int(found.who[n]), int(s), int(c)
+
+
+def _after_now(zones: Capsules, times: int) -> Capsules:
+    """Without entry 0, the bodies as captured, and without what is past the robot's stop."""
+    return Capsules(zones.a[:, 1:times], zones.b[:, 1:times], zones.radius[:, 1:times])
+
+
+def _limit(rungs: Floats, least: Floats, needed_m: float) -> float:
+    """The highest rung that is clear, with all below it; 0 if none is."""
+    blocked = np.flatnonzero(~(least >= needed_m))
+    count = int(blocked[0]) if blocked.size else len(rungs)
+    return float(rungs[count - 1]) if count else 0.0
+
+
+def _spheres(capsules: Capsules) -> tuple[Floats, Floats]:
+    """Middles and radii of the spheres around capsules."""
+    return (capsules.a + capsules.b) / 2, norm(capsules.b - capsules.a) / 2 + capsules.radius
+
+
+@np.errstate(invalid="ignore")
+def _within(zones: Capsules, robot: Capsules, far_m: float) -> Ints:
+    """Indices of the people who may be nearer than ``far_m``; those who are not finite are."""
+    middle, size = _spheres(zones)
+    links, length = _spheres(robot)
+    centre = middle.mean(axis=(1, 2))  # (P, 3)
+    around = (norm(middle - centre[:, None, None]) + size).max(axis=(1, 2))
+    apart = norm(centre[:, None] - links) - length
+    some = np.flatnonzero(~(apart.min(1) - around >= far_m))
+    between = norm(middle[some, :, :, None] - links) - length - size[some][..., None]
+    return some[~(between.min(axis=(1, 2, 3)) >= far_m)]
+
+
+@np.errstate(invalid="ignore")
+def _near_m(zones: Capsules, robot: Capsules, travel: Floats, needed_m: float) -> Floats:
+    """(V, N, S, C) smallest distance until the robot stands; infinite where it is surely enough.
+
+    Minus infinity where something is not finite.
+    """
+    middle, size = _spheres(zones)
+    links, length = _spheres(robot)
+    distance = norm(middle[..., None, :] - links) - size[..., None] - length  # (N, K, S, C)
+    n, k, s, c = np.nonzero(~(distance >= float(travel.max()) + needed_m))
+    exact = axis_distance(
+        *_axis(zones.a[n, k, s], zones.b[n, k, s]), *_axis(robot.a[c], robot.b[c])
+    )
+    exact = exact - zones.radius[n, k, s] - robot.radius[c]
+    distance = np.full(distance.shape, np.inf)
+    distance[n, k, s, c] = np.where(np.isfinite(exact), exact, -np.inf)
+    result = np.empty((len(travel), *distance.shape[:1], *distance.shape[2:]))
+    for i, way in enumerate(travel):
+        result[i] = (distance - way[:, None, None]).min(1)
+    return result
+
+
+def _least_m(
+    zones: Capsules, which: tuple[Ints, Ints, int], robot: Capsules, *, at_most: float
+) -> float:
+    """The smallest distance of some segments to a robot's course, step by step, up to ``at_most``.
+
+    Args:
+        zones: (N, K, S).
+        which: people, segments (n,) each, and how many steps count.
+        robot: (steps, C).
+        at_most: larger distances need not be known.
+    """
+    people, segments, steps = which
+    if not people.size:
+        return at_most
+    a = zones.a[people, :steps, segments][:, :, None]
+    b = zones.b[people, :steps, segments][:, :, None]
+    exact = axis_distance(*_axis(a, b), *_axis(robot.a[None], robot.b[None]))
+    exact = exact - zones.radius[people, :steps, segments][..., None] - robot.radius
+    return min(float(np.where(np.isfinite(exact), exact, -np.inf).min()), at_most)
+
+
+def _axis(
+    a: Floats, b: Floats
+) -> tuple[tuple[Floats, Floats, Floats], tuple[Floats, Floats, Floats]]:
+    along = b - a
+    return (a[..., 0], a[..., 1], a[..., 2]), (along[..., 0], along[..., 1], along[..., 2])
+
+
+def _part(robot: Capsules, course: int, steps: int) -> Capsules:
+    """One course's capsules after now, until it stands."""
+    until = slice(1, steps + 1)
+    return Capsules(robot.a[course, until], robot.b[course, until], robot.radius[course, until])

@@ -1,0 +1,81 @@
+"""Builds the judges of contact: one for each robot that may touch people."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.errors import ConfigError
+from hri_predict.risk.contact.fixtures import Fixture, floor
+from hri_predict.risk.contact.judge import ContactJudge, thickness_m
+from hri_predict.risk.contact.limits import SegmentLimits, load_table
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.skeleton import Segment
+
+_UPRIGHT = 0.99  # cosine of the base's tilt
+
+
+def contact_judges(
+    *,
+    settings: RiskSettings,
+    robots: Sequence[RobotConstants],
+    segments: Sequence[Segment],
+    floor_m: float,
+    base_dir: Path | None = None,
+) -> dict[int, ContactJudge]:
+    """Judges by the index of their robot; none in other modes than ``hybrid``.
+
+    Args:
+        settings: see ``RiskSettings``.
+        robots: all of them.
+        segments: of the zones.
+        floor_m: height of the floor.
+        base_dir: base of relative paths.
+
+    Raises:
+        ConfigError: no robot has ``contact: allowed``, the table cannot be read, or fixtures are
+            missing for a robot that does not stand upright.
+    """
+    if settings.mode != "hybrid":
+        return {}
+    judges = {}
+    for index, robot in enumerate(robots):
+        if robot.robot.contact is None:
+            continue
+        names = [s.name for s in segments]
+        radii = np.array([s.radius for s in segments])
+        judges[index] = ContactJudge(
+            robot,
+            segment_limits(settings, robot, names, base_dir),
+            thickness_m(names, radii),
+            [floor(floor_m, "floor"), *fixtures_of(settings, robot)],
+        )
+    if not judges:
+        raise ConfigError(
+            "risk.mode hybrid: no robot may touch anybody; give one 'contact: allowed', or use "
+            "mode predictive"
+        )
+    return judges
+
+
+def segment_limits(
+    settings: RiskSettings, robot: RobotConstants, names: Sequence[str], base_dir: Path | None
+) -> SegmentLimits:
+    """How fast a robot with ``contact: allowed`` may touch the segments of these names."""
+    assert robot.model.contact is not None  # the robot would not have been loaded
+    table = load_table(settings.contact.table, base_dir)
+    return SegmentLimits.of(table, names, robot.model.effective_kg, robot.model.contact.area_cm2)
+
+
+def fixtures_of(settings: RiskSettings, robot: RobotConstants) -> list[Fixture]:
+    """The configured fixtures, or the table that the robot stands on."""
+    if settings.contact.fixtures is not None:
+        return list(settings.contact.fixtures)
+    up = robot.robot.room_from_robot.matrix()[2, 2]
+    if up < _UPRIGHT:
+        raise ConfigError(
+            f"risk.contact.fixtures: robot {robot.name} does not stand upright, so nobody knows "
+            f"what it may clamp people against; list its fixtures ([] if there are none)"
+        )
+    return [floor(float(robot.model.base[2]), f"table of {robot.name}")]

@@ -1,0 +1,145 @@
+"""What the touches of a moving robot meant: how fast it touched which part of the body.
+
+The speed of a touch is that of the robot's fastest point, an upper bound of the touching link's.
+The *relative* speed adds that of the body part. Recorded people do not react: they walk on through
+a robot that touches them, so a touch may go deeper, and reach other parts, than it would in truth.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.geometry import Capsules, norm
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.risk.contact.fixtures import Fixture, floor, gaps
+from hri_predict.risk.contact.judges import fixtures_of, segment_limits
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.skeleton import CANONICAL
+from hri_sim.referee import Contact
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bearable:
+    """What people bear of one robot.
+
+    Attributes:
+        transient_m_s, clamped_m_s: (B,) of each of the referee's capsules, see ``SegmentLimits``.
+        fixtures: against which it may clamp somebody.
+    """
+
+    transient_m_s: Floats
+    clamped_m_s: Floats
+    fixtures: Sequence[Fixture]
+
+    @classmethod
+    def of(
+        cls, settings: RiskSettings, people: PeopleSettings, robot: RobotConstants
+    ) -> "Bearable":
+        """The limits of a robot that may touch people."""
+        limits = segment_limits(settings, robot, CANONICAL.segment_names, None)
+        ground = floor(people.floor_m, "floor")
+        return cls(
+            _with_joints(limits.transient_m_s),
+            _with_joints(limits.clamped_m_s),
+            [ground, *fixtures_of(settings, robot)],
+        )
+
+
+def _with_joints(limits: Floats) -> Floats:
+    """A lone joint bears what the most delicate segment bears that ends there."""
+    joints = [
+        min(
+            (v for s, v in zip(CANONICAL.segments, limits, strict=True) if j in _joints_of(s.name)),
+            default=0.0,
+        )
+        for j in range(len(CANONICAL.joints))
+    ]
+    return np.append(limits, joints)
+
+
+def _joints_of(segment: str) -> tuple[int, ...]:
+    found = next(s for s in CANONICAL.segments if s.name == segment)
+    inside = (CANONICAL.index("head"),) if segment == "head" else ()
+    return (found.joint_a, found.joint_b, *inside)
+
+
+NAMES = (*CANONICAL.segment_names, *CANONICAL.joints)
+"""Of the referee's capsules."""
+
+
+@dataclass(slots=True)
+class Harm:
+    """Counts what touches meant; give ``note`` to the referee.
+
+    Attributes:
+        bearable: by the robot's name.
+        speeds_m_s, relative_m_s: segment or joint -> the highest speed of a touch.
+        beyond: instants of touches that were faster than the part bears.
+        relative_beyond: the same by the relative speed.
+        forbidden: instants of touches of head, face or neck.
+        clamped: instants at which a part was between a link and a fixture, and the robot faster
+            than it bears.
+    """
+
+    bearable: Mapping[str, Bearable]
+    speeds_m_s: dict[str, float] = field(default_factory=dict)
+    relative_m_s: dict[str, float] = field(default_factory=dict)
+    beyond: int = 0
+    relative_beyond: int = 0
+    forbidden: int = 0
+    clamped: int = 0
+
+    def note(self, contact: Contact) -> None:
+        """Take the touches of one robot since the last observation."""
+        if contact.robot not in self.bearable:
+            return
+        limits = self.bearable[contact.robot]
+        hits = (contact.distance <= 0).any(-1) & contact.moving[:, None]  # (P, K, B)
+        own = np.maximum(norm(contact.velocity[0]), norm(contact.velocity[1]))  # (P, B)
+        person, instant, body = np.nonzero(hits)
+        fastest = contact.speed[instant]
+        relative = fastest + own[person, body]
+        for b, alone, both in zip(body, fastest, relative, strict=True):
+            name = NAMES[b]
+            self.speeds_m_s[name] = max(self.speeds_m_s.get(name, 0.0), float(alone))
+            self.relative_m_s[name] = max(self.relative_m_s.get(name, 0.0), float(both))
+        most = limits.transient_m_s[body]
+        self.forbidden += int(np.count_nonzero(most == 0))
+        self.beyond += int(np.count_nonzero(fastest > most))
+        self.relative_beyond += int(np.count_nonzero(relative > most))
+        self.clamped += int(
+            np.count_nonzero(self._clamps(contact, limits, (person, instant, body)))
+        )
+
+    def _clamps(self, contact: Contact, limits: Bearable, at: tuple[Ints, Ints, Ints]) -> Bools:
+        """(n,) whether a touched part is pressed against a fixture, too fast."""
+        person, instant, body = at
+        people, robot = contact.bodies, contact.links
+        part = Capsules(
+            people.a[person, instant, body],
+            people.b[person, instant, body],
+            people.radius[person, instant, body],
+        )
+        links = Capsules(robot.a[instant], robot.b[instant], robot.radius[instant])
+        against = gaps(part, limits.fixtures) <= 0  # (n, F)
+        left = gaps(links, limits.fixtures)  # (n, C, F)
+        touching = contact.distance[person, instant, body] <= 0  # (n, C)
+        narrow = left < 2 * part.radius[:, None, None]
+        pressed = (touching[..., None] & narrow & against[:, None]).any(axis=(1, 2))
+        fast: Bools = contact.speed[instant] > limits.clamped_m_s[body]
+        return pressed & fast
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "touch_speeds_m_s": dict(self.speeds_m_s),
+            "touch_relative_m_s": dict(self.relative_m_s),
+            "touches_beyond": self.beyond,
+            "touches_relative_beyond": self.relative_beyond,
+            "touches_forbidden": self.forbidden,
+            "clampings": self.clamped,
+        }

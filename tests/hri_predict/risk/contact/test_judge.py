@@ -1,0 +1,323 @@
+"""What contact permits, against a plain reading of the rule, and by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hri_predict.errors import ConfigError, RobotError
+from hri_predict.files import data_path
+from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.link import LinkSettings
+from hri_predict.protocol.messages import Level
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.contact.fixtures import floor
+from hri_predict.risk.contact.judge import MAX_BESIDE, RUNGS, ContactJudge, thickness_m
+from hri_predict.risk.contact.judges import contact_judges, segment_limits
+from hri_predict.risk.contact.limits import FOLLOWS
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.levels.advice import asked_of
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.stage import Separation
+from hri_predict.risk.separation.terms import travel_m
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.types import Zones
+from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.model import RobotSettings, load_robot
+from hri_predict.robots.tracker import RobotNow, RobotTracker
+from hri_predict.settings import Pose
+from hri_predict.skeleton import CANONICAL
+from tests.hri_predict.risk.people_speeds import speeds_of
+
+MODEL_FILE = data_path("robots", "ur5e.yaml")
+READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+ROBOT = RobotSettings(
+    name="arm",
+    model="ur5e",
+    room_from_robot=Pose(xyz=[0.0, 0.0, 0.75]),
+    payload_kg=2.0,
+    max_speed_m_s=1.0,
+    contact="allowed",
+)
+MODEL = load_robot(ROBOT, None)
+LINK = LinkSettings(name="bus", kind="can", delay_s=0.03, silence_timeout_s=0.1, reaction_s=0.1)
+BUDGET = DelayBudget.from_settings(25.0, [LINK], stale_s=0.12)
+TIMES = np.arange(31) / 25.0
+HYBRID = RiskSettings(mode="hybrid")
+CONSTANTS = RobotConstants.of(RobotTracker(ROBOT, MODEL), HYBRID, BUDGET, 1.2)
+SEGMENTS = {s.name: s for s in CANONICAL.segments}
+LIMITS = segment_limits(HYBRID, CONSTANTS, list(SEGMENTS), None)
+TIP = MODEL.capsules(READY).a[-1]
+NOWHERE = (50.0, 0.0, 1.0)
+
+
+def limit_of(segment):
+    return float(LIMITS.transient_m_s[list(SEGMENTS).index(segment)] / FOLLOWS)
+
+
+def rung_below(speed):
+    return np.floor(speed * RUNGS + 1e-9) / RUNGS
+
+
+def people(*bodies, own=0.0, radius=0.05, growth=0.2):
+    """People of whom all segments but the named ones are far away: {segment: place} of each."""
+    centre = np.empty((len(bodies), len(TIMES), len(SEGMENTS), 3))
+    for p, body in enumerate(bodies):
+        for s, name in enumerate(SEGMENTS):
+            centre[p, :, s] = body.get(name, NOWHERE)
+    size = np.broadcast_to((radius + growth * TIMES)[:, None], centre.shape[:-1])
+    capsules = Capsules(centre, centre, size)
+    ids = tuple(range(7, 7 + len(bodies)))
+    return BodyZones(
+        zones=Zones(ids, tuple(SEGMENTS), TIMES, capsules),
+        paths=capsules,
+        lost=np.zeros(len(ids), bool),
+        age_s=0.05,
+        capture_ns=10**9,
+        speeds=speeds_of(*np.zeros(len(ids)), segments=len(SEGMENTS)),
+        segments_m_s=np.full((len(ids), len(SEGMENTS)), own),
+        as_assumed=np.zeros(len(ids), bool),
+    )
+
+
+def standing():
+    return RobotNow(q=READY, qd=np.zeros(6), speed_m_s=0.0)
+
+
+def moving(turn=0.3):
+    qd = np.array([turn, 0, 0, 0, 0, 0])
+    return RobotNow(q=READY, qd=qd, speed_m_s=float(MODEL.tip_speed(READY, qd)))
+
+
+def stage(risk=HYBRID, fixtures=True):
+    risk = (
+        risk
+        if fixtures
+        else risk.model_copy(update={"contact": risk.contact.model_copy(update={"fixtures": []})})
+    )
+    constants = replace(CONSTANTS, risk=risk)
+    judges = contact_judges(
+        settings=risk, robots=[constants], segments=list(CANONICAL.segments), floor_m=0.0
+    )
+    separation = Separation(
+        settings=risk,
+        robots=[constants],
+        named=[],
+        view=None,
+        times_s=TIMES,
+        horizon_s=1.2,
+        contact=judges,
+    )
+    return constants, separation
+
+
+def found(bodies, robot=None, **kwargs):
+    constants, separation = stage(**kwargs)
+    findings = separation(bodies, [robot or standing()])
+    return asked_of(constants, findings.robots[0], bodies), findings.robots[0]
+
+
+def beside(x=0.25, z=0.1):
+    """A place that the tip may reach, above the table."""
+    return tuple(TIP + np.array([x, 0.0, z]))
+
+
+def test_beside_a_hand_the_robot_may_be_as_fast_as_the_hand_bears():
+    (demand, finding), _ = found(people({"l_hand": beside()}))
+    assert demand.level is Level.WARN  # a hand bears more than this robot's 1 m/s
+    assert demand.reason is Reason.CONTACT_POSSIBLE
+    assert demand.limit_m_s == 1.0
+    assert finding.segment == list(SEGMENTS).index("l_hand")
+
+
+@pytest.mark.parametrize("segment", ["thorax", "shoulders", "abdomen", "l_shank", "r_thigh"])
+def test_beside_another_part_it_is_as_slow_as_that_part_needs(segment):
+    (demand, finding), _ = found(people({segment: beside()}), fixtures=False)
+    assert demand.level is Level.SLOW
+    assert demand.limit_m_s == pytest.approx(rung_below(limit_of(segment)))
+    assert demand.reason is Reason.CONTACT_POSSIBLE
+    assert finding.segment == list(SEGMENTS).index(segment)
+
+
+def test_the_most_delicate_part_within_reach_decides():
+    (demand, _), _ = found(people({"l_hand": beside(), "thorax": beside(z=0.2)}))
+    assert demand.limit_m_s == pytest.approx(rung_below(limit_of("thorax")))
+
+
+def test_a_head_within_reach_means_stop():
+    (demand, finding), _ = found(people({"head": beside(), "l_hand": beside()}))
+    assert demand.level is Level.STOP
+    assert demand.reason is Reason.PERSON_NEAR
+    assert finding.segment == list(SEGMENTS).index("head")
+
+
+def test_the_parts_own_speed_counts():
+    (demand, _), _ = found(people({"l_hand": beside()}, own=0.6))
+    assert demand.limit_m_s == pytest.approx(rung_below(limit_of("l_hand") - 0.6))
+    assert found(people({"l_hand": beside()}, own=2.0))[0][0].level is Level.STOP
+    assert found(people({"l_hand": beside()}, own=np.inf))[0][0].level is Level.STOP
+
+
+def test_nobody_whose_speed_is_unknown_or_who_is_lost_may_be_touched():
+    body = people({"l_hand": beside()})
+    unknown = np.array([True])
+    speeds = replace(body.speeds, unknown=unknown)
+    assert found(replace(body, speeds=speeds))[0][0].level is Level.STOP
+    gone = replace(body, lost=unknown, segments_m_s=np.full_like(body.segments_m_s, np.inf))
+    assert found(gone)[0][0].level is Level.STOP
+
+
+def test_a_hand_on_the_table_under_the_tip_bears_only_the_quasi_static_limit():
+    low = READY + np.array([0, 0.2, 0, 0, 0, 0])  # the tool comes down
+    tip = MODEL.capsules(low).a[-1]
+    assert 0.75 < tip[2] < 1.0
+    hand = people({"l_hand": (tip[0] + 0.2, tip[1], 0.8)})
+    robot = RobotNow(q=low, qd=np.zeros(6), speed_m_s=0.0)
+    clamped = LIMITS.clamped_m_s[list(SEGMENTS).index("l_hand")] / FOLLOWS
+    assert found(hand, robot)[0][0].limit_m_s == pytest.approx(rung_below(clamped))
+    assert found(hand, robot, fixtures=False)[0][0].limit_m_s == 1.0
+
+
+def test_beside_too_many_people_nobody_may_be_touched():
+    hands = [{"l_hand": beside()}] * (MAX_BESIDE + 1)
+    (demand, _), finding = found(people(*hands))
+    assert finding.contact is None
+    assert demand.level is Level.STOP
+    far = [{"l_hand": beside()}, *[{"l_hand": (5.0, float(i), 1.0)} for i in range(12)]]
+    assert found(people(*far))[0][0].limit_m_s == 1.0
+
+
+def test_far_people_need_no_contact():
+    (demand, _), finding = found(people({"head": (4.0, 0, 1)}))
+    assert demand.level is Level.CLEAR
+    assert finding.contact is None
+
+
+@pytest.mark.parametrize("field", ["a", "radius"])
+def test_zones_that_are_not_finite_permit_nothing(field):
+    body = people({"l_hand": beside()})
+    capsules = body.zones.capsules
+    bad = np.array(getattr(capsules, field))
+    bad[0, 3, 0] = np.nan
+    zones = replace(body.zones, capsules=replace(capsules, **{field: bad}))
+    demand = found(replace(body, zones=zones))[0][0]
+    assert demand.level is Level.STOP
+
+
+def test_a_present_speed_that_the_part_does_not_bear_is_a_stop():
+    near = people({"thorax": beside()})
+    fast = found(near, moving(1.2), fixtures=False)[0][0]
+    assert moving(1.2).speed_m_s > limit_of("thorax")
+    assert fast.level is Level.STOP
+    assert found(near, moving(0.3), fixtures=False)[0][0].level is Level.SLOW
+
+
+PLACES = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-0.4, 0.6))
+BODIES = st.dictionaries(
+    st.sampled_from(["head", "thorax", "l_hand", "r_forearm", "l_shank"]), PLACES, min_size=1
+)
+
+
+def permits(judge_motion, body, speed):
+    """The rule, read plainly: loops, and no bounds."""
+    curve, clearance = CONSTANTS.curve, judge_motion.clearance_m + HYBRID.contact.slow_margin_m
+    stop_s, stop_m = curve.at(speed)
+    fixtures = [floor(0.0, "floor"), floor(0.75, "table")]
+    thick = thickness_m(list(SEGMENTS), np.array([s.radius for s in SEGMENTS.values()]))
+    capsules = body.zones.capsules
+    last = 0.0
+    wider = clearance + HYBRID.band_m  # what counts as reached where parts may be clamped
+    reach: set[tuple[int, int]] = set()
+    near: set[tuple[int, int]] = set()
+    for k in range(1, len(judge_motion.times_s)):
+        begin, end = judge_motion.times_s[k - 1], judge_motion.times_s[k]
+        if begin > judge_motion.until_braking_s + stop_s:
+            break
+        last = float(
+            travel_m(
+                end,
+                reaction_s=judge_motion.until_braking_s,
+                speed_m_s=speed,
+                stopping_s=stop_s,
+                stopping_m=stop_m,
+            )
+        )
+        for s in range(len(SEGMENTS)):
+            zone = Capsules(capsules.a[0, k, s], capsules.b[0, k, s], capsules.radius[0, k, s])
+            for c, gap in enumerate(capsule_distance(zone, judge_motion.capsules)):
+                reach |= {(s, c)} if gap - last < clearance else set()
+                near |= {(s, c)} if gap - last < wider else set()
+    pressed = set()
+    for s, c in near:
+        links = judge_motion.capsules
+        link_z = min(links.a[c, 2], links.b[c, 2]) - links.radius[c]
+        zones = capsules.a[0, 1 : len(judge_motion.times_s), s, 2]
+        grown = capsules.radius[0, 1 : len(judge_motion.times_s), s]
+        for plane in fixtures:
+            height = plane.point[2]
+            beside_it = (zones - height - grown).min() < judge_motion.clearance_m
+            narrow = link_z - height - last < thick[s] + judge_motion.clearance_m
+            if c > 0 and beside_it and narrow:
+                pressed.add(s)
+    for s, _ in reach:
+        free = LIMITS.transient_m_s[s] / FOLLOWS - body.segments_m_s[0, s]
+        if LIMITS.transient_m_s[s] == 0 or speed > free:
+            return False
+        if s in pressed and speed > LIMITS.clamped_m_s[s] / FOLLOWS:
+            return False
+    return True
+
+
+@settings(max_examples=40, deadline=None)
+@given(BODIES, st.floats(0, 0.5))
+def test_a_standing_robot_may_be_as_fast_as_the_plain_rule_says(where, own):
+    body = people({name: tuple(TIP + np.array(at)) for name, at in where.items()}, own=own)
+    constants, separation = stage()
+    motion = separation._motion(0, standing(), body)
+    judge = contact_judges(
+        settings=HYBRID, robots=[constants], segments=list(CANONICAL.segments), floor_m=0.0
+    )[0]
+    assert isinstance(judge, ContactJudge)
+    people_finding = separation(body, [standing()]).robots[0].people
+    limit = judge(motion, body, people_finding).limits[0]
+    rungs = np.arange(1, RUNGS + 1) / RUNGS
+    ok = [permits(motion, body, float(rung)) for rung in rungs]
+    highest = 0.0
+    for rung, good in zip(rungs, ok, strict=True):
+        if not good:
+            break
+        highest = float(rung)
+    assert limit == pytest.approx(highest)
+
+
+def test_no_robot_that_may_touch_people_is_an_error():
+    aloof = replace(CONSTANTS, robot=ROBOT.model_copy(update={"contact": None}))
+    with pytest.raises(ConfigError, match="contact: allowed"):
+        contact_judges(
+            settings=HYBRID, robots=[aloof], segments=list(CANONICAL.segments), floor_m=0.0
+        )
+
+
+def test_a_robot_that_hangs_needs_its_fixtures():
+    hanging = ROBOT.model_copy(update={"room_from_robot": Pose(quaternion_xyzw=[1, 0, 0, 0])})
+    robot = replace(CONSTANTS, robot=hanging)
+    with pytest.raises(ConfigError, match=r"risk\.contact\.fixtures"):
+        contact_judges(
+            settings=HYBRID, robots=[robot], segments=list(CANONICAL.segments), floor_m=0.0
+        )
+
+
+def test_the_robot_file_must_say_what_a_person_feels(tmp_path):
+    text = (MODEL_FILE).read_text().split("# What a person feels")[0]
+    (tmp_path / "bare.yaml").write_text(text)
+    bare = ROBOT.model_copy(update={"model": "bare.yaml"})
+    with pytest.raises(RobotError, match=r"contact: 'bare\.yaml' does not say"):
+        load_robot(bare, tmp_path)
+    assert load_robot(bare.model_copy(update={"contact": None}), tmp_path).effective_kg == 0
+
+
+def test_hybrid_needs_the_self_check():
+    with pytest.raises(ValueError, match="self_check"):
+        RiskSettings.model_validate({"mode": "hybrid", "coverage": {"self_check": False}})
