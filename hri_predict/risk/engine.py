@@ -68,9 +68,6 @@ class RiskEngine:
         floor_m: height of the floor.
         base_dir: base of relative paths in ``settings``.
 
-    Attributes:
-        constants: of the robots, as the run began.
-
     Raises:
         ConfigError: the delay budget goes past the horizon, a zone names an unknown robot, no
             segment of the body is left, or a door is too close to a robot.
@@ -101,7 +98,6 @@ class RiskEngine:
         trusted = horizon_steps if calibration is None else min(horizon_steps, calibration.steps)
         horizon_s = trusted / forecast_rate_hz
         constants = [RobotConstants.of(each, settings, budget, horizon_s) for each in robots]
-        self.constants = tuple(constants)
         self._obedience = {
             i: _obedience(r) for i, r in enumerate(constants) if obeyed and r.is_reported
         }

@@ -17,6 +17,7 @@ from hri_predict.cli.check.calibration import (
     calibration_notes,
     zones_text,
 )
+from hri_predict.cli.check.contact import contact_facts, contact_notes, contact_table
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
@@ -84,6 +85,8 @@ def check(
     console.print(_delay_table(found))
     if found["risk"]["robots"]:
         console.print(_risk_table(found["risk"]))
+    for name, facts in found["contact"].items():
+        console.print(contact_table(name, facts))
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
@@ -133,6 +136,8 @@ def examine(config: Config) -> dict[str, Any]:
     terms["controller_reaction"] = terms.pop("reaction")  # one part of T_r, not all of it
     risk = _risk_needs(config, assembly, budget)
     calibration = calibration_facts(config, date.today())
+    robots = list(zip(config.node.robots, assembly.robots, strict=True))
+    contact = config.node.risk, robots, config.base_dir
     needed = {
         model.name: (model, risk["robots"][model.name]["protective_distance_m"])
         for model in assembly.robots
@@ -147,6 +152,7 @@ def examine(config: Config) -> dict[str, Any]:
         "horizon_s": assembly.prediction.predictor.horizon_steps
         / assembly.prediction.predictor.rate_hz,
         "risk": risk,
+        "contact": contact_facts(*contact),
         "links": [asdict(load) for load in loads],
         "zones": zones_text(config),
         "calibration": calibration,
@@ -162,6 +168,7 @@ def examine(config: Config) -> dict[str, Any]:
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),
             *calibration_notes(calibration),
+            *contact_notes(*contact),
         ],
     }
 

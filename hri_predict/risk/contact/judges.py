@@ -11,6 +11,7 @@ from hri_predict.risk.contact.judge import ContactJudge, thickness_m
 from hri_predict.risk.contact.limits import SegmentLimits, load_table
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.robots.model import RobotModel, RobotSettings
 from hri_predict.skeleton import Segment
 
 _UPRIGHT = 0.99  # cosine of the base's tilt
@@ -47,9 +48,9 @@ def contact_judges(
         radii = np.array([s.radius for s in segments])
         judges[index] = ContactJudge(
             robot,
-            segment_limits(settings, robot, names, base_dir),
+            segment_limits(settings, robot.model, names, base_dir),
             thickness_m(names, radii),
-            [floor(floor_m, "floor"), *fixtures_of(settings, robot)],
+            [floor(floor_m, "floor"), *fixtures_of(settings, robot.robot)],
         )
     if not judges:
         raise ConfigError(
@@ -60,22 +61,22 @@ def contact_judges(
 
 
 def segment_limits(
-    settings: RiskSettings, robot: RobotConstants, names: Sequence[str], base_dir: Path | None
+    settings: RiskSettings, model: RobotModel, names: Sequence[str], base_dir: Path | None
 ) -> SegmentLimits:
     """How fast a robot with ``contact: allowed`` may touch the segments of these names."""
-    assert robot.model.contact is not None  # the robot would not have been loaded
+    assert model.contact is not None  # the robot would not have been loaded
     table = load_table(settings.contact.table, base_dir)
-    return SegmentLimits.of(table, names, robot.model.effective_kg, robot.model.contact.area_cm2)
+    return SegmentLimits.of(table, names, model.effective_kg, model.contact.area_cm2)
 
 
-def fixtures_of(settings: RiskSettings, robot: RobotConstants) -> list[Fixture]:
+def fixtures_of(settings: RiskSettings, robot: RobotSettings) -> list[Fixture]:
     """The configured fixtures, or the table that the robot stands on."""
     if settings.contact.fixtures is not None:
         return list(settings.contact.fixtures)
-    up = robot.robot.room_from_robot.matrix()[2, 2]
-    if up < _UPRIGHT:
+    matrix = robot.room_from_robot.matrix()
+    if matrix[2, 2] < _UPRIGHT:
         raise ConfigError(
             f"risk.contact.fixtures: robot {robot.name} does not stand upright, so nobody knows "
             f"what it may clamp people against; list its fixtures ([] if there are none)"
         )
-    return [floor(float(robot.model.base[2]), f"table of {robot.name}")]
+    return [floor(float(matrix[2, 3]), f"table of {robot.name}")]

@@ -24,6 +24,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.types import Assessment, Zones
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.model import RobotModel
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.runtime import step_all
@@ -126,7 +127,7 @@ def run_episode(
         node=node,
     )
     truth = TruePeople(ApproachSource(exact(cell_settings(config)), config.base_dir))
-    harm = Harm(_bearable(config, engine))
+    harm = Harm(_bearable(config, cell.models))
     referee = Referee(cell.models, config.node.risk.clearance_m, harm.note)
     recorder = _Recorder(mock, truth, referee, cell)
     step_all(assembly=assembly, pace=Pace(), beside=mock, each_tick=recorder.observe)
@@ -137,13 +138,12 @@ def run_episode(
     return log
 
 
-def _bearable(config: Config, engine: RiskEngine) -> dict[str, Bearable]:
+def _bearable(config: Config, models: Sequence[RobotModel]) -> dict[str, Bearable]:
     """By the name of each robot that may touch people, whatever the mode."""
-    risk, people = config.node.risk, config.node.people
     return {
-        robot.name: Bearable.of(risk, people, robot)
-        for robot in engine.constants
-        if robot.robot.contact is not None
+        robot.name: Bearable.of(config, robot, model)
+        for robot, model in zip(config.node.robots, models, strict=True)
+        if robot.contact is not None
     }
 
 

@@ -13,11 +13,10 @@ import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.geometry import Capsules, norm
-from hri_predict.people.settings import PeopleSettings
 from hri_predict.risk.contact.fixtures import Fixture, floor, gaps
 from hri_predict.risk.contact.judges import fixtures_of, segment_limits
-from hri_predict.risk.robot_constants import RobotConstants
-from hri_predict.risk.settings import RiskSettings
+from hri_predict.robots.model import RobotModel, RobotSettings
+from hri_predict.run.config import Config
 from hri_predict.skeleton import CANONICAL
 from hri_sim.referee import Contact
 
@@ -36,16 +35,15 @@ class Bearable:
     fixtures: Sequence[Fixture]
 
     @classmethod
-    def of(
-        cls, settings: RiskSettings, people: PeopleSettings, robot: RobotConstants
-    ) -> "Bearable":
+    def of(cls, config: Config, robot: RobotSettings, model: RobotModel) -> "Bearable":
         """The limits of a robot that may touch people."""
-        limits = segment_limits(settings, robot, CANONICAL.segment_names, None)
-        ground = floor(people.floor_m, "floor")
+        risk = config.node.risk
+        limits = segment_limits(risk, model, CANONICAL.segment_names, config.base_dir)
+        ground = floor(config.node.people.floor_m, "floor")
         return cls(
             _with_joints(limits.transient_m_s),
             _with_joints(limits.clamped_m_s),
-            [ground, *fixtures_of(settings, robot)],
+            [ground, *fixtures_of(risk, robot)],
         )
 
 
@@ -78,6 +76,7 @@ class Harm:
     Attributes:
         bearable: by the robot's name.
         speeds_m_s, relative_m_s: segment or joint -> the highest speed of a touch.
+        limits_m_s: how fast a touch the same parts bear; of several robots, the lowest.
         beyond: instants of touches that were faster than the part bears.
         relative_beyond: the same by the relative speed.
         forbidden: instants of touches of head, face or neck.
@@ -88,6 +87,7 @@ class Harm:
     bearable: Mapping[str, Bearable]
     speeds_m_s: dict[str, float] = field(default_factory=dict)
     relative_m_s: dict[str, float] = field(default_factory=dict)
+    limits_m_s: dict[str, float] = field(default_factory=dict)
     beyond: int = 0
     relative_beyond: int = 0
     forbidden: int = 0
@@ -108,6 +108,8 @@ class Harm:
             self.speeds_m_s[name] = max(self.speeds_m_s.get(name, 0.0), float(alone))
             self.relative_m_s[name] = max(self.relative_m_s.get(name, 0.0), float(both))
         most = limits.transient_m_s[body]
+        for b, bears in zip(body, most.tolist(), strict=True):
+            self.limits_m_s[NAMES[b]] = min(self.limits_m_s.get(NAMES[b], bears), bears)
         self.forbidden += int(np.count_nonzero(most == 0))
         self.beyond += int(np.count_nonzero(fastest > most))
         self.relative_beyond += int(np.count_nonzero(relative > most))
@@ -138,6 +140,7 @@ class Harm:
         return {
             "touch_speeds_m_s": dict(self.speeds_m_s),
             "touch_relative_m_s": dict(self.relative_m_s),
+            "touch_limits_m_s": dict(self.limits_m_s),
             "touches_beyond": self.beyond,
             "touches_relative_beyond": self.relative_beyond,
             "touches_forbidden": self.forbidden,

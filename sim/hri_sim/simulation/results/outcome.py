@@ -50,7 +50,7 @@ class Outcome:
         touches: 1 if the unprotected robot would have been touched.
         missed: 1 if, in addition, the advice was *clear* or *warn* until the touch.
         lead_s: if not missed, the time from the first stricter advice to the touch.
-        touch_speeds_m_s, touch_relative_m_s, touches_beyond, touches_relative_beyond,
+        touch_speeds_m_s, touch_relative_m_s, touch_limits_m_s, touches_beyond, touches_relative_beyond,
             touches_forbidden, clampings: see ``Harm``.
         cycles, cycles_empty: work done, and the work of an empty cell in the same time.
     """
@@ -76,6 +76,7 @@ class Outcome:
     cycles_empty: float = 0.0
     touch_speeds_m_s: dict[str, float] = field(default_factory=dict)
     touch_relative_m_s: dict[str, float] = field(default_factory=dict)
+    touch_limits_m_s: dict[str, float] = field(default_factory=dict)
     touches_beyond: int = 0
     touches_relative_beyond: int = 0
     touches_forbidden: int = 0

@@ -51,7 +51,7 @@ _SUMMED = (
     "seconds", "contacts", "contacts_standing", "violation_s", "stops", "false_stops", "touches",
     "missed", "cycles", "cycles_empty",
 )  # fmt: skip
-_NOT_SUMMED = ("motion", "lead_s", "touch_speeds_m_s", "touch_relative_m_s")
+_NOT_SUMMED = ("motion", "lead_s", "touch_speeds_m_s", "touch_relative_m_s", "touch_limits_m_s")
 HARM, WORK = METRICS[:4], METRICS[4:]
 PREDICTION = (
     Metric(key="precision", title="precision, %", digits=1, factor=100.0, better="more"),
@@ -129,6 +129,7 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
         "clampings": sum(column["clampings"]),
         "touch_speeds_m_s": _highest(row["touch_speeds_m_s"] for row in rows),
         "touch_relative_m_s": _highest(row["touch_relative_m_s"] for row in rows),
+        "touch_limits_m_s": _highest(row["touch_limits_m_s"] for row in rows),
     }
     return Judged(
         predictor=predictor,
@@ -252,6 +253,24 @@ def tables(
     return [harm, work, touch]
 
 
+def touched(result: Judged) -> str:
+    """What the moving robot touched, and how fast, part by part; "" if it touched nobody."""
+    totals = result.totals
+    parts = [
+        f"{part} {speed:.2f} m/s (relative {totals['touch_relative_m_s'][part]:.2f}; bears "
+        f"{totals['touch_limits_m_s'][part]:.2f})"
+        for part, speed in sorted(totals["touch_speeds_m_s"].items())
+    ]
+    if not parts:
+        return ""
+    return (
+        f"{result.predictor} {result.variant} touched, at most: {', '.join(parts)}. Instants (10 "
+        f"ms) faster than the part bears: {totals['touches_beyond']}, by the relative speed "
+        f"{totals['touches_relative_beyond']}; of head, face or neck: "
+        f"{totals['touches_forbidden']}; clamped: {totals['clampings']}."
+    )
+
+
 def recordings_table(results: Sequence[Judged]) -> Table:
     """Return each recording's productivity, the longest first: they decide the rates."""
     first = results[0].by_recording
@@ -305,6 +324,12 @@ def notes(results: Sequence[Judged]) -> list[str]:
         "Productivity: work cycles while a person is there, compared with an empty cell in the "
         "same time with the same wire.",
     ]
+    said += [text for text in map(touched, results) if text]
+    if any(r.variant == "hybrid" for r in results):
+        said.append(
+            "Mode hybrid permits contact. Recorded people do not react to a touch: they walk on "
+            "through the robot, so that touches go deeper and reach other parts than in truth."
+        )
     if any(r.variant == FOREKNOWN for r in results):
         said.append(
             "foreknown: the predictive mode with the true future instead of a forecast, and zones "

@@ -48,7 +48,7 @@ TIMES = np.arange(31) / 25.0
 HYBRID = RiskSettings(mode="hybrid")
 CONSTANTS = RobotConstants.of(RobotTracker(ROBOT, MODEL), HYBRID, BUDGET, 1.2)
 SEGMENTS = {s.name: s for s in CANONICAL.segments}
-LIMITS = segment_limits(HYBRID, CONSTANTS, list(SEGMENTS), None)
+LIMITS = segment_limits(HYBRID, MODEL, list(SEGMENTS), None)
 TIP = MODEL.capsules(READY).a[-1]
 NOWHERE = (50.0, 0.0, 1.0)
 
