@@ -50,8 +50,8 @@ class Outcome:
         touches: 1 if the unprotected robot would have been touched.
         missed: 1 if, in addition, the advice was *clear* or *warn* until the touch.
         lead_s: if not missed, the time from the first stricter advice to the touch.
-        touch_speeds_m_s, touch_relative_m_s, touch_limits_m_s, touches_beyond, touches_relative_beyond,
-            touches_forbidden, clampings: see ``Harm``.
+        touch_speeds_m_s, touch_relative_m_s, touch_limits_m_s, touches_beyond,
+            touches_relative_beyond, touches_forbidden, clampings: see ``Harm``.
         cycles, cycles_empty: work done, and the work of an empty cell in the same time.
     """
 
