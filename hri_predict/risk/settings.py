@@ -125,6 +125,12 @@ class ContactSettings(Settings):
         description="what the robot may clamp a body part against, besides the floor; default: the"
         " table that each robot stands on, a plane at its base",
     )
+    own_speed: Literal["counted", "left_out"] = Field(
+        "counted",
+        description="whether a body part's own speed is taken off what it bears: the relative speed"
+        " counts then. left_out: the robot's speed alone, as where a person who strikes a standing"
+        " robot is that person's own risk",
+    )
     slow_margin_m: float = Field(
         0.1,
         ge=0,

@@ -3,7 +3,7 @@
 A speed is permitted if, until the robot stands, it can reach no part of a body that does not bear a
 touch at this speed. For each part, that means: its zone stays away from the stopping robot, as in
 mode ``predictive``; or the speed is at most what the part bears (``limits``), less the part's own
-speed. A part that may be clamped between a link and a fixture must bear the quasi-static limits as
+speed (unless ``own_speed`` leaves it out). A part that may be clamped between a link and a fixture must bear the quasi-static limits as
 well. Head, face and neck bear nothing, and so does everything of a person who is lost or whose
 speed is unknown. A speed is permitted only together with every slower one.
 
@@ -178,6 +178,8 @@ class ContactJudge:
     ) -> Bools:
         """(V, N, S) whether each segment bears a touch at each speed."""
         own = np.where(bodies.speeds.unknown[who][:, None], np.inf, bodies.segments_m_s[who])
+        if self._robot.risk.contact.own_speed == "left_out":
+            own = np.where(np.isfinite(own), 0.0, np.inf)
         free = self._free - own  # (N, S); a segment that bears nothing has a limit of 0
         free = np.where(self._free > 0, free, -np.inf)
         bears = free >= speeds[:, None, None]

@@ -160,6 +160,14 @@ def test_the_parts_own_speed_counts():
     assert found(people({"l_hand": beside()}, own=np.inf))[0][0].level is Level.STOP
 
 
+def test_the_parts_own_speed_may_be_left_out_but_must_be_known():
+    contact = HYBRID.contact.model_copy(update={"own_speed": "left_out"})
+    alone = HYBRID.model_copy(update={"contact": contact})
+    hand = {"l_hand": beside()}
+    assert found(people(hand, own=2.0), risk=alone)[0][0].limit_m_s == 1.0
+    assert found(people(hand, own=np.inf), risk=alone)[0][0].level is Level.STOP
+
+
 def test_nobody_whose_speed_is_unknown_or_who_is_lost_may_be_touched():
     body = people({"l_hand": beside()})
     unknown = np.array([True])
