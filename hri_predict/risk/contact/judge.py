@@ -3,9 +3,10 @@
 A speed is permitted if, until the robot stands, it can reach no part of a body that does not bear a
 touch at this speed. For each part, that means: its zone stays away from the stopping robot, as in
 mode ``predictive``; or the speed is at most what the part bears (``limits``), less the part's own
-speed (unless ``own_speed`` leaves it out). A part that may be clamped between a link and a fixture must bear the quasi-static limits as
-well. Head, face and neck bear nothing, and so does everything of a person who is lost or whose
-speed is unknown. A speed is permitted only together with every slower one.
+speed unless ``own_speed`` leaves it out. A part that may be clamped between a link and a fixture
+must bear the quasi-static limits as well. Head, face and neck bear nothing, and so does everything
+of a person who is lost or whose speed is unknown. A speed is permitted only together with every
+slower one.
 
 A body part may be clamped if a link can reach it, a fixture can (its zone comes that near), and the
 link may come nearer to the fixture than the part is thick (ISO 13854:2017, Table 1, or the part's
