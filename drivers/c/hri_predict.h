@@ -19,7 +19,7 @@
 
 /* generated: begin (renew: hri-predict protocol c-header) */
 #define HRI_SCHEMA_VERSION 2u
-#define HRI_SCHEMA_HASH 0x1673E091u
+#define HRI_SCHEMA_HASH 0x1B1DB851u
 #define HRI_DEFAULT_BASE_ID 0x680u
 #define HRI_LAST_NUMBER 0x5Fu
 #define HRI_MAX_ROBOTS 8u
@@ -74,6 +74,7 @@
 #define HRI_REASON_RELEASE_PENDING 8u
 #define HRI_REASON_PERSON_FAST 9u
 #define HRI_REASON_SPEED_UNKNOWN 10u
+#define HRI_REASON_CONTACT_POSSIBLE 11u
 #define HRI_REASON_NO_INPUT 20u
 #define HRI_REASON_INPUT_STALE 21u
 #define HRI_REASON_INPUT_FROZEN 22u

@@ -128,12 +128,23 @@ class ContactJudge:
             return None
         zones = Capsules(zones.a[who], zones.b[who], zones.radius[who])
         near = _near_m(zones, motion.capsules, travel, needed[-1])
-        found = _Reachable(who, near, self._bears(motion, bodies, zones, who, near, travel, speeds))
+        bears = self._bears(
+            motion=motion,
+            bodies=bodies,
+            zones=zones,
+            who=who,
+            near=near,
+            travel=travel,
+            speeds=speeds,
+        )
+        found = _Reachable(who, near, bears)
         least = np.array([found.least_m(i) for i in range(len(speeds))])
         limits = [_limit(rungs, least[:-1], m) for m in needed]
         slack = float(least[-1]) - motion.clearance_m
         if motion.is_foreseen:
-            limits, slack = self._ahead(motion, zones, found, limits, slack)
+            limits, slack = self._ahead(
+                motion=motion, zones=zones, found=found, limits=limits, slack=slack
+            )
         slack = min(slack, _FREE_M)
         person, segment, link = self._deciding(found, rungs, limits[0], people)
         return replace(
@@ -169,6 +180,7 @@ class ContactJudge:
 
     def _bears(
         self,
+        *,
         motion: RobotMotion,
         bodies: BodyZones,
         zones: Capsules,
@@ -211,6 +223,7 @@ class ContactJudge:
 
     def _ahead(
         self,
+        *,
         motion: RobotMotion,
         zones: Capsules,
         found: _Reachable,
