@@ -234,8 +234,9 @@ def _with_contact(
     if (demand.level, demand.limit_m_s) != (apart.level, apart.limit_m_s):
         return demand, contact
     if demand.level is Level.STOP:
-        named = {"person": contact.person, "segment": contact.segment, "link": contact.link}
-        return demand, replace(people, **named)
+        return demand, replace(
+            people, person=contact.person, segment=contact.segment, link=contact.link
+        )
     return demand, people
 
 

@@ -289,7 +289,9 @@ def test_a_standing_robot_may_be_as_fast_as_the_plain_rule_says(where, own):
     )[0]
     assert isinstance(judge, ContactJudge)
     people_finding = separation(body, [standing()]).robots[0].people
-    limit = judge(motion, body, people_finding).limits[0]
+    judged = judge(motion, body, people_finding)
+    assert judged is not None
+    limit = judged.limits[0]
     rungs = np.arange(1, RUNGS + 1) / RUNGS
     ok = [permits(motion, body, float(rung)) for rung in rungs]
     highest = 0.0
