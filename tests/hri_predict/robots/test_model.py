@@ -323,7 +323,11 @@ MISTAKES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "joint left out": (lambda r: r["joints"].pop(2), "broken chain.*'forearm' does not exist"),
     "same joint name": (joint(1, "name", "elbow"), "'elbow' is used twice"),
     "no joints": (lambda r: r.update(joints=[]), "joints"),
-    "prismatic": (joint(0, "type", "prismatic"), "joints.0.type"),
+    "unknown type": (joint(0, "type", "planar"), "joints.0.type"),
+    "turn in metres": (
+        lambda r: r["joints"][0].update(type="prismatic", velocity=25.0),
+        "in metres: position at most 8 m",
+    ),
     "missing capsule": (lambda r: r["capsules"].pop(3), "link 'forearm' has no capsule"),
     "capsule on no link": (
         lambda r: r["capsules"][3].update(link="forarm"),

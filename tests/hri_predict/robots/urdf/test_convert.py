@@ -235,9 +235,13 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
     "not there": (same, [*CHAIN, *STOP, "--out", "/dev/null/x.yaml"], "cannot be written"),
     "unknown link": (same, ["--base", "plat", "--tip", "camera", *STOP], "did you mean 'plate'"),
     "other way": (same, ["--base", "camera", "--tip", "plate", *STOP], "does not hang on 'camera'"),
-    "nothing turns": (same, ["--base", "world", "--tip", "plate", *STOP], "0 joints turn"),
+    "nothing turns": (same, ["--base", "world", "--tip", "plate", *STOP], "0 joints move"),
     "a branch": (same, CHAIN[:4] + STOP, "'slide' moves link 'finger'.*--leave-out finger"),
-    "slides": (same, ["--base", "plate", "--tip", "finger", *STOP], "'slide' is of type 'pris"),
+    "floats": (
+        swap('name="slide" type="prismatic"', 'name="slide" type="floating"'),
+        ["--base", "plate", "--tip", "finger", *STOP],
+        "'slide' is of type 'floating'",
+    ),
     "mimic": (
         swap('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="turn"/>'), CHAIN + STOP,
         "'lift' mimics",
@@ -352,12 +356,12 @@ def test_too_many_joints(tmp_path: Path) -> None:
     text = "<robot name='snake'><link name='l0'/>" + "".join(
         f"<link name='l{i}'/><joint name='j{i}' type='revolute'><parent link='l{i - 1}'/>"
         f"<child link='l{i}'/></joint>"
-        for i in range(1, 9)
+        for i in range(1, 11)
     )
     (tmp_path / "snake.urdf").write_text(text + "</robot>")
-    with pytest.raises(RobotError, match=r"8 joints turn.*carries 1 to 7"):
-        read_chain(tmp_path / "snake.urdf", "l0", "l8", left_out=[], packages=[])
+    with pytest.raises(RobotError, match=r"10 joints move.*carries 1 to 9"):
+        read_chain(tmp_path / "snake.urdf", "l0", "l10", left_out=[], packages=[])
     assert (
-        len(read_chain(tmp_path / "snake.urdf", "l0", "l7", left_out=["l8"], packages=[]).joints)
-        == 7
+        len(read_chain(tmp_path / "snake.urdf", "l0", "l9", left_out=["l10"], packages=[]).joints)
+        == 9
     )
