@@ -54,6 +54,7 @@ class ToolSettings(Settings):
     name: Name
     number: int | None = Field(
         None,
+        strict=True,
         ge=0,
         le=MAX_TOOL,
         description="`tool` in RobotState that names it; without one it only counts in the worst",

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,7 +13,7 @@ from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
-from hri_predict.robots.model import RobotModel, RobotSettings
+from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotTracker
 from tests.hri_predict.robots import nine_joints
 from tests.hri_predict.robots.nine_joints import LIFT, PLACED, RAIL, TWIST, UR5E
@@ -108,10 +109,13 @@ def test_what_it_sweeps_contains_it_between_the_steps(
 
 @given(seeds, st.floats(0.01, 0.3))
 def test_a_bent_path_stays_in_its_stretch(robot: RobotModel, seed: int, half: float) -> None:
+    bent(robot, np.random.default_rng(seed), half, [4.0] * robot.dof)
+
+
+def bent(robot: RobotModel, rng: np.random.Generator, half: float, ddq_most: list[float]) -> None:
     """A parabola in every joint, with the bounds of its derivatives."""
-    rng = np.random.default_rng(seed)
     (q,), (dq,) = nine_joints.drawn(robot, rng, 1)
-    ddq = rng.uniform(-4.0, 4.0, robot.dof)
+    ddq = np.array(ddq_most) * rng.choice([-1.0, 0.0, 1.0], robot.dof)
     u = np.linspace(0.0, 2 * half, 41)[:, None]
     path = q + dq * u + ddq * u * u / 2
     most = np.maximum(np.abs(dq), np.abs(dq + ddq * 2 * half))
@@ -119,6 +123,35 @@ def test_a_bent_path_stays_in_its_stretch(robot: RobotModel, seed: int, half: fl
     for place in path:
         true = robot.capsules(place)
         assert holds(Capsules(swept.a[1], swept.b[1], swept.radius[1]), true)
+
+
+@pytest.fixture(scope="module")
+def telescope(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
+    """A telescope that turns about its end: no rigid piece hides what sliding adds."""
+    folder = tmp_path_factory.mktemp("telescope")
+    turn = {**TWIST, "name": "turn", "parent": "base", "child": "tube", "origin": {"xyz": [0] * 3}}
+    slide = {**RAIL, "parent": "tube", "child": "tip", "origin": {"xyz": [0] * 3}}
+    point = {"a": [0.0] * 3, "b": [0.0] * 3, "radius": 0.01}
+    data = {
+        "name": "telescope",
+        "source": "made up",
+        "base": "base",
+        "joints": [turn, slide | {"axis": [1, 0, 0]}],
+        "capsules": [{"name": link, "link": link, **point} for link in ("base", "tube", "tip")],
+        "stopping": UR5E["stopping"],
+    }
+    (folder / "r.yaml").write_text(yaml.safe_dump(data))
+    settings = RobotSettings(
+        name="t", model="r.yaml", room_from_robot=PLACED, max_speed_m_s=1.0, payload_kg=0.0
+    )
+    return load_robot(settings, folder)
+
+
+@given(seeds, st.floats(0.01, 0.3))
+def test_a_telescope_that_turns_stays_in_its_stretch(
+    telescope: RobotModel, seed: int, half: float
+) -> None:
+    bent(telescope, np.random.default_rng(seed), half, [2.0, 2.0])
 
 
 def test_the_bound_is_not_much_larger_than_needed(robot: RobotModel) -> None:
