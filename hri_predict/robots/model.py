@@ -69,6 +69,7 @@ class RobotModel:
         base: (3,) the base's origin in the room; ``None`` if it moves.
         mobile: the moving base; ``None`` if it stands.
         reach_m: no point of any capsule is ever farther than this from the base's origin.
+        table: of the arm's stops.
         tools: each tool's own model by its name; empty without tools.
         numbering: (C,) index in the worst of each capsule of a tool's own model; else ``None``.
     """
@@ -110,7 +111,7 @@ class RobotModel:
         from_base = np.where(self._link == lead, on_base, root + along)
         self.reach_m = float(np.max(from_base + self._radius))
         loads = [tool.payload_kg for tool in tools] or [payload_kg]
-        self._table = StoppingTable.of(file.stopping, loads)
+        self.table = StoppingTable.of(file.stopping, loads)
         self.mobile: MobileBase | None = None
         if base is not None:  # the axis of turning is the last of the base's joints
             spread = float((pieces.beyond[:, lead - 1] + self._radius).max())
@@ -156,11 +157,11 @@ class RobotModel:
     def stretch(self) -> float:
         """Times and distances of the stopping tables are multiplied by it: more than 1 for a robot
         that was measured to stop late. It holds for all tools."""
-        return self._table.stretch
+        return self.table.stretch
 
     @stretch.setter
     def stretch(self, stretch: float) -> None:
-        self._table.stretch = stretch
+        self.table.stretch = stretch
         if self.mobile is not None:
             self.mobile.table.stretch = stretch
         for own in self.tools.values():
@@ -240,14 +241,14 @@ class RobotModel:
     def stopping_times(self, speeds: Floats) -> Floats:
         """The times of ``stopping``, for any number of speeds at once."""
         if self.mobile is not None:
-            return self.mobile.times_s(self._table, speeds)
-        return self._table.times_s(speeds)
+            return self.mobile.times_s(self.table, speeds)
+        return self.table.times_s(speeds)
 
     def _stopping_m(self, speeds: Floats) -> Floats:
         """The distances of ``stopping``, for any number of speeds at once."""
         if self.mobile is not None:
-            return self.mobile.distances_m(self._table, speeds)
-        return self._table.distances_m(speeds)
+            return self.mobile.distances_m(self.table, speeds)
+        return self.table.distances_m(speeds)
 
     def stopping_capsules(
         self,
@@ -285,7 +286,7 @@ class RobotModel:
         if self.mobile is not None:
             at_s = np.maximum(np.asarray(times_s, float), 0.0)
             by_arm = factor * float(self.tip_speed(q, self._of_arm(qd)))
-            arm = Course.of(self._table, by_arm, at_s, reaction_s)
+            arm = Course.of(self.table, by_arm, at_s, reaction_s)
             path = self.mobile.stopping_path(arm, q, qd, factor, at_s, reaction_s)
             swept = self.swept_capsules(path.q, path.dq_most, path.ddq_most, path.half)
             return Capsules(swept.a, swept.b, swept.radius + path.veer_m[..., None])
@@ -336,7 +337,7 @@ class RobotModel:
 
         ``speeds`` and ``stopping_s`` are (..., 1).
         """
-        return self._table.travel_s(speeds, times_s, reaction_s, stopping_s)
+        return self.table.travel_s(speeds, times_s, reaction_s, stopping_s)
 
     def _ends_at(self, links: Floats) -> Floats:
         """(2, ..., C, 3) both ends of every capsule on links (N+1, ..., 3, 4)."""

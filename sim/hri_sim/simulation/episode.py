@@ -123,7 +123,7 @@ def run_episode(
         node=node,
     )
     truth = TruePeople(ApproachSource(exact(cell_settings(config)), config.base_dir))
-    referee = Referee(cell.models, config.node.risk.clearance_m)
+    referee = Referee(cell.models, config.node.risk.clearance_m, mock.tool_of)
     recorder = _Recorder(mock, truth, referee, cell)
     step_all(assembly=assembly, pace=Pace(), beside=mock, each_tick=recorder.observe)
     if node.assess_failures or node.listener_failures:
