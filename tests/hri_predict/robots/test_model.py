@@ -190,6 +190,7 @@ def test_reach_is_never_exceeded_and_nearly_reached() -> None:
     robot = ur5e(room_from_robot=PLACED)
     placed = robot.capsules(np.random.default_rng(1).uniform(-6, 6, (5000, 6)))
     for end in (placed.a, placed.b):
+        assert robot.base is not None
         far = np.linalg.norm(end - robot.base, axis=-1) + placed.radius
         assert far.max() <= robot.reach_m
     assert robot.reach_m < 1.7
