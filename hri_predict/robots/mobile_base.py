@@ -134,6 +134,7 @@ class MobileBase:
     def stopping_path(
         self,
         arm: Course,
+        *,
         q: Floats,
         qd: Floats,
         factor: Floats,

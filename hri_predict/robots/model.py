@@ -287,7 +287,9 @@ class RobotModel:
             at_s = np.maximum(np.asarray(times_s, float), 0.0)
             by_arm = factor * float(self.tip_speed(q, self._of_arm(qd)))
             arm = Course.of(self.table, by_arm, at_s, reaction_s)
-            path = self.mobile.stopping_path(arm, q, qd, factor, at_s, reaction_s)
+            path = self.mobile.stopping_path(
+                arm, q=q, qd=qd, factor=factor, times_s=at_s, reaction_s=reaction_s
+            )
             swept = self.swept_capsules(path.q, path.dq_most, path.ddq_most, path.half)
             return Capsules(swept.a, swept.b, swept.radius + path.veer_m[..., None])
         stopping = np.asarray(stopping_s, float)[..., None]
@@ -319,7 +321,7 @@ class RobotModel:
         ends = self._ends_at(self._chain.links(q))
         before = np.concatenate([ends[..., :1, :, :], ends[..., :-1, :, :]], axis=-3)
         a, b = 0.5 * (ends + before)
-        grow = self._pieces.departure(ends, before, q, dq_most, ddq_most, half)
+        grow = self._pieces.departure(ends, before, q=q, dq=dq_most, ddq=ddq_most, half=half)
         return Capsules(a, b, self._radius + grow)
 
     def shift_m(self, off: Floats) -> float:

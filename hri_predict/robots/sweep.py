@@ -55,7 +55,14 @@ class Pieces:
         return cls(arms, slides, behind, extent, np.where(slides, behind, beyond))
 
     def departure(
-        self, ends: Floats, before: Floats, q: Floats, dq: Floats, ddq: Floats, half: Floats
+        self,
+        ends: Floats,
+        before: Floats,
+        *,
+        q: Floats,
+        dq: Floats,
+        ddq: Floats,
+        half: Floats,
     ) -> Floats:
         """(..., K, C) how far an axis may be from the middle of its places at a stretch's ends.
 

@@ -21,6 +21,7 @@ from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
 from hri_predict.cli.check.lost import lost_notes
+from hri_predict.cli.check.tools import base_notes, tool_facts, tool_tables
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError
@@ -84,6 +85,8 @@ def check(
     console.print(_delay_table(found))
     if found["risk"]["robots"]:
         console.print(_risk_table(found["risk"]))
+    for table in tool_tables(found["tools"]):
+        console.print(table)
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
@@ -147,6 +150,7 @@ def examine(config: Config) -> dict[str, Any]:
         "horizon_s": assembly.prediction.predictor.horizon_steps
         / assembly.prediction.predictor.rate_hz,
         "risk": risk,
+        "tools": tool_facts(assembly.robots, config.node.robots),
         "links": [asdict(load) for load in loads],
         "zones": zones_text(config),
         "calibration": calibration,
@@ -161,6 +165,7 @@ def examine(config: Config) -> dict[str, Any]:
             *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),
+            *base_notes(config.node.robots),
             *calibration_notes(calibration),
         ],
     }

@@ -237,6 +237,7 @@ class ControllerCore(Generic[U]):
         q: Floats | None,
         qd: Floats | None,
         mode: RobotMode,
+        *,
         mounted: Mounted = NOTHING,
     ) -> list[U]:
         """Return what to send now: RobotState when due, Acknowledge if the button is pressed.

@@ -174,10 +174,10 @@ class Station(Generic[U]):
             self._core.obey(permit, now_ns)
             truth = self._wiring.truth()
             if truth is None:
-                return self._core.outgoing(now_ns, None, None, RobotMode.UNKNOWN)
+                return self._core.outgoing(now_ns, None, None, mode=RobotMode.UNKNOWN)
             mode = RobotMode.AUTOMATIC if truth.alive(now_ns) else RobotMode.UNKNOWN
             told = self._lies.told(*truth.at(now_ns), now_ns)
-            return self._core.outgoing(now_ns, *told, mode, truth.mounted)
+            return self._core.outgoing(now_ns, *told, mode=mode, mounted=truth.mounted)
         allowed = self._wiring.permitted_speed(now_ns)
         if allowed < permit.speed_m_s:
             permit = Permit(allowed, "other channel")
@@ -190,9 +190,9 @@ class Station(Generic[U]):
             self._arm.deceleration_m_s2 = braking
         self._arm.step(now_ns, min(speed, fastest))
         q, qd = self._arm.joints()
-        self._wiring.set_truth(q, qd, self._arm.path_s, now_ns, mounted)
+        self._wiring.set_truth(q, qd, path_s=self._arm.path_s, now_ns=now_ns, mounted=mounted)
         told = self._lies.told(q, qd, now_ns)
-        return self._core.outgoing(now_ns, *told, RobotMode.AUTOMATIC, mounted)
+        return self._core.outgoing(now_ns, *told, mode=RobotMode.AUTOMATIC, mounted=mounted)
 
     def write_failed(self) -> None:
         """Count a unit that the link did not send."""

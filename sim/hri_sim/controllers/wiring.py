@@ -119,7 +119,13 @@ class Wiring:
         return min((self.permit(name, now_ns) for name in self._channels), default=0.0)
 
     def set_truth(
-        self, q: Floats, qd: Floats, path_s: float, now_ns: int, mounted: Mounted = NOTHING
+        self,
+        q: Floats,
+        qd: Floats,
+        path_s: float,
+        now_ns: int,
+        *,
+        mounted: Mounted = NOTHING,
     ) -> None:
         """Publish the arm's joints (N,), N up to 12, and its tool."""
         tool = _NO_TOOL if mounted.number is None else float(mounted.number)

@@ -9,7 +9,7 @@ from hri_predict.robots.settings import RobotSettings
 BASE: dict[str, Any] = {
     "kind": "state",
     "base_from_robot": {"xyz": [0.2, 0.0, 0.5]},
-    "capsules": [{"name": "body", "a": [-0.2, 0, 0.25], "b": [0.3, 0, 0.25], "radius": 0.4}],
+    "capsules": [{"name": "body", "a": [-0.2, 0, 0.3], "b": [0.3, 0, 0.3], "radius": 0.3}],
     "max_speed_m_s": 1.0,
     "max_turn_rad_s": 0.8,
     "acceleration_m_s2": 1.5,
