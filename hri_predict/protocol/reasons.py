@@ -38,6 +38,7 @@ class Reason(IntEnum):
     ROBOT_STATE_JUMPED = 34
     ROBOT_TOO_FAST = 35
     ROBOT_STOPS_LATE = 36
+    ROBOT_BASE_UNKNOWN = 37
     PREDICTOR_FAILED = 40
     PREDICTOR_LATE = 41
     NODE_FAULT = 42
@@ -145,12 +146,13 @@ _TEXT = {
         "the controller reports automatic mode",
     ),
     Reason.ROBOT_STATE_INVALID: (
-        "RobotState is outside the robot's limits, or its counter does not count",
-        "the controller reports joints within the robot's limits, and its counter advances by 1",
+        "RobotState is outside the robot's or its base's limits, reports a base that is configured "
+        "to stand, or its counter does not count",
+        "the controller reports joints and base within their limits, and its counter advances by 1",
     ),
     Reason.ROBOT_VELOCITY_WRONG: (
         "the velocities in RobotState do not match how its positions change",
-        "the controller reports velocities, in rad/s, that match its positions",
+        "the controller reports velocities, in rad/s or m/s, that match its positions",
     ),
     Reason.ROBOT_STATE_JUMPED: (
         "the positions in RobotState changed faster than the robot can move",
@@ -163,6 +165,10 @@ _TEXT = {
     Reason.ROBOT_STOPS_LATE: (
         "the robot needed more way or time to stop than its stopping table says",
         "the stopping table is corrected and the node is started again",
+    ),
+    Reason.ROBOT_BASE_UNKNOWN: (
+        "RobotState does not say where the robot's moving base is",
+        "the controller reports the base's pose and velocity",
     ),
     Reason.PREDICTOR_FAILED: (
         "the predictor failed; physical limits are used instead",

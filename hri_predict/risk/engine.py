@@ -326,6 +326,12 @@ def _check_door(key: str, door: Region, robots: Sequence[RobotConstants]) -> Non
     """Refuse a door where somebody could be touched who is taken to have left, or not yet to be
     here."""
     for robot in robots:
+        if robot.model.base is None:
+            raise ConfigError(
+                f"{key}: the base of robot {robot.name} moves, so its distance from the door is "
+                f"not fixed, and somebody who leaves or comes could be touched; leave the door "
+                f"out: who vanishes there then stays lost until an Acknowledge"
+            )
         distance_m = floor_distance(door, robot.model.base)
         reach_m, needed_m = robot.model.reach_m, robot.needed_m()
         if distance_m < reach_m + needed_m:

@@ -2,7 +2,8 @@
 robot is measured to stop later than its stopping table says.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 from hri_predict.errors import ConfigError
@@ -28,6 +29,7 @@ class RobotConstants:
         budget: the delays.
         until_braking_s: from now until it begins to brake.
         fixed_radius_m: radius of mode ``fixed``: as set, or the robot's reach plus S_p at worst.
+        tools: by number, the constants with one tool; those of the worst of all are these.
     """
 
     robot: RobotSettings
@@ -38,6 +40,7 @@ class RobotConstants:
     budget: DelayBudget
     until_braking_s: float
     fixed_radius_m: float
+    tools: Mapping[int, Self] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -65,7 +68,7 @@ class RobotConstants:
                 f"risk.fixed_radius_m: {radius_m:g} m is less than the reach of robot"
                 f" {robot.name}, {model.reach_m:.2f} m; give more, or leave it out"
             )
-        return cls(
+        worst = cls(
             robot=robot,
             risk=risk,
             model=model,
@@ -75,14 +78,27 @@ class RobotConstants:
             until_braking_s=budget.after_now_s(robot.name),
             fixed_radius_m=radius_m,
         )
+        return replace(worst, tools={n: worst._with_tool(n) for n in model.tool_numbers})
+
+    def _with_tool(self, number: int) -> Self:
+        """The same robot with one tool; circles and doors remain those of the worst."""
+        model = self.model.counting(number)
+        plan = None if self.plan is None else Plan(self.plan.trajectory, model)
+        curve = StoppingCurve.of(model.stopping, self.robot.max_speed_m_s)
+        return replace(self, model=model, plan=plan, curve=curve, tools={})
+
+    def counting(self, tool: int | None) -> Self:
+        """The constants with one tool; ``None``: those of the worst of all."""
+        return self if tool is None else self.tools[tool]
 
     def revised(self) -> Self:
-        """The same with the stopping curve that the model has now."""
+        """The same with the stopping curves that the models have now."""
         curve = StoppingCurve.of(self.model.stopping, self.robot.max_speed_m_s)
         radius_m = self.fixed_radius_m
         if self.risk.fixed_radius_m is None:
             radius_m = max(radius_m, self.model.reach_m + self.needed_m())
-        return replace(self, curve=curve, fixed_radius_m=radius_m)
+        tools = {number: own.revised() for number, own in self.tools.items()}
+        return replace(self, curve=curve, fixed_radius_m=radius_m, tools=tools)
 
     @property
     def name(self) -> str:

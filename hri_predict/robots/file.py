@@ -4,6 +4,7 @@
 """
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -15,7 +16,11 @@ from hri_predict.files import data_path, read_yaml
 from hri_predict.robots.kinematics import Joint, dh_joint, origin_joint
 from hri_predict.settings import Metres, Settings, Vector3, validated
 
-MAX_JOINTS = 7  # the most that RobotState carries
+MAX_JOINTS = 9
+"""The most that RobotState carries."""
+MAX_SLIDE_M = 8.0
+"""A prismatic joint's position, at most: RobotState carries 8.19 m."""
+MAX_SLIDE_M_S = 20.0
 
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 
@@ -24,7 +29,10 @@ Stopping = Annotated[float, Field(le=100)]  # seconds, metres, m/s: no robot nee
 
 
 class DhRow(Settings):
-    """Classic (distal) Denavit-Hartenberg row: Rz(theta + q) Tz(d) Tx(a) Rx(alpha); m, rad."""
+    """Classic (distal) Denavit-Hartenberg row: Rz(theta + q) Tz(d) Tx(a) Rx(alpha); m, rad.
+
+    The position q of a prismatic joint is added to d instead.
+    """
 
     a: Metres
     alpha: float
@@ -40,10 +48,13 @@ class Origin(Settings):
 
 
 class JointFile(Settings):
-    """One joint: its links, its place (``dh``, or ``origin`` and ``axis``), and its limits."""
+    """One joint: its links, its place (``dh``, or ``origin`` and ``axis``), and its limits.
+
+    A revolute joint turns about its axis (rad, rad/s), a prismatic one slides along it (m, m/s).
+    """
 
     name: Name
-    type: Literal["revolute"] = "revolute"
+    type: Literal["revolute", "prismatic"] = "revolute"
     parent: Name
     child: Name
     dh: DhRow | None = None
@@ -57,21 +68,34 @@ class JointFile(Settings):
         if (self.dh is None) == (self.origin is None):
             raise ValueError(f"joint '{self.name}': give either dh or origin, not both or neither")
         if (self.origin is None) != (self.axis is None):
-            raise ValueError(f"joint '{self.name}': axis belongs to origin (dh turns about z)")
+            raise ValueError(f"joint '{self.name}': axis belongs to origin (that of dh is z)")
         if self.axis is not None and not 0.99 < float(np.linalg.norm(self.axis)) < 1.01:
             raise ValueError(f"joint '{self.name}': axis must have length 1")
         if not self.position[0] < self.position[1]:
             raise ValueError(f"joint '{self.name}': position must be [lower, upper]")
+        farthest = max(abs(limit) for limit in self.position)
+        if self.slides and (farthest > MAX_SLIDE_M or self.velocity > MAX_SLIDE_M_S):
+            raise ValueError(
+                f"joint '{self.name}': a prismatic joint is in metres: position at most "
+                f"{MAX_SLIDE_M:g} m from 0, which RobotState carries, and velocity at most "
+                f"{MAX_SLIDE_M_S:g} m/s; put its 0 in the middle"
+            )
         return self
+
+    @property
+    def slides(self) -> bool:
+        """Whether it is prismatic."""
+        return self.type == "prismatic"
 
     def joint(self) -> Joint:
         """The joint for the kinematics."""
         if self.dh is not None:
-            return dh_joint(self.dh.a, self.dh.alpha, self.dh.d, self.dh.theta)
+            dh = self.dh
+            return dh_joint(dh.a, dh.alpha, dh.d, dh.theta, slides=self.slides)
         assert self.origin is not None  # the validator guarantees it
         assert self.axis is not None
         xyz, rpy, axis = (np.array(v) for v in (self.origin.xyz, self.origin.rpy, self.axis))
-        return origin_joint(xyz, rpy, axis)
+        return origin_joint(xyz, rpy, axis, slides=self.slides)
 
 
 class CapsuleFile(Settings):
@@ -153,6 +177,17 @@ class RobotFile(Settings):
     payload: list[CapsuleFile] = Field([], description="likewise, of what the robot carries")
     stopping: StoppingFile
     contact: ContactFile | None = None
+
+    def effective_kg(self, loads: Sequence[float | None]) -> float:
+        """m_R = M / 2 + m_L with the heaviest load (ISO/TS 15066:2016, A.3.6).
+
+        ``None`` among the loads is the heaviest of the stopping table. 0 without ``contact``.
+        """
+        if self.contact is None:
+            return 0.0
+        heaviest = self.stopping.rows[-1].payload_kg
+        load_kg = max(heaviest if load is None else load for load in loads)
+        return self.contact.moving_mass_kg / 2 + load_kg
 
     def links(self) -> list[str]:
         """Link names in the order of the chain."""

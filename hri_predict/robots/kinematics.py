@@ -1,10 +1,11 @@
-"""Forward kinematics of a serial chain of revolute joints, vectorised over configurations.
+"""Forward kinematics of a serial chain of joints, vectorised over configurations.
 
-Each joint turns its child link about a fixed axis of its parent:
-``T_parent_child(q) = pre . Rot(axis, q) . post``. A URDF joint is ``pre = origin, post = 1``; a row
-of classic (distal) Denavit-Hartenberg parameters is ``pre = 1, axis = z,
-post = Rz(theta) Tz(d) Tx(a) Rx(alpha)`` (J. J. Craig, "Introduction to Robotics", names the other,
-modified, convention; Universal Robots publish the classic one).
+A revolute joint turns its child link about a fixed axis of its parent, a prismatic joint shifts it
+along that axis: ``T_parent_child(q) = pre . Rot(axis, q) . post``, or ``pre . Trans(axis q) .
+post``. A URDF joint is ``pre = origin, post = 1``; a row of classic (distal) Denavit-Hartenberg
+parameters is ``pre = 1, axis = z, post = Rz(theta) Tz(d) Tx(a) Rx(alpha)`` (J. J. Craig,
+"Introduction to Robotics", names the other, modified, convention; Universal Robots publish the
+classic one). A configuration is in rad, and in m for prismatic joints.
 """
 
 from dataclasses import dataclass
@@ -17,34 +18,56 @@ from hri_predict.geometry import cross
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """One revolute joint: (4, 4) transforms before and after the turn, and a unit (3,) axis."""
+    """One joint: (4, 4) transforms before and after its motion, and a unit (3,) axis.
+
+    It turns about the axis, or slides along it.
+    """
 
     pre: Floats
     axis: Floats
     post: Floats
+    slides: bool = False
 
 
-def dh_joint(a: float, alpha: float, d: float, theta: float) -> Joint:
-    """A joint from a classic DH row: metres and radians; ``theta`` is added to the joint angle."""
+def dh_joint(a: float, alpha: float, d: float, theta: float, *, slides: bool = False) -> Joint:
+    """A joint from a classic DH row, metres and radians.
+
+    Its position is added to ``theta``, or to ``d`` if it slides.
+    """
     z_turn, x_turn = np.eye(4), np.eye(4)
     z_turn[:3, :3] = _turn(np.array([0.0, 0.0, 1.0]), theta)
     z_turn[2, 3] = d
     x_turn[:3, :3] = _turn(np.array([1.0, 0.0, 0.0]), alpha)
     x_turn[0, 3] = a
-    return Joint(np.eye(4), np.array([0.0, 0.0, 1.0]), z_turn @ x_turn)
+    return Joint(np.eye(4), np.array([0.0, 0.0, 1.0]), z_turn @ x_turn, slides)
 
 
-def origin_joint(xyz: Floats, rpy: Floats, axis: Floats) -> Joint:
+def origin_joint(xyz: Floats, rpy: Floats, axis: Floats, *, slides: bool = False) -> Joint:
     """A joint as in URDF: origin in the parent (metres; fixed-axis roll, pitch, yaw) and axis."""
     pre = np.eye(4)
     turns = [_turn(np.eye(3)[i], rpy[i]) for i in range(3)]
     pre[:3, :3] = turns[2] @ turns[1] @ turns[0]
     pre[:3, 3] = xyz
-    return Joint(pre, np.asarray(axis, float) / np.linalg.norm(axis), np.eye(4))
+    return Joint(pre, np.asarray(axis, float) / np.linalg.norm(axis), np.eye(4), slides)
 
 
 def _skew(v: Floats) -> Floats:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def _blocks(joint: Joint) -> Floats:
+    """(3, 4, 4) of ``pre Rot(q) post``, for 1, sin q, cos q; of ``pre Trans(q) post``: 1, q, 0."""
+    blocks = np.zeros((3, 4, 4))
+    if joint.slides:
+        blocks[0] = joint.pre @ joint.post
+        blocks[1, :3, 3] = joint.pre[:3, :3] @ joint.axis
+        return blocks
+    along = np.outer(joint.axis, joint.axis)
+    for k, rotation in enumerate((along, _skew(joint.axis), np.eye(3) - along)):
+        blocks[k, :3] = joint.pre[:3, :3] @ rotation @ joint.post[:3]
+    blocks[0, :3, 3] += joint.pre[:3, 3]
+    blocks[0, 3, 3] = 1.0
+    return blocks
 
 
 def _turn(axis: Floats, angle: float) -> Floats:
@@ -62,22 +85,18 @@ class Chain:
 
     Attributes:
         dof: N.
+        sliding: indices of the prismatic joints.
     """
 
     def __init__(self, base: Floats, joints: list[Joint]) -> None:
         self.dof = len(joints)
+        self.sliding = np.array([i for i, joint in enumerate(joints) if joint.slides], np.intp)
         self._base = base
         self._joints = joints
         # pre Rot(q) post is linear in 1, sin q and cos q (Rodrigues). So each joint has three
         # constant 4 x 4 blocks, and one product gives all joints' local transforms: (N, 3, 16).
-        blocks = np.zeros((self.dof, 3, 4, 4))
-        for i, joint in enumerate(joints):
-            along = np.outer(joint.axis, joint.axis)
-            for k, rotation in enumerate((along, _skew(joint.axis), np.eye(3) - along)):
-                blocks[i, k, :3] = joint.pre[:3, :3] @ rotation @ joint.post[:3]
-            blocks[i, 0, :3, 3] += joint.pre[:3, 3]
-            blocks[i, 0, 3, 3] = 1.0
-        self._blocks = blocks.reshape(self.dof, 3, 16)
+        # pre Trans(q) post is linear in 1 and q, so q takes the place of sin q.
+        self._blocks = np.array([_blocks(joint) for joint in joints]).reshape(self.dof, 3, 16)
         # (N, 3, 2) each joint's axis and origin in the parent's frame
         self._axis_and_origin = np.array(
             [np.column_stack([j.pre[:3, :3] @ j.axis, j.pre[:3, 3]]) for j in joints]
@@ -90,6 +109,8 @@ class Chain:
         terms = np.ones((*flat.shape, 3))
         np.sin(flat, out=terms[..., 1])
         np.cos(flat, out=terms[..., 2])
+        if len(self.sliding):
+            terms[self.sliding, :, 1] = flat[self.sliding]
         local = np.matmul(terms, self._blocks).reshape(*flat.shape, 4, 4)  # (N, R, 4, 4)
         links = np.empty((self.dof + 1, flat.shape[1], 3, 4))
         links[0] = self._base[:3]
@@ -103,7 +124,7 @@ class Chain:
 
         Args:
             links: the result of ``links``.
-            qd: (..., N) rad/s.
+            qd: (..., N) rad/s, m/s.
 
         Returns:
             ``omega, v0``, each (N+1, ..., 3); a point x of link i moves at ``v0 + omega x x``.
@@ -114,9 +135,12 @@ class Chain:
         turned = np.matmul(parent[..., :3], axis_and_origin)  # (N, ..., 3, 2)
         axis, on_axis = turned[..., 0], turned[..., 1] + parent[..., 3]
         turn = axis * np.moveaxis(qd, -1, 0)[..., None]
+        shift = cross(on_axis, turn)
+        if len(self.sliding):
+            shift[self.sliding], turn[self.sliding] = turn[self.sliding], 0.0
         omega, v0 = np.zeros((2, *links.shape[:-2], 3))
         np.cumsum(turn, axis=0, out=omega[1:])
-        np.cumsum(cross(on_axis, turn), axis=0, out=v0[1:])
+        np.cumsum(shift, axis=0, out=v0[1:])
         return omega, v0
 
     def arms(self, link: int, point: Floats) -> Floats:
@@ -125,7 +149,8 @@ class Chain:
         Piece i is fixed to link i + 1. It runs from a point on that link's own axis to a point on
         the next axis, or to ``point`` (3,) of ``link``. Pieces beyond that link are 0. In every
         configuration, a point of the link is no farther from axis j than the sum of the pieces
-        from j on.
+        from j on, and of the amounts of the prismatic positions after j: a prismatic joint puts
+        its position, as a vector along its axis, between two pieces.
         """
         lengths = np.zeros(self.dof)
         for i in range(link):

@@ -1,152 +1,193 @@
 """A robot in the room: where its capsules are, how fast they move, how it stops."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
 
-from hri_predict.arrays import Floats
+from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.errors import RobotError
 from hri_predict.geometry import Capsules, cross, norm
-from hri_predict.robots.file import CapsuleFile, RobotFile, StoppingFile, read_robot_file
+from hri_predict.robots.file import RobotFile, read_robot_file
 from hri_predict.robots.kinematics import Chain
-from hri_predict.settings import Pose, Settings
+from hri_predict.robots.mobile_base import COORDINATES, FARTHEST, Course, MobileBase, base_joints
+from hri_predict.robots.settings import (
+    POSITION_TOLERANCE,
+    MobileBaseSettings,
+    RobotSettings,
+    StandingMotion,
+    StateMotion,
+    ToolSettings,
+    TrajectoryMotion,
+)
+from hri_predict.robots.shape import Shape
+from hri_predict.robots.stopping import StoppingTable
+from hri_predict.robots.sweep import Pieces
 
-STANDING_M_S = 0.001
-"""A robot whose fastest point is slower is at rest: stopping takes no time and no distance."""
-
-
-class StateMotion(Settings):
-    """The robot's motion is what its controller reports in RobotState."""
-
-    kind: Literal["state"] = "state"
-    stale_s: float = Field(0.1, gt=0, le=2, description="age at which RobotState is stale")
-    delay_s: float = Field(
-        0.0, ge=0, le=1, description="age of a RobotState at receipt: its link's delay"
-    )
-    acceleration_m_s2: float = Field(
-        5.0, ge=0, description="of the fastest point, at most; bounds its motion since RobotState"
-    )
-    plan: str | None = Field(
-        None,
-        min_length=1,
-        description="trajectory that it follows, shipped name or path of a YAML file; while its"
-        " state lies on it, the robot is predicted along it",
-    )
-
-
-class TrajectoryMotion(Settings):
-    """The robot follows a trajectory file, whatever its controller says."""
-
-    kind: Literal["trajectory"]
-    file: str = Field(min_length=1, description="shipped name or path of a YAML file")
-    start_s: float = Field(0.0, ge=0, description="time within the cycle at the node's start")
-
-
-class StandingMotion(Settings):
-    """The robot stands still."""
-
-    kind: Literal["standing"]
-    positions: Annotated[list[float], Field(min_length=1)]
-
-
-Motion = Annotated[StateMotion | TrajectoryMotion | StandingMotion, Field(discriminator="kind")]
-
-
-class RobotSettings(Settings):
-    """One entry of ``robots:`` in the configuration."""
-
-    name: str = Field(min_length=1, max_length=64)
-    model: str = Field(min_length=1, description="shipped name (ur5e) or path of a YAML file")
-    room_from_robot: Pose
-    payload_kg: float | None = Field(
-        None, ge=0, description="heaviest load; default: the heaviest of the stopping table"
-    )
-    max_speed_m_s: float = Field(gt=0, le=20, description="fastest point in production")
-    motion: Motion = StateMotion()
-    contact: Literal["allowed"] | None = Field(
-        None, description="in mode hybrid: the robot may touch people as fast as they bear it"
-    )
+__all__ = [
+    "RobotModel",
+    "RobotSettings",
+    "StandingMotion",
+    "StateMotion",
+    "TrajectoryMotion",
+    "load_robot",
+]
 
 
 class RobotModel:
     """A robot's geometry and stopping, placed in the room. N joints, C capsules.
 
+    With ``tools``, it is the worst of all: every tool's capsules, and the longest times and
+    distances. With ``base``, three coordinates of the base come before the joints: x, y (m) and yaw
+    (rad) of the base in the room.
+
     Args:
         file: the robot file.
-        room_from_robot: (4, 4) pose of the chain's base in the room.
+        room_from_robot: (4, 4) pose of the chain's base in the room; in the moving base's frame, if
+            there is one.
         payload_kg: heaviest load carried; ``None`` means the heaviest of the stopping table. With
             0 the file's payload capsules are left out.
         name: of this robot in the configuration.
+        tools: that may be mounted, instead of the file's tool and payload.
+        base: of a base that moves.
 
     Attributes:
         name: as configured.
-        dof: N.
-        joint_names: N names, in the order of RobotState.
+        dof: N, with the base's coordinates.
+        joint_names: N names, the base's first, then in the order of RobotState.
+        units: N times "rad" or "m".
         capsule_names: C names: links from the base outwards, tool, payload.
-        position_min, position_max: (N,) rad.
-        velocity_max: (N,) rad/s.
-        base: (3,) the base's origin in the room.
+        position_min, position_max: (N,) rad, m.
+        velocity_max: (N,) rad/s, m/s.
+        base: (3,) the base's origin in the room; ``None`` if it moves.
+        mobile: the moving base; ``None`` if it stands.
+        reach_m: no point of any capsule is ever farther than this from the base's origin.
+        table: of the arm's stops.
+        tools: each tool's own model by its name; empty without tools.
+        numbering: (C,) index in the worst of each capsule of a tool's own model; else ``None``.
         moves: (C,) whether a capsule is beyond the first joint.
-        reach_m: no point of any capsule is ever farther than this from ``base``.
         contact: what a person feels who is touched; ``None`` if the file does not say.
         effective_kg: m_R = M / 2 + m_L (ISO/TS 15066:2016, A.3.6), with ``contact``; else 0.
-        stretch: times and distances of the stopping table are multiplied by it: more than 1 for a
-            robot that was measured to stop late.
     """
 
     def __init__(
-        self, file: RobotFile, room_from_robot: Floats, payload_kg: float | None, name: str
+        self,
+        file: RobotFile,
+        room_from_robot: Floats,
+        payload_kg: float | None,
+        name: str,
+        *,
+        tools: Sequence[ToolSettings] = (),
+        base: MobileBaseSettings | None = None,
     ) -> None:
         self.name = name
-        self.stretch = 1.0
-        self.dof = len(file.joints)
-        self.joint_names = tuple(j.name for j in file.joints)
-        self.position_min = np.array([j.position[0] for j in file.joints])
-        self.position_max = np.array([j.position[1] for j in file.joints])
-        self.velocity_max = np.array([j.velocity for j in file.joints])
-        self.base = room_from_robot[:3, 3].copy()
+        lead = 0 if base is None else len(COORDINATES)
+        self.dof = lead + len(file.joints)
+        self.joint_names = (*COORDINATES[:lead], *(j.name for j in file.joints))
         joints = [j.joint() for j in file.joints]
-        self._chain = Chain(room_from_robot, joints)
-        self._speeds, self._times, self._distances = _stopping_row(file.stopping, payload_kg)
-        load_kg = file.stopping.rows[-1].payload_kg if payload_kg is None else payload_kg
-        self.contact = file.contact
-        self.effective_kg = (
-            0.0 if file.contact is None else file.contact.moving_mass_kg / 2 + load_kg
-        )
-        self._distance_curve = np.append(0.0, self._speeds), np.append(0.0, self._distances)
+        if base is not None:
+            joints = base_joints(room_from_robot) + joints
+        self.units = tuple("m" if joint.slides else "rad" for joint in joints)
+        self._limit(file, base)
+        self.base: Floats | None = room_from_robot[:3, 3].copy() if base is None else None
+        self._chain = Chain(np.eye(4) if base is not None else room_from_robot, joints)
+        self._lead = lead
 
-        links = {link: i for i, link in enumerate(file.links())}
-        carried = [] if payload_kg == 0 else file.payload
-        capsules: list[tuple[int, CapsuleFile]] = sorted(
-            ((links[c.link], c) for c in file.capsules), key=lambda pair: pair[0]
-        )
-        capsules += [(self.dof, c) for c in (*file.tool, *carried)]
-        self.capsule_names = tuple(c.name for _, c in capsules)
-        self._link = np.array([link for link, _ in capsules])
-        self.moves = self._link > 0
-        self._radius = np.array([c.radius for _, c in capsules])
-        self._ends = np.array([[c.a, c.b] for _, c in capsules])  # (C, 2, 3)
+        shape = Shape.of(file, lead=lead, tools=tools, with_payload=payload_kg != 0, base=base)
+        self.capsule_names = shape.names
+        self._link, self._ends, self._radius = shape.link, shape.ends, shape.radius
+        self.moves: Bools = self._link > lead
         # (C, 4, 2) for products with (3, 4) poses
         self._ends_h = np.pad(self._ends, ((0, 0), (0, 0), (0, 1)), constant_values=1.0)
         self._ends_h = np.ascontiguousarray(self._ends_h.swapaxes(1, 2))
-        # (C, N): rigid pieces of the chain from each joint to the capsule's farther end.
-        self._arms = np.array(
-            [
-                np.maximum(*(self._chain.arms(link, np.array(end)) for end in (c.a, c.b)))
-                for link, c in capsules
-            ]
-        )
-        # (C, N): how far a capsule's end is from each joint's axis at most
-        self._beyond = np.cumsum(self._arms[:, ::-1], axis=1)[:, ::-1]
-        root = float(np.linalg.norm(joints[0].pre[:3, 3]))
+        self._pieces = self._measured()
+        root = float(np.linalg.norm(joints[lead].pre[:3, 3]))
         on_base = np.max(np.linalg.norm(self._ends, axis=-1), axis=-1)
-        from_base = np.where(self._link == 0, on_base, root + self._arms.sum(axis=1))
+        pieces = self._pieces
+        along = (pieces.arms + pieces.behind * pieces.extent)[:, lead:].sum(axis=1)
+        from_base = np.where(self._link == lead, on_base, root + along)
         self.reach_m = float(np.max(from_base + self._radius))
+        loads = [tool.payload_kg for tool in tools] or [payload_kg]
+        self.table = StoppingTable.of(file.stopping, loads)
+        self.contact, self.effective_kg = file.contact, file.effective_kg(loads)
+        self.mobile: MobileBase | None = None
+        if base is not None:  # the axis of turning is the last of the base's joints
+            spread = float((pieces.beyond[:, lead - 1] + self._radius).max())
+            self.mobile = MobileBase(base, spread)
+        self.tools: dict[str, RobotModel] = {}
+        self._by_number: dict[int, RobotModel] = {}
+        self.numbering: Ints | None = None
+        for tool in tools if len(tools) > 1 else ():
+            own = RobotModel(file, room_from_robot, None, name, tools=[tool], base=base)
+            own.numbering = np.array([self.capsule_names.index(n) for n in own.capsule_names])
+            self._add(tool, own)
+        if len(tools) == 1:
+            self._add(tools[0], self)
+
+    def _add(self, tool: ToolSettings, own: "RobotModel") -> None:
+        self.tools[tool.name] = own
+        if tool.number is not None:
+            self._by_number[tool.number] = own
+
+    def _limit(self, file: RobotFile, base: MobileBaseSettings | None) -> None:
+        low, high = ([j.position[i] for j in file.joints] for i in (0, 1))
+        fastest = [j.velocity for j in file.joints]
+        if base is not None:
+            low, high = [-v for v in FARTHEST] + low, [*FARTHEST, *high]
+            fastest = [base.max_speed_m_s, base.max_speed_m_s, base.max_turn_rad_s, *fastest]
+        self.position_min, self.position_max = np.array(low), np.array(high)
+        self.velocity_max = np.array(fastest)
+
+    def _measured(self) -> Pieces:
+        """How far the capsules are from the joints."""
+        arms = [
+            np.maximum(*(self._chain.arms(int(link), end) for end in ends))
+            for link, ends in zip(self._link, self._ends, strict=True)
+        ]
+        slides = np.array([unit == "m" for unit in self.units])
+        farthest = np.maximum(np.abs(self.position_min), np.abs(self.position_max))
+        extent = np.where(slides, farthest + POSITION_TOLERANCE, 0.0)
+        extent[: self._lead] = 0.0  # nothing turns before the base's x and y
+        return Pieces.of(np.array(arms), slides, self._link, extent)
+
+    @property
+    def stretch(self) -> float:
+        """Times and distances of the stopping tables are multiplied by it: more than 1 for a robot
+        that was measured to stop late. It holds for all tools."""
+        return self.table.stretch
+
+    @stretch.setter
+    def stretch(self, stretch: float) -> None:
+        self.table.stretch = stretch
+        if self.mobile is not None:
+            self.mobile.table.stretch = stretch
+        for own in self.tools.values():
+            if own is not self:
+                own.stretch = stretch
+
+    @property
+    def reported(self) -> int:
+        """Number of joints in RobotState: N without the base's coordinates."""
+        return self.dof - self._lead
+
+    @property
+    def tool_numbers(self) -> frozenset[int]:
+        """The numbers by which RobotState may name a tool."""
+        return frozenset(self._by_number)
+
+    def counting(self, tool: int | None) -> "RobotModel":
+        """The model with one tool; ``None``: the worst of all."""
+        return self if tool is None else self._by_number[tool]
+
+    def base_at(self, q: Floats) -> Floats:
+        """(3,) origin of the arm's base in the room at ``q`` (N,)."""
+        if self.base is not None:
+            return self.base
+        place: Floats = self._chain.links(q)[self._lead, :, 3]
+        return place
 
     def capsules(self, q: Floats) -> Capsules:
-        """Capsules (..., C) in the room at joint positions ``q`` (..., N) rad."""
+        """Capsules (..., C) in the room at joint positions ``q`` (..., N) rad, m."""
         return self._capsules(self._ends_at(self._chain.links(q)))
 
     def tool_position(self, q: Floats, tool: Floats) -> Floats:
@@ -160,6 +201,7 @@ class RobotModel:
 
         It is exact for the axes: speed is convex along an axis, so an end is the fastest point. A
         point off the axis adds at most |omega| x radius; this is added, which gives an upper bound.
+        The speed that a moving base gives is added to that of the arm against its base.
         """
         return self.moving(q, qd)[1]
 
@@ -167,18 +209,26 @@ class RobotModel:
         """``capsules`` and ``tip_speed`` at once."""
         links = self._chain.links(q)
         ends = self._ends_at(links)
-        omega, v0 = self._chain.twists(links, qd)
+        by_base = 0.0 if self.mobile is None else self.mobile.speed(np.asarray(qd))
+        omega, v0 = self._chain.twists(links, self._of_arm(qd))
         turn, shift = (np.moveaxis(v.take(self._link, axis=0), 0, -2) for v in (omega, v0))
         fastest = norm(shift + cross(turn, ends)).max(axis=0)
-        speed: Floats = (fastest + norm(turn) * self._radius).max(axis=-1)
+        speed: Floats = (fastest + norm(turn) * self._radius).max(axis=-1) + by_base
         return self._capsules(ends), speed
+
+    def _of_arm(self, qd: Floats) -> Floats:
+        """``qd`` (..., N) without the base's motion."""
+        if not self._lead:
+            return qd
+        arm = np.array(qd, float)
+        arm[..., : self._lead] = 0.0
+        return arm
 
     def stopping(self, speed_m_s: float) -> tuple[float, float]:
         """Time (s) and distance (m) from the onset of braking to rest, with this payload.
 
-        Linear between the table's speeds. Below its first: the first's time, distance in
-        proportion. Above its last: constant deceleration, time in proportion to the speed and
-        distance to its square. The row is that of the next heavier payload.
+        The row is that of the next heavier payload; see ``StoppingTable``. With a moving base, see
+        ``MobileBase``.
         """
         if np.isnan(speed_m_s):
             raise ValueError("speed is NaN")
@@ -187,16 +237,15 @@ class RobotModel:
 
     def stopping_times(self, speeds: Floats) -> Floats:
         """The times of ``stopping``, for any number of speeds at once."""
-        beyond = np.maximum(speeds / self._speeds[-1], 1.0)
-        times: Floats = np.interp(speeds, self._speeds, self._times) * (beyond * self.stretch)
-        return np.where(speeds >= STANDING_M_S, times, 0.0)
+        if self.mobile is not None:
+            return self.mobile.times_s(self.table, speeds)
+        return self.table.times_s(speeds)
 
     def _stopping_m(self, speeds: Floats) -> Floats:
         """The distances of ``stopping``, for any number of speeds at once."""
-        knots, distances = self._distance_curve
-        beyond = np.maximum(speeds / knots[-1], 1.0) ** 2
-        distance: Floats = np.interp(speeds, knots, distances) * (beyond * self.stretch)
-        return np.where(speeds >= STANDING_M_S, distance, 0.0)
+        if self.mobile is not None:
+            return self.mobile.distances_m(self.table, speeds)
+        return self.table.distances_m(speeds)
 
     def stopping_capsules(
         self,
@@ -217,11 +266,12 @@ class RobotModel:
         Entry k contains the robot during the whole of [times_s[k-1], times_s[k]]; entry 0 at the
         instant times_s[0].
 
-        The proof is at ``swept_capsules``: all joints share one path parameter, q(u) = q + qd u,
-        whose second derivative is 0.
+        The proof is at ``sweep``: all joints share one path parameter, q(u) = q + qd u, whose
+        second derivative is 0. A moving base has a path parameter of its own: base and arm brake at
+        the same moment, each by its own table, and the path is one in time.
 
         Args:
-            q, qd: (N,) rad and rad/s at time 0.
+            q, qd: (N,) rad and rad/s, m and m/s at time 0.
             times_s: (K,) seconds, not falling; before 0 counts as 0.
             reaction_s: until braking begins, >= 0.
             stopping_s: (...,) from there to rest, >= 0.
@@ -230,6 +280,15 @@ class RobotModel:
         """
         q, qd = np.asarray(q, float), np.asarray(qd, float)
         factor = np.asarray(scale, float)[..., None]  # (..., 1)
+        if self.mobile is not None:
+            at_s = np.maximum(np.asarray(times_s, float), 0.0)
+            by_arm = factor * float(self.tip_speed(q, self._of_arm(qd)))
+            arm = Course.of(self.table, by_arm, at_s, reaction_s)
+            path = self.mobile.stopping_path(
+                arm, q=q, qd=qd, factor=factor, times_s=at_s, reaction_s=reaction_s
+            )
+            swept = self.swept_capsules(path.q, path.dq_most, path.ddq_most, path.half)
+            return Capsules(swept.a, swept.b, swept.radius + path.veer_m[..., None])
         stopping = np.asarray(stopping_s, float)[..., None]
         if speed_m_s is None:
             speed_m_s = float(self.tip_speed(q, qd))
@@ -245,17 +304,10 @@ class RobotModel:
 
         Entry k contains it from u_{k-1} to u_k; entry 0 at the instant u_0.
 
-        Proof: let x be an end of a capsule's axis and h half the stretch. From the chord between
-        the stretch's ends x departs by at most max|x''| h^2 / 2, and the chord from its own middle
-        by half its length; so |x(u) - (x_{k-1} + x_k) / 2| <= |x_k - x_{k-1}| / 2 + max|x''| h^2/2.
-        The end is a sum of rigid pieces, piece i fixed to link i with |omega_i| <= W_i = sum over
-        j <= i of max|q_j'|; so its second derivative is at most the sum of length_i (W_i^2 +
-        |omega_i'|), and omega_i' = sum over j <= i of q_j'' axis_j + q_j' omega_{j-1} x axis_j is
-        at most sum of |q_j''| + sum of |q_j'| W_{j-1} = sum of |q_j''| + (W_i^2 - sum q_j'^2) / 2.
-        Likewise x is at most h x sum of |q_j'| x (pieces beyond j) from that middle; the smaller
-        bound serves. A point of the axis is a fixed convex combination of the two ends and moves by
-        no more than the farther; a point of the capsule stays within the radius of its point of the
-        axis. So the capsule about the middles, its radius grown by that bound, contains it.
+        The proof is at ``sweep``. A point of the axis is a fixed convex combination of the two ends
+        and moves by no more than the farther; a point of the capsule stays within the radius of its
+        point of the axis. So the capsule about the middles, its radius grown by that bound,
+        contains it.
 
         Args:
             q: (..., K, N) the path at u_0, u_1, ...
@@ -266,17 +318,12 @@ class RobotModel:
         ends = self._ends_at(self._chain.links(q))
         before = np.concatenate([ends[..., :1, :, :], ends[..., :-1, :, :]], axis=-3)
         a, b = 0.5 * (ends + before)
-        reach_a, reach_b = 0.5 * norm(ends - before)
-        # the sum of length_i times the sum over j <= i of q_j' is that of q_j' times (beyond j)
-        turning = np.cumsum(dq_most, axis=-1)
-        bend = (1.5 * turning**2) @ self._arms.T + (ddq_most - dq_most**2 / 2) @ self._beyond.T
-        h = half[..., None]
-        grow = np.maximum(reach_a, reach_b) + bend * (h * h / 2)
-        return Capsules(a, b, self._radius + np.minimum(grow, (dq_most @ self._beyond.T) * h))
+        grow = self._pieces.departure(ends, before, q=q, dq=dq_most, ddq=ddq_most, half=half)
+        return Capsules(a, b, self._radius + grow)
 
     def shift_m(self, off: Floats) -> float:
-        """How far any point may be off if each joint is off by at most ``off`` (N,) rad."""
-        return float((self._beyond @ off).max())
+        """How far any point may be off if each joint is off by at most ``off`` (N,) rad, m."""
+        return float((self._pieces.beyond @ off).max())
 
     def travel_s(
         self,
@@ -289,16 +336,7 @@ class RobotModel:
 
         ``speeds`` and ``stopping_s`` are (..., 1).
         """
-        distance = self._stopping_m(speeds)
-        # Holding for h and then braking uniformly over T - h covers speed x (T + h) / 2.
-        moving = np.where(speeds > 0, speeds, 1.0)
-        hold = np.where(speeds > 0, 2 * distance / moving - stopping_s, 0.0)
-        hold = np.minimum(np.maximum(hold, 0.0), stopping_s)
-        onset, braking = reaction_s + hold, stopping_s - hold
-        after = np.minimum(np.maximum(times_s - onset, 0.0), braking)
-        lost = after**2 / np.where(braking > 0, 2 * braking, np.inf)
-        travel: Floats = np.minimum(np.maximum(times_s, 0.0), onset) + after - lost
-        return travel
+        return self.table.travel_s(speeds, times_s, reaction_s, stopping_s)
 
     def _ends_at(self, links: Floats) -> Floats:
         """(2, ..., C, 3) both ends of every capsule on links (N+1, ..., 3, 4)."""
@@ -327,25 +365,33 @@ def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:
         file = read_robot_file(settings.model, base_dir)
     except RobotError as error:
         raise RobotError(f"model: {error}") from error
+    loads = {"payload_kg": settings.payload_kg}
+    for i, tool in enumerate(settings.tools or ()):
+        loads[f"tools.{i}.payload_kg"] = tool.payload_kg
     heaviest = file.stopping.rows[-1].payload_kg
-    if settings.payload_kg is not None and settings.payload_kg > heaviest:
-        raise RobotError(
-            f"payload_kg: {settings.payload_kg:g} of '{settings.name}' is above the stopping "
-            f"table of '{settings.model}', which ends at {heaviest:g} kg; "
-            f"measure the stopping time with this load and add a row"
-        )
     if settings.contact is not None and file.contact is None:
         raise RobotError(
             f"contact: '{settings.model}' does not say what a person feels who is touched; add "
             f"'contact: {{source, moving_mass_kg, area_cm2}}' to the robot file, or leave it out "
             f"here"
         )
-    matrix = settings.room_from_robot.matrix()
-    return RobotModel(file, matrix, settings.payload_kg, settings.name)
-
-
-def _stopping_row(stopping: StoppingFile, payload_kg: float | None) -> tuple[Floats, ...]:
-    """Speeds, times and distances of the lightest row that covers the payload."""
-    rows = stopping.rows
-    row = next((r for r in rows if payload_kg is not None and r.payload_kg >= payload_kg), rows[-1])
-    return np.array(stopping.speed_m_s), np.array(row.time_s), np.array(row.distance_m)
+    for key, load in loads.items():
+        if load is not None and load > heaviest:
+            raise RobotError(
+                f"{key}: {load:g} of '{settings.name}' is above the stopping "
+                f"table of '{settings.model}', which ends at {heaviest:g} kg; "
+                f"measure the stopping time with this load and add a row"
+            )
+    if settings.base is not None:
+        pose = settings.base.base_from_robot
+    else:
+        assert settings.room_from_robot is not None  # the settings have one or the other
+        pose = settings.room_from_robot
+    return RobotModel(
+        file,
+        pose.matrix(),
+        settings.payload_kg,
+        settings.name,
+        tools=settings.tools or (),
+        base=settings.base,
+    )

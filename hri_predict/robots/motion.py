@@ -25,7 +25,7 @@ class RobotMotion:
     A *place* on its path is a phase of its plan; without a plan, seconds at ``qd`` from ``q``.
 
     Attributes:
-        q, qd: (N,) now, rad and rad/s.
+        q, qd: (N,) now, rad and rad/s, m and m/s.
         speed_m_s: of the fastest point now.
         clearance_m: C + Z_d + Z_r.
         capsules: (C,) now.
@@ -35,6 +35,7 @@ class RobotMotion:
         model, curve: the robot's.
         plan, on_plan: its planned path and its place on it; both or neither.
         confirmed: whether its motion so far proves the direction of ``qd``.
+        tool: number of the tool counted with; ``None``: none is named, or the worst of all.
     """
 
     q: Floats
@@ -51,6 +52,7 @@ class RobotMotion:
     plan: Plan | None
     on_plan: OnPlan | None
     confirmed: bool = True
+    tool: int | None = None
 
     @classmethod
     def of(
@@ -84,6 +86,7 @@ class RobotMotion:
             plan=plan if now.on_plan is not None else None,
             on_plan=now.on_plan if plan is not None else None,
             confirmed=now.confirmed,
+            tool=now.tool,
         )
 
     @property
@@ -133,6 +136,11 @@ class RobotMotion:
             start = self.on_plan.phase_s
             return self.model.capsules(self.plan.trajectory.at(np.linspace(start, end, count))[0])
         return self.model.capsules(self.q + np.linspace(0.0, end, count)[:, None] * self.qd)
+
+    @property
+    def is_one_path(self) -> bool:
+        """Whether all joints follow one path, whatever the speed; a base and its arm do not."""
+        return self.model.mobile is None
 
     @property
     def place(self) -> float:

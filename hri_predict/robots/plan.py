@@ -18,10 +18,11 @@ from hri_predict.robots.trajectory import Trajectory
 
 GRID_S = 0.01
 """Step of the table of the path, in seconds at full speed."""
-JOINT_TOLERANCE_RAD = 0.02
-"""Joints farther than this from the path are not on it. Smaller deviations enlarge the robot."""
-VELOCITY_TOLERANCE_RAD_S = 0.05
-"""Likewise for their velocities, plus ``VELOCITY_TOLERANCE`` of the fastest."""
+JOINT_TOLERANCE = 0.02
+"""Joints farther than this from the path, rad or m, are not on it. Smaller deviations enlarge
+the robot."""
+VELOCITY_NOISE = 0.05
+"""Likewise for their velocities, rad/s or m/s, plus ``VELOCITY_TOLERANCE`` of the fastest."""
 VELOCITY_TOLERANCE = 0.05
 
 
@@ -63,10 +64,10 @@ class Plan:
         self._gap = np.abs(self._dq).max(0) * self._step_s
 
     def locate(self, q: Floats, qd: Floats, expected_s: float | None) -> OnPlan | None:
-        """The place on the path of a robot at ``q`` (N,) rad, ``qd`` (N,) rad/s; ``None``: not on
-        it.
+        """The place on the path of a robot at ``q`` (N,) rad, m, ``qd`` (N,) likewise per second;
+        ``None``: not on it.
 
-        Joints must agree within ``JOINT_TOLERANCE_RAD``, and velocities with those of the path at
+        Joints must agree within ``JOINT_TOLERANCE``, and velocities with those of the path at
         some rate from 0 to 1. Of several places the nearest to ``expected_s`` counts. Without it,
         the place whose joints agree best counts, but no place of a standing robot: it may go either
         way.
@@ -74,15 +75,15 @@ class Plan:
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             return None
         off = np.abs(self._q - q)
-        close = (off <= JOINT_TOLERANCE_RAD + self._gap).all(1)
+        close = (off <= JOINT_TOLERANCE + self._gap).all(1)
         rate = np.clip((self._dq @ qd) / self._dq_square, 0.0, 1.0)
         fastest = float(np.abs(qd).max())
-        tolerance = VELOCITY_TOLERANCE_RAD_S + VELOCITY_TOLERANCE * fastest
+        tolerance = VELOCITY_NOISE + VELOCITY_TOLERANCE * fastest
         close &= (np.abs(rate[:, None] * self._dq - qd) <= tolerance).all(1)
         cost = np.where(close, (off**2).sum(1), np.inf)
         best = close & (cost <= np.roll(cost, 1)) & (cost <= np.roll(cost, -1))
         places = np.flatnonzero(best)
-        if not len(places) or (expected_s is None and fastest <= VELOCITY_TOLERANCE_RAD_S):
+        if not len(places) or (expected_s is None and fastest <= VELOCITY_NOISE):
             return None
         if expected_s is None:
             place = int(places[cost[places].argmin()])
@@ -99,7 +100,7 @@ class Plan:
         phase = float(self._phases[place] + np.clip(part, -1.0, 1.0) * self._step_s)
         on_path, dq = self.trajectory.at(phase)
         off = np.abs(q - on_path)
-        if not (off <= JOINT_TOLERANCE_RAD).all():
+        if not (off <= JOINT_TOLERANCE).all():
             return None
         rate = float(np.clip(dq @ qd / max(float(dq @ dq), 1e-12), 0.0, 1.0))
         return OnPlan(phase % self.trajectory.duration_s, rate, self._model.shift_m(off))

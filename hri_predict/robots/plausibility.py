@@ -43,11 +43,12 @@ LAG_S = 0.03
 """How long a controller may filter its velocities."""
 SHARE = 0.2
 """Permitted error of velocities, as a part of the reported travel: encoders only estimate them."""
-NOISE_RAD = 0.004
-"""Encoder noise and the wire's rounding (0.25 mrad; version 1 had 4 mrad for the seventh joint)."""
-NOISE_SEVENTH_RAD = 0.01
-OFFSET_RAD_S = 0.01
-"""Noise and rounding (1 mrad/s; 10 mrad/s for the seventh joint) of a velocity that adds up."""
+NOISE = 0.004
+"""Encoder noise and the wire's rounding (0.00025), rad or m of a prismatic joint."""
+OFFSET_PER_S = 0.01
+"""Noise and rounding (0.001) of a velocity that adds up, rad/s or m/s."""
+JUMP_NOISE = 0.01
+"""A smaller step of a position is no jump, rad or m."""
 JUMP_JITTER_S = 0.1
 """Two states that were sampled this long apart may arrive together."""
 SPEED_SHARE = 0.1
@@ -82,21 +83,23 @@ class StateCheck:
     """Compares the RobotStates of one link with each other.
 
     Args:
-        velocity_max: (N,) rad/s, the joints' limits.
+        velocity_max: (N,) rad/s, m/s, the joints' limits.
+        noise: (N,) rad, m that each position may be off besides; default 0.
 
     Attributes:
         confirmed: whether motion within the window proves the direction of the velocities. False
             in the first states, and while the robot stands.
-        unreported: (N,) rad/s by which the positions prove the reported velocities too low, but too
-            little for a finding; ``None`` if there is none. The true velocity may be this much
-            higher.
+        unreported: (N,) rad/s, m/s by which the positions prove the reported velocities too low,
+            but too little for a finding; ``None`` if there is none. The true velocity may be this
+            much higher.
         counters: numbers of the findings ``velocity_wrong``, ``jumped`` and ``miscounted``.
     """
 
-    def __init__(self, velocity_max: Floats) -> None:
+    def __init__(self, velocity_max: Floats, noise: Floats | float = 0.0) -> None:
         self._fastest = [v * (1 + SPEED_SHARE) for v in velocity_max.tolist()]
-        self._noise = np.full(len(velocity_max), NOISE_RAD)
-        self._noise[6:] = NOISE_SEVENTH_RAD
+        extra = np.zeros(len(velocity_max)) + noise
+        self._noise = NOISE + extra
+        self._steps = (JUMP_NOISE + extra).tolist()
         self._window: deque[_State] = deque()
         self._arrivals: deque[tuple[int, int]] = deque()  # received_ns, counter without wrapping
         self._newest: _State | None = None
@@ -111,7 +114,8 @@ class StateCheck:
     def take(
         self, counter: int, q: tuple[float, ...], qd: tuple[float, ...], received_ns: int
     ) -> None:
-        """Take one state of this link, in the order of arrival; ``q``, ``qd``: N rad and rad/s."""
+        """Take one state of this link, in the order of arrival; ``q``, ``qd``: N rad and rad/s, or
+        m and m/s."""
         state = _State(counter, received_ns, q, qd)
         before, self._newest = self._newest, state
         found = None
@@ -178,8 +182,8 @@ class StateCheck:
         """Whether a joint moved farther than is possible in the time between."""
         elapsed_s = (state.received_ns - before.received_ns) * 1e-9 + JUMP_JITTER_S
         return any(
-            abs(b - a) > most * elapsed_s + NOISE_SEVENTH_RAD
-            for a, b, most in zip(before.q, state.q, self._fastest, strict=True)
+            abs(b - a) > most * elapsed_s + step
+            for a, b, most, step in zip(before.q, state.q, self._fastest, self._steps, strict=True)
         )
 
     def _compare(self) -> Reason | None:
@@ -202,7 +206,7 @@ class StateCheck:
         moved = q[-1] - q[0]
         by_wire = (
             self._noise
-            + OFFSET_RAD_S * span_s
+            + OFFSET_PER_S * span_s
             + jitter_s / 2 * (size[0] + size[-1] + varied)
             + LAG_S * varied
             + (h * steps).sum(0) / 2

@@ -1,15 +1,88 @@
 """How long a robot takes to stop and how far it gets, as a function of its speed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from hri_predict.arrays import Floats
+from hri_predict.robots.file import StoppingFile
 
+STANDING_M_S = 0.001
+"""What is slower is at rest: stopping takes no time and no distance."""
 _SPEED_STEPS = 256
 """A speed limit is one of this many steps up to the robot's highest speed, rounded down."""
+
+
+class StoppingTable:
+    """Stopping time and distance at the speeds of a table, for any speed.
+
+    Linear between the table's speeds. Below its first: the first's time, distance in proportion.
+    Above its last: constant deceleration, time in proportion to the speed and distance to its
+    square.
+
+    Args:
+        speeds, times, distances: (N,) m/s, s, m; see ``StoppingFile``.
+
+    Attributes:
+        stretch: times and distances are multiplied by it.
+    """
+
+    def __init__(self, speeds: Floats, times: Floats, distances: Floats) -> None:
+        self._speeds, self._times = speeds, times
+        self._distance_curve = np.append(0.0, speeds), np.append(0.0, distances)
+        self.stretch = 1.0
+
+    @classmethod
+    def of(cls, stopping: StoppingFile, loads: Sequence[float | None]) -> Self:
+        """The lightest row that covers the heaviest of the loads (kg); ``None``: any load.
+
+        A heavier row never stops sooner than a lighter one (``StoppingFile``).
+        """
+        known = [load for load in loads if load is not None]
+        heaviest = max(known) if len(known) == len(loads) else np.inf
+        covering = (row for row in stopping.rows if row.payload_kg >= heaviest)
+        row = next(covering, stopping.rows[-1])
+        return cls(np.array(stopping.speed_m_s), np.array(row.time_s), np.array(row.distance_m))
+
+    def times_s(self, speeds: Floats) -> Floats:
+        """Seconds from the onset of braking to rest, for any number of speeds at once."""
+        beyond = np.maximum(speeds / self._speeds[-1], 1.0)
+        times: Floats = np.interp(speeds, self._speeds, self._times) * (beyond * self.stretch)
+        return np.where(speeds >= STANDING_M_S, times, 0.0)
+
+    def distances_m(self, speeds: Floats) -> Floats:
+        """Metres likewise."""
+        knots, distances = self._distance_curve
+        beyond = np.maximum(speeds / knots[-1], 1.0) ** 2
+        distance: Floats = np.interp(speeds, knots, distances) * (beyond * self.stretch)
+        return np.where(speeds >= STANDING_M_S, distance, 0.0)
+
+    def hold_s(self, speeds: Floats, stopping_s: Floats) -> Floats:
+        """How much later than the brake command a uniform deceleration sets in.
+
+        Holding for h and then braking uniformly over T - h covers speed x (T + h) / 2: the hold
+        makes up for a table whose distance is longer than speed x T / 2.
+        """
+        moving = np.where(speeds > 0, speeds, 1.0)
+        hold = np.where(speeds > 0, 2 * self.distances_m(speeds) / moving - stopping_s, 0.0)
+        result: Floats = np.minimum(np.maximum(hold, 0.0), stopping_s)
+        return result
+
+    def travel_s(
+        self, speeds: Floats, times_s: Floats, reaction_s: float, stopping_s: Floats
+    ) -> Floats:
+        """How far along its path a robot is at ``times_s`` (..., K), in seconds of full speed.
+
+        ``speeds`` and ``stopping_s`` are (..., 1).
+        """
+        hold = self.hold_s(speeds, stopping_s)
+        onset, braking = reaction_s + hold, stopping_s - hold
+        after = np.minimum(np.maximum(times_s - onset, 0.0), braking)
+        lost = after**2 / np.where(braking > 0, 2 * braking, np.inf)
+        travel: Floats = np.minimum(np.maximum(times_s, 0.0), onset) + after - lost
+        return travel
 
 
 @dataclass(frozen=True, slots=True, eq=False)

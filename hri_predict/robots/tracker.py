@@ -21,13 +21,12 @@ from hri_predict.robots.model import (
 )
 from hri_predict.robots.plan import OnPlan, Plan
 from hri_predict.robots.plausibility import StateCheck
+from hri_predict.robots.settings import POSITION_TOLERANCE
 from hri_predict.robots.trajectory import load_trajectory
 
-POSITION_TOLERANCE_RAD = 0.01
-"""How far beyond a limit a reported position may lie: sensor noise and the wire's rounding."""
-
 VELOCITY_TOLERANCE = 0.1
-"""Likewise for velocities, as a fraction of the limit: a servo overshoots for a moment."""
+"""How far beyond a limit a reported velocity may lie, as a fraction of the limit: a servo
+overshoots for a moment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -35,17 +34,20 @@ class RobotNow:
     """A robot at one moment.
 
     Attributes:
-        q: (N,) rad; ``None`` if unknown (no state yet, or an impossible one).
-        qd: (N,) rad/s; ``None`` with ``q``.
+        q: (N,) rad, m, a moving base's coordinates first; ``None`` if unknown (no state yet, or an
+            impossible one).
+        qd: (N,) rad/s, m/s; ``None`` with ``q``.
         speed_m_s: of the fastest point (upper bound at ``q``, ``qd``); 0 if unknown. The higher of
             what is reported and what the change of the positions proves.
         reasons: why it cannot be trusted; empty if it can.
         uncertainty_m: how far any point may be from where ``q`` puts it because the arm changed its
-            speed since RobotState came: acceleration x age^2 / 2. Add it to Z_r.
+            speed since RobotState came: acceleration x age^2 / 2; and because a moving base is not
+            quite where it is said to be. Add it to Z_r.
         age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
         capsules: (C,) of the model at ``q``, if they were computed with the speed.
         on_plan: its place on the tracker's ``plan``; ``None`` if it is not found there.
         confirmed: whether the motion so far proves the direction of ``qd``.
+        tool: number of the tool that is counted with; ``None``: none is named, or the worst of all.
     """
 
     q: Floats | None
@@ -57,6 +59,7 @@ class RobotNow:
     capsules: Capsules | None = None
     on_plan: OnPlan | None = None
     confirmed: bool = True
+    tool: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +73,10 @@ class _Received:
     link: str
 
 
+_Joints = tuple[tuple[float, ...], tuple[float, ...]]
+"""Positions and velocities, the base's first."""
+
+
 class RobotTracker:
     """Follows one robot by its RobotState, its trajectory file, or standing still.
 
@@ -78,7 +85,8 @@ class RobotTracker:
         model: its model.
         base_dir: base of relative paths of trajectory files.
         start_ns: when a trajectory starts; ``None`` means at the first ``at``.
-        check: compares the states of one link with each other; takes the joints' fastest (N,).
+        check: compares the states of one link with each other; takes the joints' fastest (N,) and
+            the noise of their positions (N,).
 
     Attributes:
         settings, model: as given.
@@ -97,7 +105,7 @@ class RobotTracker:
         base_dir: Path | None = None,
         start_ns: int | None = None,
         *,
-        check: Callable[[Floats], StateCheck] = StateCheck,
+        check: Callable[[Floats, Floats], StateCheck] = StateCheck,
     ) -> None:
         self.settings = settings
         self.model = model
@@ -106,16 +114,22 @@ class RobotTracker:
         self._checks: dict[str, StateCheck] = {}
         self._start_ns = start_ns
         self._state: _Received | None = None
-        self._invalid = False
+        self._refused: Reason | None = None
+        self._tools: dict[str, tuple[int, int | None]] = {}  # by link: when and which
+        self._yaw: dict[str, float] = {}  # by link: of the base, without jumps of a full turn
         self._last_counter: dict[str, int] = {}
         self._bounds = list(
             zip(
-                (model.position_min - POSITION_TOLERANCE_RAD).tolist(),
-                (model.position_max + POSITION_TOLERANCE_RAD).tolist(),
+                (model.position_min - POSITION_TOLERANCE).tolist(),
+                (model.position_max + POSITION_TOLERANCE).tolist(),
                 strict=True,
             )
         )
         self._fastest = (model.velocity_max * (1 + VELOCITY_TOLERANCE)).tolist()
+        self._noise = np.zeros(model.dof)
+        if settings.base is not None:  # two states may be off in opposite directions
+            place, heading = settings.base.uncertainty_m, settings.base.uncertainty_rad
+            self._noise[:3] = 2 * place, 2 * place, 2 * heading
         self.plan: Plan | None = None
         self._on_plan: OnPlan | None = None
         self._located_ns = 0
@@ -131,8 +145,9 @@ class RobotTracker:
         """Take a RobotState.
 
         A counter that repeats on its link refreshes nothing: a frozen sender ages out. An
-        impossible state (joint count, NaN, limits) makes the position unknown until a good one
-        comes. So do states that contradict each other, for some seconds; see ``StateCheck``.
+        impossible state (joint count, NaN, limits, a base that is missing or should stand) makes
+        the position unknown until a good one comes. So do states that contradict each other, for
+        some seconds; see ``StateCheck``.
 
         Args:
             state: as received.
@@ -143,28 +158,22 @@ class RobotTracker:
             self._counts["repeated"] += 1
             return
         self._last_counter[link] = state.counter
-        if not self._is_sound(state):
+        joints = self._joints(state, link)
+        if isinstance(joints, Reason):
             self._counts["invalid"] += 1
-            self._invalid = True
+            self._refused = joints
             return
+        q, qd = joints
         if link not in self._checks:
-            self._checks[link] = self._new_check(self.model.velocity_max)
-        check = self._checks[link]
-        check.take(state.counter, state.positions, state.velocities, received_ns)
-        self._invalid = not all(
-            -most <= qd <= most for qd, most in zip(state.velocities, self._fastest, strict=True)
-        )
-        if self._invalid:
+            self._checks[link] = self._new_check(self.model.velocity_max, self._noise)
+        self._checks[link].take(state.counter, q, qd, received_ns)
+        self._refused = None if self._is_possible(qd) else Reason.ROBOT_STATE_INVALID
+        if self._refused is not None:
             self._counts["invalid"] += 1
             return
         self._counts["accepted"] += 1
-        self._state = _Received(
-            np.array(state.positions),
-            np.array(state.velocities),
-            state.mode,
-            received_ns,
-            link,
-        )
+        self._state = _Received(np.array(q), np.array(qd), state.mode, received_ns, link)
+        self._tools[link] = received_ns, self._named(state)
 
     @property
     def counters(self) -> dict[str, int]:
@@ -213,26 +222,48 @@ class RobotTracker:
         lowest = np.minimum(self.model.position_min, state.q)
         highest = np.maximum(self.model.position_max, state.q)
         q = np.minimum(np.maximum(state.q + state.qd * ahead_s, lowest), highest)
-        capsules, speed = self.model.moving(q, state.qd)
+        tool = self._tool(now_ns, motion.stale_s)
+        model = self.model.counting(tool)
+        capsules, speed = model.moving(q, state.qd)
         check = self._checks[state.link]
         if check.unreported is not None:
-            speed = np.maximum(speed, self.model.tip_speed(q, state.qd + check.unreported))
+            speed = np.maximum(speed, model.tip_speed(q, state.qd + check.unreported))
+        acceleration_m_s2, off_m = motion.acceleration_m_s2, 0.0
+        if model.mobile is not None:
+            acceleration_m_s2 += model.mobile.settings.acceleration_m_s2
+            off_m = model.mobile.uncertainty_m
         return RobotNow(
             q=q,
             qd=state.qd,
             speed_m_s=float(speed),
             reasons=tuple(reasons),
-            uncertainty_m=motion.acceleration_m_s2 * ahead_s**2 / 2,
+            uncertainty_m=acceleration_m_s2 * ahead_s**2 / 2 + off_m,
             age_s=age_s,
             capsules=capsules,
             on_plan=self._along_plan(state, ahead_s),
             confirmed=check.confirmed,
+            tool=tool,
         )
+
+    def _named(self, state: RobotState) -> int | None:
+        """The tool that a state names, if it is confirmed and known."""
+        tool = state.tool
+        known = isinstance(tool, int) and not isinstance(tool, bool)
+        known = known and tool in self.model.tool_numbers
+        return tool if known and state.tool_confirmed is True else None
+
+    def _tool(self, now_ns: int, stale_s: float) -> int | None:
+        """The tool that every link confirms whose state is fresh; else the worst must count."""
+        if not self._tools or not self.model.tool_numbers:
+            return None
+        oldest_ns = now_ns - round(stale_s * 1e9)
+        said = {tool for at_ns, tool in self._tools.values() if at_ns >= oldest_ns}
+        return said.pop() if len(said) == 1 else None
 
     def _wrong(self, now_ns: int) -> tuple[Reason, ...]:
         """Why the newest states cannot be believed."""
-        if self._invalid:
-            return (Reason.ROBOT_STATE_INVALID,)
+        if self._refused is not None:
+            return (self._refused,)
         found = (check.reason(now_ns) for check in self._checks.values())
         return tuple(dict.fromkeys(reason for reason in found if reason is not None))
 
@@ -263,21 +294,45 @@ class RobotTracker:
             )
         return Plan(trajectory, self.model)
 
-    def _is_sound(self, state: RobotState) -> bool:
-        """Whether all joints are there, numbers, and within the position limits."""
-        model = self.model
-        if len(state.positions) != model.dof or len(state.velocities) != model.dof:
-            return False
+    def _joints(self, state: RobotState, link: str) -> "_Joints | Reason":
+        """Positions and velocities with the base's, or why the state is refused.
+
+        All must be there, be numbers, and lie within the position limits.
+        """
+        joints, base = self.model.reported, state.base
+        if len(state.positions) != joints or len(state.velocities) != joints:
+            return Reason.ROBOT_STATE_INVALID
+        q, qd = state.positions, state.velocities
+        if self.model.mobile is not None:
+            if base is None:
+                return Reason.ROBOT_BASE_UNKNOWN
+            q = base.x_m, base.y_m, base.yaw_rad, *q
+            qd = base.vx_m_s, base.vy_m_s, base.yaw_rate_rad_s, *qd
+        elif base is not None:
+            return Reason.ROBOT_STATE_INVALID
         try:  # plain numbers: for so few an array costs more than the comparison
             # Written so that NaN, which compares false with everything, is refused.
-            return all(
-                low <= q <= high and abs(qd) < math.inf
-                for q, qd, (low, high) in zip(
-                    state.positions, state.velocities, self._bounds, strict=True
-                )
+            sound = all(
+                low <= p <= high and abs(v) < math.inf and abs(p) < math.inf
+                for p, v, (low, high) in zip(q, qd, self._bounds, strict=True)
             )
         except TypeError:  # a field that is "not available"
+            return Reason.ROBOT_STATE_INVALID
+        if not sound:
+            return Reason.ROBOT_STATE_INVALID
+        return (q if base is None else self._unwound(q, link)), qd
+
+    def _unwound(self, q: tuple[float, ...], link: str) -> tuple[float, ...]:
+        """The same with the base's yaw next to that of the link's state before."""
+        turns = round((self._yaw.get(link, q[2]) - q[2]) / (2 * math.pi))
+        self._yaw[link] = q[2] + 2 * math.pi * turns
+        return *q[:2], self._yaw[link], *q[3:]
+
+    def _is_possible(self, qd: tuple[float, ...]) -> bool:
+        """Whether all velocities are within their limits."""
+        if not all(-most <= v <= most for v, most in zip(qd, self._fastest, strict=True)):
             return False
+        return self.model.mobile is None or math.hypot(qd[0], qd[1]) <= self._fastest[0]
 
     def _checked_standing(self, motion: StandingMotion) -> Floats:
         model, name = self.model, self.settings.name
@@ -292,7 +347,8 @@ class RobotTracker:
         if outside.size:
             j = outside[0]
             raise RobotError(
-                f"robot '{name}': motion.positions: joint '{model.joint_names[j]}' at {q[j]:g} rad "
-                f"is outside {model.position_min[j]:g} .. {model.position_max[j]:g}"
+                f"robot '{name}': motion.positions: joint '{model.joint_names[j]}' at {q[j]:g} "
+                f"{model.units[j]} is outside {model.position_min[j]:g} .. "
+                f"{model.position_max[j]:g}"
             )
         return q

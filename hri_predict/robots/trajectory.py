@@ -25,10 +25,18 @@ PEAK = 15 / 8
 
 
 class Waypoint(Settings):
-    """Where the joints are (rad) at a time within the cycle (s)."""
+    """Where the joints are (rad, m) at a time within the cycle (s); and the base, if it moves."""
 
     time_s: float = Field(ge=0, le=86_400)
     positions: Annotated[list[float], Field(min_length=1)]
+    base: Annotated[list[float], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="x, y (m) and yaw (rad) in the room's frame"
+    )
+
+    @property
+    def coordinates(self) -> list[float]:
+        """All of them, the base's first."""
+        return [*(self.base or ()), *self.positions]
 
 
 class TrajectoryFile(Settings):
@@ -42,7 +50,7 @@ class Trajectory:
 
     Args:
         times_s: (M,) increasing from 0.
-        positions: (M, N) rad; the last row equals the first.
+        positions: (M, N) rad, m; the last row equals the first.
 
     Attributes:
         duration_s: duration of one cycle.
@@ -56,7 +64,7 @@ class Trajectory:
         self._acceleration = 10 / np.sqrt(3) * np.abs(np.diff(positions, axis=0)) / span**2
 
     def at(self, t_s: float | Floats) -> tuple[Floats, Floats]:
-        """Positions and velocities (..., N), rad and rad/s, at times ``t_s`` (...) since start."""
+        """Positions and velocities (..., N), rad, m and per second, at times ``t_s`` (...)."""
         return self.at_phase(t_s, 1.0)
 
     def at_phase(self, phase_s: float | Floats, rate: float | Floats) -> tuple[Floats, Floats]:
@@ -77,7 +85,7 @@ class Trajectory:
         return q, qd
 
     def acceleration_most(self, from_s: Floats, to_s: Floats) -> Floats:
-        """(..., N) bound of each joint's acceleration, rad/s2 at full speed, between two phases.
+        """(..., N) bound of each joint's acceleration at full speed between two phases.
 
         A move's greatest acceleration is 10 / sqrt(3) x move / time^2, where
         ``s''(x) = 60 x - 180 x^2 + 120 x^3`` has its extremes (x = 1/2 -+ 1/sqrt(12)). The moves
@@ -123,7 +131,7 @@ def load_trajectory(file: str, model: RobotModel, base_dir: Path | None) -> Traj
     if problem:
         raise RobotError(f"trajectory file {path}: {problem}")
     times = np.array([w.time_s for w in data.waypoints])
-    return Trajectory(times, np.array([w.positions for w in data.waypoints]))
+    return Trajectory(times, np.array([w.coordinates for w in data.waypoints]))
 
 
 def _find(file: str, base_dir: Path | None) -> Path:
@@ -141,14 +149,18 @@ def _find(file: str, base_dir: Path | None) -> Path:
 
 def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
     """What is wrong with the waypoints for this robot, and the remedy; or ""."""
+    joints = model.joint_names[-model.reported :]
     for i, w in enumerate(waypoints):
-        if len(w.positions) != model.dof:
+        if len(w.positions) != model.reported:
             return (
                 f"waypoints.{i}: {len(w.positions)} positions, but robot '{model.name}' has "
-                f"{model.dof} joints; give one for each of {', '.join(model.joint_names)}"
+                f"{model.reported} joints; give one for each of {', '.join(joints)}"
             )
+        if (w.base is None) != (model.mobile is None):
+            moves = "moves: give base: [x, y, yaw]" if w.base is None else "stands: leave base out"
+            return f"waypoints.{i}: the base of robot '{model.name}' {moves}"
     times = np.array([w.time_s for w in waypoints])
-    positions = np.array([w.positions for w in waypoints])
+    positions = np.array([w.coordinates for w in waypoints])
     if times[0] != 0:
         return f"waypoints.0: time_s is {times[0]:g}; the first waypoint must be at 0"
     late = np.flatnonzero(np.diff(times) <= 0)
@@ -160,7 +172,8 @@ def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
     if outside.size:
         i, j = outside[0]
         return (
-            f"waypoints.{i}: joint '{model.joint_names[j]}' at {positions[i, j]:g} rad is outside "
+            f"waypoints.{i}: joint '{model.joint_names[j]}' at {positions[i, j]:g} "
+            f"{model.units[j]} is outside "
             f"{model.position_min[j]:g} .. {model.position_max[j]:g}"
         )
     peak = PEAK * np.abs(np.diff(positions, axis=0)) / np.diff(times)[:, None]
@@ -169,6 +182,15 @@ def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
         i, j = fast[0]
         return (
             f"waypoints.{i + 1}: joint '{model.joint_names[j]}' would reach "
-            f"{peak[i, j]:.3g} rad/s, above its {model.velocity_max[j]:g}; give the move more time"
+            f"{peak[i, j]:.3g} {model.units[j]}/s, above its {model.velocity_max[j]:g}; give the "
+            f"move more time"
         )
+    if model.mobile is not None:
+        fastest, most = np.hypot(peak[:, 0], peak[:, 1]), model.mobile.settings.max_speed_m_s
+        if fastest.max() > most:
+            i = int(fastest.argmax())
+            return (
+                f"waypoints.{i + 1}: the base would reach {fastest[i]:.3g} m/s, above its {most:g};"
+                f" give the move more time"
+            )
     return ""

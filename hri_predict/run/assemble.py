@@ -216,7 +216,8 @@ def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
 def state_shapes(config: Config, robots: Sequence[int]) -> list[StateShape]:
     """What decides how long the RobotState of each of these robots is."""
     models = build_robots(config)
-    return [StateShape(joints=models[i].dof) for i in robots]
+    shapes = ((models[i].reported, models[i].mobile is not None) for i in robots)
+    return [StateShape(*shape) for shape in shapes]
 
 
 def advised(config: Config, link: LinkSettings) -> list[int]:

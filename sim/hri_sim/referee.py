@@ -28,7 +28,7 @@ Bodies = Mapping[int, tuple[Floats, Bools]]
 """Person id -> canonical joints (J, 3), metres, room frame, and which of them are known (J,)."""
 
 Joints = Mapping[str, tuple[Floats, Floats]]
-"""Robot name -> (N,) rad and (N,) rad/s."""
+"""Robot name -> (N,) rad, m and (N,) rad/s, m/s; a moving base's coordinates first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -88,15 +88,18 @@ class Referee:
         self,
         robots: Sequence[RobotModel],
         clearance_m: float = 0.0,
+        tool_of: Callable[[str], int | None] = lambda _: None,
         on_contact: Callable[[Contact], None] | None = None,
     ) -> None:
-        """Judge nothing yet.
+        """Nothing was seen yet.
 
         Args:
             robots: their names are the keys in ``observe``.
             clearance_m: C + Z_d + Z_r.
+            tool_of: a robot's name -> number of the tool that it carries; ``None``: all of them.
             on_contact: called with the touches of a moving robot.
         """
+        self._tool_of = tool_of
         self._on_contact = on_contact
         self._robots = {robot.name: robot for robot in robots}
         self._touches: dict[tuple[int, str], _Touch] = {}
@@ -166,7 +169,7 @@ class Referee:
 
     def _motion(self, name: str, q: Floats, qd: Floats, times: Floats) -> tuple[Capsules, Floats]:
         """The robot's capsules (K, C) and fastest point (K,) at each instant."""
-        model = self._robots[name]
+        model = self._robots[name].counting(self._tool_of(name))
         if self._last is not None and name in self._last[2]:
             q0, qd0 = self._last[2][name]
             q = q0 + (q - q0) * times[:, None]

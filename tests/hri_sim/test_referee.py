@@ -22,9 +22,15 @@ class Ball:
 
     name = "ball"
 
+    def __init__(self, radius=BALL):
+        self.radius = radius
+
     def capsules(self, q):
         centre = np.concatenate([q, np.zeros((*q.shape[:-1], 2))], axis=-1)[..., None, :]
-        return Capsules(centre, centre, np.full(centre.shape[:-1], BALL))
+        return Capsules(centre, centre, np.full(centre.shape[:-1], self.radius))
+
+    def counting(self, tool):
+        return self if tool is None else Ball(tool / 10)
 
     def tip_speed(self, q, qd):
         return np.abs(qd[..., 0])
@@ -32,6 +38,17 @@ class Ball:
 
 def referee_of_ball(clearance_m=0.0):
     return Referee([Ball()], clearance_m)  # type: ignore[list-item]  # all that it asks of a robot model
+
+
+def test_the_tool_that_is_mounted_counts():
+    tool = None
+    referee = Referee([Ball()], tool_of=lambda _: tool)  # type: ignore[list-item]
+    near = {1: forearm(TOUCH + 0.1)}
+    referee.observe(0, near, ball(0.0, 1.0))
+    assert referee.contacts == 0
+    tool = 3  # 0.2 m thicker
+    referee.observe(40 * MS, near, ball(0.0, 1.0))
+    assert referee.contacts == 1
 
 
 def joints(**at):

@@ -22,6 +22,7 @@ from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
 from hri_predict.cli.check.lost import lost_notes
+from hri_predict.cli.check.tools import base_notes, tool_facts, tool_tables
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError
@@ -87,6 +88,8 @@ def check(
         console.print(_risk_table(found["risk"]))
     for name, facts in found["contact"].items():
         console.print(contact_table(name, facts))
+    for table in tool_tables(found["tools"]):
+        console.print(table)
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
@@ -153,6 +156,7 @@ def examine(config: Config) -> dict[str, Any]:
         / assembly.prediction.predictor.rate_hz,
         "risk": risk,
         "contact": contact_facts(*contact),
+        "tools": tool_facts(assembly.robots, config.node.robots),
         "links": [asdict(load) for load in loads],
         "zones": zones_text(config),
         "calibration": calibration,
@@ -167,6 +171,7 @@ def examine(config: Config) -> dict[str, Any]:
             *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),
+            *base_notes(config.node.robots),
             *calibration_notes(calibration),
             *contact_notes(*contact),
         ],

@@ -41,6 +41,8 @@ def lost_notes(
     around_m = ARM_M + BODY_M + CELL_M + walked_m
     for i, shadow in enumerate(source.shadows):
         for name, (model, needed_m) in robots.items():
+            if model.base is None:
+                continue  # it drives: no distance is fixed
             short_m = model.reach_m + needed_m + around_m - floor_distance(shadow, model.base)
             if short_m > 0:
                 notes.append(

@@ -108,6 +108,11 @@ def tool_of(config: Config, robot: str, tool: Floats) -> Iterator[Tool]:
         raise ConfigError(
             f"--robot {robot}: no such robot{nearest(robot, names)} (there are: {', '.join(names)})"
         )
+    if config.node.robots[names.index(robot)].base is not None:
+        raise ConfigError(
+            f"--robot {robot}: its base moves, so what it touches is no better known than its base;"
+            f" give the points with --point"
+        )
     settings = next((k for k in config.links if not k.robots or robot in k.robots), None)
     if settings is None:
         raise ConfigError(f"--robot {robot}: no link to its controller; give --point instead")

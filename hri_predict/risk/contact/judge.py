@@ -213,7 +213,7 @@ class ContactJudge:
         )
         beside = gaps(some, self._fixtures).min(1) < motion.clearance_m  # (n, F)
         gap = gaps(motion.capsules, self._fixtures)  # (C, F)
-        gap[~self._robot.model.moves] = np.inf
+        gap[~motion.model.moves] = np.inf
         left = gap - np.maximum(travel.max(1), 0.0)[:, None, None]  # (V, C, F)
         thick = self._thickness[segments] + motion.clearance_m  # (n,)
         narrow = left[:, None] < thick[:, None, None]  # (V, n, C, F)

@@ -71,9 +71,14 @@ def segment_limits(
 
 def fixtures_of(settings: RiskSettings, robot: RobotSettings) -> list[Fixture]:
     """The configured fixtures, or the table that the robot stands on."""
+    if robot.room_from_robot is None:
+        raise ConfigError(
+            f"risk.mode hybrid: the base of robot {robot.name} moves, so nobody knows what it may "
+            f"clamp people against; leave out its 'contact: allowed'"
+        )
+    matrix = robot.room_from_robot.matrix()
     if settings.contact.fixtures is not None:
         return list(settings.contact.fixtures)
-    matrix = robot.room_from_robot.matrix()
     if matrix[2, 2] < _UPRIGHT:
         raise ConfigError(
             f"risk.contact.fixtures: robot {robot.name} does not stand upright, so nobody knows "

@@ -153,6 +153,7 @@ class Levels:
             body_part=None if who is None else int(self._segment_index[who.segment]),
             robot_link=None if who is None else who.link,
             capture_ns=bodies.capture_ns,
+            tool=findings.robots[robot].tool,
             detail=_detail(
                 self._robots[robot],
                 bodies,
@@ -160,6 +161,7 @@ class Levels:
                 demand=demand,
                 reason=reason,
                 who=who,
+                tool=findings.robots[robot].tool,
             )
             + self._latched(advised),
         )
@@ -271,6 +273,7 @@ def _detail(
     demand: Demand,
     reason: Reason,
     who: Finding | None,
+    tool: int | None,
 ) -> str:
     """The problem and its remedy, in words."""
     if reason is Reason.NONE:
@@ -292,6 +295,8 @@ def _detail(
         inside = demand.reason is Reason.ZONE_OCCUPIED
         names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]
         parts.append("zone " + ", ".join(names))
+    if robot.tools and tool is None:
+        parts.append("no tool is confirmed: the worst of all counts")
     return f"{'; '.join(parts)}; clears when {reason.clears_when}"
 
 

@@ -204,14 +204,19 @@ def by_standard(
 
 
 def by_circle(robot: RobotConstants, motion: RobotMotion, bodies: BodyZones) -> Finding:
-    """By the circle around the base, for the person nearest to it; it is wider for fast people."""
+    """By the circle around the base, for the person nearest to it; it is wider for fast people.
+
+    The circle moves with a base that moves. With tools, it is that of the worst.
+    """
     zones = bodies.zones.capsules
     human_m_s = bodies.speeds.beyond_standard_m_s.max(1, initial=0.0)
     near = _nearest_now(zones, motion)
     who = int(near.person[0]), int(near.segment[0]), int(near.link[0])
     found = at_distance(robot, motion, float(near.distance[0]), bodies.age_s, who=who)
     now = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
-    from_base = horizontal_distance(now, robot.model.base)  # (P, S)
+    from_base = horizontal_distance(now, motion.model.base_at(motion.q))  # (P, S)
+    if motion.model.mobile is not None:  # where the circle is, is uncertain, too
+        from_base -= motion.clearance_m - robot.risk.clearance_m
     worst_m = robot.needed_m()
     wider_m = [robot.needed_m(float(v)) - worst_m if v > 0 else 0.0 for v in human_m_s]
     from_base[: len(human_m_s)] -= np.array(wider_m)[:, None]
@@ -259,7 +264,7 @@ def _receding(
 ) -> Finding:
     """The same, where the robot recedes from everybody while it goes on and stops."""
     is_free = found.slack_m >= 0 and min(found.limits[:2]) >= robot.max_speed_m_s
-    if is_free or not motion.is_foreseen:
+    if is_free or not motion.is_foreseen or not motion.is_one_path:
         return found
     zones = bodies.zones.capsules
     people = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])

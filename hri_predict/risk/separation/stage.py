@@ -42,6 +42,7 @@ class RobotFindings:
             people.
         unseen: about the space that the sensor does not see; ``None`` if it sees everything.
         speed_m_s: of the robot's fastest point.
+        tool: number of the tool counted with; ``None``: none is named, or the worst of all.
     """
 
     unknown: tuple[Reason, ...] = ()
@@ -50,6 +51,7 @@ class RobotFindings:
     contact: Finding | None = None
     unseen: Finding | None = None
     speed_m_s: float = 0.0
+    tool: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +97,7 @@ class Separation:
         self._view = view
         self._times_s = times_s
         self._horizon_s = horizon_s
-        self._farthest_m = [farthest(r.curve, times_s, r.until_braking_s) for r in robots]
+        self._farthest_m = [_farthest(r, times_s) for r in robots]
 
     def revise(self, robot: int) -> None:
         """Take the stopping curve of a robot from its model again: it was measured to stop late."""
@@ -103,7 +105,7 @@ class Separation:
         self._robots[robot] = revised
         if robot in self._contact:
             self._contact[robot].revise(revised)
-        self._farthest_m[robot] = farthest(revised.curve, self._times_s, revised.until_braking_s)
+        self._farthest_m[robot] = _farthest(revised, self._times_s)
 
     def __call__(self, bodies: BodyZones, robots: Sequence[RobotNow]) -> Findings:
         """Compare all bodies with all robots.
@@ -142,7 +144,7 @@ class Separation:
     ) -> RobotFindings:
         if not isinstance(motion, RobotMotion):
             return RobotFindings(unknown=motion)
-        people, standard, contact = about_people
+        people, standard, contact = (_numbered(each, motion) for each in about_people)
         unseen = self._unseen(robot, motion, bodies)
         return RobotFindings(
             people=people,
@@ -150,6 +152,7 @@ class Separation:
             contact=contact,
             unseen=unseen,
             speed_m_s=motion.speed_m_s,
+            tool=motion.tool,
         )
 
     def _motion(
@@ -160,7 +163,7 @@ class Separation:
             return now.reasons
         if not _is_known(now):
             return (Reason.ROBOT_STATE_INVALID,)
-        constants, times_s = self._robots[robot], self._times_s
+        constants, times_s = self._robots[robot].counting(now.tool), self._times_s
         stopping = constants.model.stopping(now.speed_m_s)
         if self._settings.judges_over_time:
             stop_s = max(stopping[0], float(constants.curve.time_s[-1]))
@@ -184,8 +187,7 @@ class Separation:
 
     def _iso(self, motions: Mapping[int, RobotMotion], bodies: BodyZones) -> list[_AboutPeople]:
         return [
-            (by_standard(self._robots[i], motion, bodies), None, None)
-            for i, motion in motions.items()
+            (by_standard(self._constants(i, m), m, bodies), None, None) for i, m in motions.items()
         ]
 
     def _fixed(self, motions: Mapping[int, RobotMotion], bodies: BodyZones) -> list[_AboutPeople]:
@@ -200,7 +202,7 @@ class Separation:
         result: list[_AboutPeople] = []
         for (i, motion), judge, outlook in zip(motions.items(), judging, found, strict=True):
             standard = contact = None
-            if self._may_permit_more(self._robots[i], outlook.finding):
+            if self._may_permit_more(self._constants(i, motion), outlook.finding):
                 standard = self._milder(
                     robot=i, motion=motion, judging=judge, bodies=bodies, outlook=outlook
                 )
@@ -226,7 +228,7 @@ class Separation:
         assumed = np.flatnonzero(bodies.as_assumed)
         if not assumed.size:
             return None
-        constants = self._robots[robot]
+        constants = self._constants(robot, motion)
         others = np.flatnonzero(~bodies.as_assumed)
         if not others.size:
             standing = outlook.standing
@@ -255,11 +257,11 @@ class Separation:
         if self._settings.judges_over_time:
             judging = self._time_by_time(robot, motion)
         return beside_view(
-            self._robots[robot], motion, self._view, age_s=bodies.age_s, judging=judging
+            self._constants(robot, motion), motion, self._view, age_s=bodies.age_s, judging=judging
         )
 
     def _time_by_time(self, robot: int, motion: RobotMotion) -> TimeByTime:
-        constants = self._robots[robot]
+        constants = self._constants(robot, motion)
         return TimeByTime(
             times_s=motion.times_s,
             speed_m_s=motion.speed_m_s,
@@ -268,8 +270,28 @@ class Separation:
             reaction_s=constants.until_braking_s,
             clearance_m=motion.clearance_m,
             margins_m=self._settings.margins_m,
-            farthest_m=self._farthest_m[robot][: len(motion.times_s) - 1],
+            farthest_m=self._farthest_m[robot][motion.tool][: len(motion.times_s) - 1],
         )
+
+    def _constants(self, robot: int, motion: RobotMotion) -> RobotConstants:
+        """Of a robot with the tool that its motion counts with."""
+        return self._robots[robot].counting(motion.tool)
+
+
+def _farthest(robot: RobotConstants, times_s: Floats) -> dict[int | None, Floats]:
+    """By tool number and for the worst; see ``in_time.farthest``."""
+    return {
+        tool: farthest(robot.counting(tool).curve, times_s, robot.until_braking_s)
+        for tool in (None, *robot.tools)
+    }
+
+
+def _numbered(found: Finding | None, motion: RobotMotion) -> Finding | None:
+    """The finding with its capsule's number among those of all tools, as Advice names it."""
+    numbering = motion.model.numbering
+    if found is None or numbering is None or found.link < 0:
+        return found
+    return replace(found, link=int(numbering[found.link]))
 
 
 def _is_known(now: RobotNow) -> bool:

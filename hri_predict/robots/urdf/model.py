@@ -16,6 +16,7 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import RobotError
+from hri_predict.robots.file import MAX_SLIDE_M_S
 from hri_predict.robots.urdf.tree import UrdfChain
 from hri_predict.settings import MAX_COORDINATE_M
 
@@ -66,6 +67,7 @@ def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[
             {"name": name, "parent": [*carriers.values()][-1], "child": link}
             | _origin(model.jointPlacements[index], pinocchio, name)
             | {"axis": _axis(element, name)}
+            | ({"type": "prismatic"} if element.get("type") == "prismatic" else {})
             | _limits(element, name)
         )
         carriers[index] = link
@@ -130,13 +132,15 @@ def _limits(joint: ElementTree.Element, name: str) -> dict[str, Any]:
     limit = joint.find("limit")
     given = {} if limit is None else limit.attrib
     velocity = _number(given.get("velocity", "0"), f"joint '{name}': velocity")
-    if not 0 < velocity <= 1000:
+    slides = joint.get("type") == "prismatic"
+    most, unit = (MAX_SLIDE_M_S, "m/s") if slides else (1000.0, "rad/s")
+    if not 0 < velocity <= most:
         raise RobotError(
-            f"joint '{name}': <limit velocity> must be above 0 (and up to 1000) rad/s, "
+            f"joint '{name}': <limit velocity> must be above 0 (and up to {most:g}) {unit}, "
             f"as the robot's data sheet says; got {velocity:g}"
         )
     position = [-CONTINUOUS_RAD, CONTINUOUS_RAD]
-    if joint.get("type") == "revolute":
+    if joint.get("type") != "continuous":
         position = [_number(given.get(k, "0"), f"joint '{name}': {k}") for k in ("lower", "upper")]
     return {"position": position, "velocity": velocity}
 

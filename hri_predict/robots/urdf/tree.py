@@ -20,18 +20,18 @@ from hri_predict.robots.file import MAX_JOINTS
 MAX_LINKS = 1000
 MAX_MESH_BYTES = 100_000_000
 MESHES = (".stl", ".obj", ".dae")  # the first two have no units of their own: metres
-TURNING = ("revolute", "continuous")
+MOVING = ("revolute", "continuous", "prismatic")
 SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
 SIZES["capsule"] = SIZES["cylinder"]
 
 
 @dataclass(frozen=True, slots=True)
 class UrdfChain:
-    """What hangs on the base link: one chain of turning joints, and links rigidly fixed to it.
+    """What hangs on the base link: one chain of moving joints, and links rigidly fixed to it.
 
     Attributes:
         name: name of the robot.
-        joints: the turning joints' elements, from the base outwards.
+        joints: the moving joints' elements, from the base outwards.
         text: a URDF of these links and joints with collision geometry only; a link without it gets
             its visual geometry.
         omitted: links with a shape that are not in the text: left out, or not beyond the base.
@@ -58,7 +58,7 @@ def read_chain(
     Args:
         path: the URDF file.
         base: link that stands still in the room.
-        tip: link that the last turning joint moves, or a link fixed to that.
+        tip: link that the last moving joint moves, or a link fixed to that.
         left_out: links to drop, with everything beyond them.
         packages: folders to look for ``package://NAME/...`` in, besides the URDF's own parents.
 
@@ -100,13 +100,13 @@ def _chain(
     kept = [
         link for link in links if base in (up := _way_up(link, above)) and not dropped & set(up)
     ]
-    turning = [above[link] for link in way[1:] if above[link].get("type") != "fixed"]
-    _check_turning(turning, base, tip)
+    moving = [above[link] for link in way[1:] if above[link].get("type") != "fixed"]
+    _check_moving(moving, base, tip)
     slim = ElementTree.Element("robot", name=root.get("name") or "robot")
     for link in kept:
         if link != base:
             joint = above[link]
-            if joint.get("type") != "fixed" and joint not in turning:
+            if joint.get("type") != "fixed" and joint not in moving:
                 raise RobotError(
                     f"joint '{_name(joint)}' moves link '{link}', which is not between '{base}' "
                     f"and '{tip}'; a robot file has one chain: --leave-out {link} and describe it "
@@ -116,7 +116,7 @@ def _chain(
         slim.append(_shaped(links[link], path, packages))
     omitted = [link for link in links if link not in kept and _has_shape(links[link])]
     text = ElementTree.tostring(slim, encoding="unicode")
-    return UrdfChain(slim.get("name", ""), turning, text, omitted)
+    return UrdfChain(slim.get("name", ""), moving, text, omitted)
 
 
 def _parse(text: str) -> ElementTree.Element:
@@ -194,12 +194,12 @@ def _way_up(link: str, above: dict[str, ElementTree.Element], base: str | None =
     return way
 
 
-def _check_turning(joints: list[ElementTree.Element], base: str, tip: str) -> None:
+def _check_moving(joints: list[ElementTree.Element], base: str, tip: str) -> None:
     for joint in joints:
         name, kind = _name(joint), joint.get("type", "")
-        if kind not in TURNING:
+        if kind not in MOVING:
             raise RobotError(
-                f"joint '{name}' is of type '{kind}'; only {' and '.join(TURNING)} joints can be "
+                f"joint '{name}' is of type '{kind}'; only {', '.join(MOVING)} joints can be "
                 f"described: choose a --base beyond it, or make it fixed where it will stand"
             )
         if joint.find("mimic") is not None:
@@ -209,7 +209,7 @@ def _check_turning(joints: list[ElementTree.Element], base: str, tip: str) -> No
             )
     if not 1 <= len(joints) <= MAX_JOINTS:
         raise RobotError(
-            f"{len(joints)} joints turn between '{base}' and '{tip}'; RobotState carries 1 to "
+            f"{len(joints)} joints move between '{base}' and '{tip}'; RobotState carries 1 to "
             f"{MAX_JOINTS}: choose another --base or --tip"
         )
 

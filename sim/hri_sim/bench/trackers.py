@@ -169,6 +169,7 @@ class _Watch(View):
         source, (robot,) = assembly.source, assembly.robots
         assert isinstance(source, ProceduralSource)
         self._truth, self._reach_m = source.truth, robot.reach_m
+        assert robot.base is not None  # it stands
         self._base = Capsules(robot.base, robot.base, np.zeros(()))
 
     def on_tick(self, tick: Tick) -> None:

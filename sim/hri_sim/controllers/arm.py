@@ -63,7 +63,7 @@ class SimulatedArm:
     ) -> None:
         """Stand at ``path_s``, passing at ``rate``; ``speeds``: ``nominal_speeds``, if known."""
         self._trajectory = trajectory
-        self._deceleration = deceleration_m_s2
+        self.deceleration_m_s2 = deceleration_m_s2
         self._acceleration = acceleration_m_s2
         self._duration_s = float(trajectory.duration_s)
         speeds = nominal_speeds(model, trajectory) if speeds is None else speeds
@@ -104,7 +104,7 @@ class SimulatedArm:
         ahead = self._nominal(self.path_s + self.rate * dt)
         wanted = min(permitted_m_s, ahead)
         if speed > wanted:
-            reached = max(wanted, speed - self._deceleration * dt)
+            reached = max(wanted, speed - self.deceleration_m_s2 * dt)
         else:
             reached = min(wanted, speed + self._acceleration * dt)
         rate = min(reached / ahead, 1.0)

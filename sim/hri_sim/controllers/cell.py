@@ -149,7 +149,7 @@ class MockCell:
     # -- both -------------------------------------------------------------------------------------
 
     def robot_truth(self, now_ns: int) -> dict[str, tuple[Floats, Floats]]:
-        """Return robot name -> true joints (N,), rad and rad/s, of every simulated robot."""
+        """Return robot name -> true joints (N,) of every simulated robot, a moving base first."""
         truth = {}
         for post in self._posts.values():
             wiring = self._wirings.get(post.robot_index)
@@ -183,7 +183,16 @@ class MockCell:
 
     def referee(self, robots: Sequence[RobotModel]) -> Referee:
         """Return a referee for these robots; its caller passes it ``robot_truth``."""
-        return Referee(robots)
+        return Referee(robots, tool_of=self.tool_of)
+
+    def tool_of(self, robot: str) -> int | None:
+        """Return the number of the tool that a robot truly carries."""
+        for post in self._posts.values():
+            wiring = self._wirings.get(post.robot_index)
+            truth = wiring.truth() if wiring is not None and post.robot.name == robot else None
+            if truth is not None:
+                return truth.mounted.number
+        return None
 
     def true_people(self, source: Source) -> TruePeople | KnownPeople:
         """Return the true positions of all people, from a copy of the source without faults.

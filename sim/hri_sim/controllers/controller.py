@@ -15,10 +15,10 @@ counter's 65536 values last 22 min at 50 Hz (65 s at 1000 Hz); only an advice th
 could be mistaken for a fresh one.
 """
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -31,6 +31,7 @@ from hri_predict.peers import ControllerReport
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
+    BaseMotion,
     Level,
     Message,
     RobotMode,
@@ -38,8 +39,10 @@ from hri_predict.protocol.messages import (
     Schema,
 )
 from hri_predict.protocol.reception import FORGET_S, SchemaGate
+from hri_predict.robots.mobile_base import COORDINATES
 from hri_predict.settings import Settings
 from hri_sim.controllers.lies import LieSettings
+from hri_sim.controllers.tools import NOTHING, Mounted, ToolChange
 
 U = TypeVar("U")
 
@@ -100,6 +103,7 @@ class ControllerSettings(Settings):
     lies: list[LieSettings] = Field(
         [], description="what it does wrong on purpose, to see whether the node finds out"
     )
+    tools: list[ToolChange] = Field([], description="which tool it carries, and when")
     acknowledge_after_s: float | None = Field(
         None,
         gt=0,
@@ -151,6 +155,7 @@ class ControllerCore(Generic[U]):
         robot: int,
         codec: Codec[U],
         full_speed_m_s: float,
+        base_moves: bool = False,
     ) -> None:
         """``settings`` are ``resolved``; ``robot`` is the index that an Advice carries."""
         if None in (settings.reaction_s, settings.silence_timeout_s, settings.state_rate_hz):
@@ -164,6 +169,7 @@ class ControllerCore(Generic[U]):
         self._robot = robot
         self._codec = codec
         self._full_speed = full_speed_m_s
+        self._lead = len(COORDINATES) if base_moves else 0
         self._counters = LinkCounters()
         self._errors = 0  # since the last window without any
         self._error_ns = 0  # time of the last
@@ -176,7 +182,7 @@ class ControllerCore(Generic[U]):
         self._counter = 0  # of the newest RobotState
         kept_s = settings.max_age_s + (settings.silence_timeout_s or 0.0)
         # times of sending the newest RobotStates, the newest last
-        self._sent_ns: deque[int] = deque(maxlen=ceil(kept_s * 1e9 / self._state_ns) + 1)
+        self._sent_ns: deque[int] = deque(maxlen=math.ceil(kept_s * 1e9 / self._state_ns) + 1)
         self._next_state_ns: int | None = None
         self._round_trips: deque[int] = deque(maxlen=_MAX_ROUND_TRIPS)
         self._latch: tuple[int, int] | None = None  # id, when to press the button
@@ -226,14 +232,22 @@ class ControllerCore(Generic[U]):
             report.events.append((since_s, permit.cause, round(limit, 4)))
 
     def outgoing(
-        self, now_ns: int, q: Floats | None, qd: Floats | None, mode: RobotMode
+        self,
+        now_ns: int,
+        q: Floats | None,
+        qd: Floats | None,
+        mode: RobotMode,
+        *,
+        mounted: Mounted = NOTHING,
     ) -> list[U]:
         """Return what to send now: RobotState when due, Acknowledge if the button is pressed.
 
         Args:
             now_ns: controller's clock.
-            q, qd: (N,) rad and rad/s; ``None`` while unknown: then nothing is sent.
+            q, qd: (N,) rad and rad/s, m and m/s, a moving base's coordinates first; ``None`` while
+                unknown: then nothing is sent.
             mode: operating mode to report.
+            mounted: the tool.
         """
         units: list[U] = []
         if self._next_state_ns is None:
@@ -249,8 +263,11 @@ class ControllerCore(Generic[U]):
                 robot=self._robot,
                 mode=mode,
                 counter=self._counter,
-                positions=tuple(q.tolist()),
-                velocities=tuple(qd.tolist()),
+                positions=tuple(q[self._lead :].tolist()),
+                velocities=tuple(qd[self._lead :].tolist()),
+                tool=mounted.number,
+                tool_confirmed=mounted.confirmed,
+                base=_base_of(q, qd) if self._lead else None,
             )
             units += self._codec.encode(state)
             self._report.states_sent += 1
@@ -362,3 +379,10 @@ class ControllerCore(Generic[U]):
     def _error_count(self) -> int:
         c = self._counters
         return c.crc_errors + c.counter_errors + c.malformed + c.incomplete
+
+
+def _base_of(q: Floats, qd: Floats) -> BaseMotion:
+    """A moving base's pose and twist; they come before the joints."""
+    (x, y, yaw), (vx, vy, turn) = q[:3].tolist(), qd[:3].tolist()
+    yaw = math.remainder(yaw, 2 * math.pi)
+    return BaseMotion(x_m=x, y_m=y, yaw_rad=yaw, vx_m_s=vx, vy_m_s=vy, yaw_rate_rad_s=turn)

@@ -5,7 +5,6 @@ The same object runs in a separate process in real time, and on the virtual cloc
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -14,47 +13,28 @@ from hri_drivers.links.codec import Codec
 from hri_drivers.links.framed import SerialCodec
 from hri_drivers.links.serial.link import SerialLinkSettings
 from hri_drivers.wires.transport import Transport
-from hri_predict.arrays import Floats
 from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.link import LinkSettings
 from hri_predict.peers import ControllerReport
 from hri_predict.protocol.messages import RobotMode
-from hri_predict.robots.model import RobotModel, RobotSettings, TrajectoryMotion, load_robot
-from hri_predict.robots.trajectory import Trajectory, load_trajectory
+from hri_predict.robots.model import RobotSettings, TrajectoryMotion, load_robot
+from hri_predict.robots.trajectory import load_trajectory
 from hri_predict.settings import validated
-from hri_sim.controllers.arm import SimulatedArm, nominal_speeds
+from hri_sim.controllers.arm import SimulatedArm
+from hri_sim.controllers.brakes import Brakes, Drive
 from hri_sim.controllers.controller import (
     ControllerCore,
     ControllerSettings,
     Permit,
 )
 from hri_sim.controllers.lies import Lies
+from hri_sim.controllers.tools import ToolChanger
 from hri_sim.controllers.wiring import Wiring
 from hri_sim.faults.link_faults import FaultyTransport
 from hri_sim.faults.link_faults import U as W
 
 U = TypeVar("U")
-
-_SPEED_STEPS = 50
-
-
-@dataclass(frozen=True, eq=False)
-class Drive:
-    """The robot that a drive moves, and its trajectory."""
-
-    model: RobotModel
-    trajectory: Trajectory
-
-    @cached_property
-    def peak_m_s(self) -> float:
-        """Peak speed of the fastest point at full speed, m/s."""
-        return self.trajectory.peak_tip_speed(self.model)
-
-    @cached_property
-    def speeds(self) -> Floats:
-        """See ``arm.nominal_speeds``."""
-        return nominal_speeds(self.model, self.trajectory)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +56,7 @@ class Post:
     robot_index: int
     base_dir: Path | None
     full_speed_m_s: float
-    drive: "Drive | None" = None
+    drive: Drive | None = None
 
     @property
     def name(self) -> str:
@@ -112,6 +92,7 @@ def posts(
             raise ConfigError(
                 f"{where}.robot: the link carries no advice for '{name}'; see its 'robots'"
             )
+        _check_tools(settings, robots[names.index(name)], where)
         found.append((link, settings.model_copy(update={"robot": name}), names.index(name)))
     drives = {index: _only_drive(index, found, robots, base_dir) for _, _, index in found}
     speeds = {i: min(robots[i].max_speed_m_s, drive.peak_m_s) for i, drive in drives.items()}
@@ -164,20 +145,21 @@ class Station(Generic[U]):
             robot=post.robot_index,
             codec=codec,
             full_speed_m_s=post.full_speed_m_s,
+            base_moves=post.robot.base is not None,
         )
+        self._changer = ToolChanger(post.settings.tools)
+        self._brakes: Brakes | None = None
         self._wiring = wiring
         self._lies = Lies(post.settings.lies)
         self._arm: SimulatedArm | None = None
         if post.settings.role == "drive":
             drive = post.drive or _drive(post.settings, post.robot, post.base_dir)
+            self._brakes = Brakes(drive, post.settings.deceleration, post.full_speed_m_s)
             before = wiring.truth()  # a restarted drive finds the arm where it stopped
             self._arm = SimulatedArm(
                 model=drive.model,
                 trajectory=drive.trajectory,
-                deceleration_m_s2=(
-                    post.settings.deceleration or deceleration_of(drive.model, post.full_speed_m_s)
-                )
-                / self._lies.brakes_slower,
+                deceleration_m_s2=self._brakes.with_tool(None) / self._lies.brakes_slower,
                 acceleration_m_s2=post.settings.acceleration,
                 path_s=before.path_s if before is not None else post.settings.start_s,
                 speeds=drive.speeds,
@@ -192,20 +174,25 @@ class Station(Generic[U]):
             self._core.obey(permit, now_ns)
             truth = self._wiring.truth()
             if truth is None:
-                return self._core.outgoing(now_ns, None, None, RobotMode.UNKNOWN)
+                return self._core.outgoing(now_ns, None, None, mode=RobotMode.UNKNOWN)
             mode = RobotMode.AUTOMATIC if truth.alive(now_ns) else RobotMode.UNKNOWN
             told = self._lies.told(*truth.at(now_ns), now_ns)
-            return self._core.outgoing(now_ns, *told, mode)
+            return self._core.outgoing(now_ns, *told, mode=mode, mounted=truth.mounted)
         allowed = self._wiring.permitted_speed(now_ns)
         if allowed < permit.speed_m_s:
             permit = Permit(allowed, "other channel")
         self._core.obey(permit, now_ns)
         fastest = self.post.robot.max_speed_m_s
         speed = self._lies.permitted(permit.speed_m_s, fastest, now_ns)
+        mounted = self._changer.at(now_ns)
+        if self._brakes is not None:
+            braking = self._brakes.with_tool(mounted.number) / self._lies.brakes_slower
+            self._arm.deceleration_m_s2 = braking
         self._arm.step(now_ns, min(speed, fastest))
         q, qd = self._arm.joints()
-        self._wiring.set_truth(q, qd, self._arm.path_s, now_ns)
-        return self._core.outgoing(now_ns, *self._lies.told(q, qd, now_ns), RobotMode.AUTOMATIC)
+        self._wiring.set_truth(q, qd, path_s=self._arm.path_s, now_ns=now_ns, mounted=mounted)
+        told = self._lies.told(q, qd, now_ns)
+        return self._core.outgoing(now_ns, *told, mode=RobotMode.AUTOMATIC, mounted=mounted)
 
     def write_failed(self) -> None:
         """Count a unit that the link did not send."""
@@ -221,18 +208,16 @@ class Station(Generic[U]):
         return self._core.report()
 
 
-def deceleration_of(model: RobotModel, up_to_m_s: float) -> float:
-    """Return a uniform deceleration (m/s^2) within the stopping time and distance at any speed.
-
-    The node relies on the robot's stopping table, so the simulated arm must not stop later.
-    """
-    needed = 0.0
-    for i in range(1, _SPEED_STEPS + 1):
-        speed = up_to_m_s * i / _SPEED_STEPS
-        time_s, distance_m = model.stopping(speed)
-        if time_s > 0 and distance_m > 0:
-            needed = max(needed, speed / time_s, speed**2 / (2 * distance_m))
-    return needed or 1.0
+def _check_tools(settings: ControllerSettings, robot: RobotSettings, where: str) -> None:
+    """Refuse a tool that the robot cannot carry."""
+    numbers = [tool.number for tool in robot.tools or () if tool.number is not None]
+    for i, change in enumerate(settings.tools):
+        if change.tool not in numbers:
+            known = ", ".join(map(str, sorted(numbers))) or "none"
+            raise ConfigError(
+                f"{where}.tools.{i}.tool: robot '{robot.name}' has no tool number {change.tool}; "
+                f"there are: {known}"
+            )
 
 
 def _trajectory_of(settings: ControllerSettings, robot: RobotSettings) -> str:

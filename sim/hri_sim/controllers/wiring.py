@@ -20,12 +20,14 @@ from typing import Self
 import numpy as np
 
 from hri_predict.arrays import Floats
+from hri_sim.controllers.tools import NOTHING, Mounted
 
 PERMIT_STALE_S = 0.1
 _TRUTH_STALE_S = 0.25  # a drive silent for longer is dead; its brakes have closed
 _CARRIED_S = 0.1  # its motion is extrapolated for this long
-_MAX_JOINTS = 9
-_VALUES = 1 + 2 * _MAX_JOINTS
+_MAX_JOINTS = 12  # nine, and three coordinates of a moving base
+_VALUES = 3 + 2 * _MAX_JOINTS
+_NO_TOOL = -1.0
 _BODY = struct.Struct(f"<qQ{_VALUES}d")  # stamp, number of values, values
 _SLOT = 8 + _BODY.size  # CRC-32 and padding, then the body
 _REGISTER = 2 * _SLOT
@@ -33,12 +35,16 @@ _REGISTER = 2 * _SLOT
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The arm's true state: (N,) rad and rad/s, at ``stamp_ns``; ``path_s`` along its path."""
+    """The arm's true state: (N,) rad and rad/s, m and m/s, at ``stamp_ns``; a moving base's first.
+
+    ``path_s`` is along its path. ``mounted`` is its tool, and what its controller says of it.
+    """
 
     q: Floats
     qd: Floats
     path_s: float
     stamp_ns: int
+    mounted: Mounted = NOTHING
 
     def at(self, now_ns: int) -> tuple[Floats, Floats]:
         """Return the joints at ``now_ns``: extrapolated, or at rest once the drive is dead."""
@@ -112,9 +118,19 @@ class Wiring:
         """Return the lowest permit of all channels, m/s."""
         return min((self.permit(name, now_ns) for name in self._channels), default=0.0)
 
-    def set_truth(self, q: Floats, qd: Floats, path_s: float, now_ns: int) -> None:
-        """Publish the arm's joints (N,), N up to 9."""
-        self._write(0, now_ns, [path_s, *q.tolist(), *qd.tolist()])
+    def set_truth(
+        self,
+        q: Floats,
+        qd: Floats,
+        path_s: float,
+        now_ns: int,
+        *,
+        mounted: Mounted = NOTHING,
+    ) -> None:
+        """Publish the arm's joints (N,), N up to 12, and its tool."""
+        tool = _NO_TOOL if mounted.number is None else float(mounted.number)
+        values = [path_s, tool, float(mounted.confirmed)]
+        self._write(0, now_ns, [*values, *q.tolist(), *qd.tolist()])
 
     def truth(self) -> Truth | None:
         """Return the arm's state as last published; ``None`` before the first time."""
@@ -122,8 +138,10 @@ class Wiring:
         if read is None:
             return None
         stamp_ns, values = read
-        n = (len(values) - 1) // 2
-        return Truth(np.array(values[1 : 1 + n]), np.array(values[1 + n :]), values[0], stamp_ns)
+        path_s, tool, confirmed, *joints = values
+        n = len(joints) // 2
+        mounted = Mounted(None if tool == _NO_TOOL else int(tool), confirmed == 1.0)
+        return Truth(np.array(joints[:n]), np.array(joints[n:]), path_s, stamp_ns, mounted)
 
     def close(self) -> None:
         """Release the file."""

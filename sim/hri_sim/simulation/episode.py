@@ -128,7 +128,7 @@ def run_episode(
     )
     truth = TruePeople(ApproachSource(exact(cell_settings(config)), config.base_dir))
     harm = Harm(_bearable(config, cell.models))
-    referee = Referee(cell.models, config.node.risk.clearance_m, harm.note)
+    referee = Referee(cell.models, config.node.risk.clearance_m, mock.tool_of, harm.note)
     recorder = _Recorder(mock, truth, referee, cell)
     step_all(assembly=assembly, pace=Pace(), beside=mock, each_tick=recorder.observe)
     if node.assess_failures or node.listener_failures:

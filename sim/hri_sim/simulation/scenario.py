@@ -75,9 +75,13 @@ class Workspace:
             ends = np.stack([capsules.a, capsules.b], axis=2)  # (K, C, 2, 3)
             moves = np.ptp(ends, axis=0).max(axis=(-2, -1)) > _MOVES_M
             points, radius = ends[:, moves].reshape(-1, 3), capsules.radius.max()
-            reach = np.linalg.norm(points[:, :2] - model.base[:2], axis=-1).max() + radius
+            base = model.base
+            if base is None:  # about the middle of where it drives
+                places = np.array([model.base_at(q) for q in trajectory.at(times)[0]])
+                base = (places.min(0) + places.max(0)) / 2
+            reach = np.linalg.norm(points[:, :2] - base[:2], axis=-1).max() + radius
             low, high = points[:, 2].min() - radius, points[:, 2].max() + radius
-            rounds.append([*model.base[:2], reach, low, high])
+            rounds.append([*base[:2], reach, low, high])
             swept.append(capsules)
         flat = Capsules(
             np.concatenate([c.a.reshape(-1, 3) for c in swept]),

@@ -1,5 +1,6 @@
 """A cell with one robot and one person for the engine's tests."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -66,10 +67,12 @@ class Cell:
         zones: tuple[NamedZoneSettings, ...] = (),
         view: Region | None = None,
         robot: RobotSettings = ROBOT,
+        doors: Mapping[str, Region] | None = None,
         horizon_steps: int = STEPS,
         calibration: Calibration | None = None,
     ) -> None:
-        self.tracker = RobotTracker(robot, MODEL, check=_Believing)
+        model = MODEL if robot is ROBOT else load_robot(robot, None)
+        self.tracker = RobotTracker(robot, model, check=_Believing)
         budget = DelayBudget.from_settings(25.0, [LINK], 0.12)
         self.steps = horizon_steps
         self.engine = RiskEngine(
@@ -83,10 +86,12 @@ class Cell:
             forecast_rate_hz=RATE_HZ,
             horizon_steps=horizon_steps,
             calibration=calibration,
+            doors=doors,
         )
         self.now_ns = 1_000_000_000
         self.captures = 0
         self.turn = 0.3  # rad/s of the base
+        self.said: dict[str, Any] = {}  # what RobotState says besides
         self.assessment: Assessment
 
     def snapshot(self, *x: float) -> PeopleSnapshot:
@@ -123,6 +128,7 @@ class Cell:
                 counter=self.captures % 256,
                 positions=READY,
                 velocities=velocities,
+                **self.said,
             )
             self.tracker.update(state, self.now_ns)
         snapshot = self.snapshot(*x)

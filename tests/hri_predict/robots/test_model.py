@@ -190,6 +190,7 @@ def test_reach_is_never_exceeded_and_nearly_reached() -> None:
     robot = ur5e(room_from_robot=PLACED)
     placed = robot.capsules(np.random.default_rng(1).uniform(-6, 6, (5000, 6)))
     for end in (placed.a, placed.b):
+        assert robot.base is not None
         far = np.linalg.norm(end - robot.base, axis=-1) + placed.radius
         assert far.max() <= robot.reach_m
     assert robot.reach_m < 1.7
@@ -296,6 +297,29 @@ def test_a_robot_that_carries_nothing_has_no_payload_capsule() -> None:
     assert "payload" not in ur5e(payload_kg=0.0).capsule_names
 
 
+def test_the_ur10e_is_the_published_table() -> None:
+    """Universal Robots, article 45257: a2 -0.6127, a3 -0.57155, d1 0.1807, d4 0.17415, d5 0.11985,
+    d6 0.11655 m. Stretched, it reaches a2 + a3 along -x, -(d4 + d6) and d1 - d5."""
+    robot = load_robot(settings_of("ur10e"), None)
+    gripper = robot.capsule_names.index("gripper")
+    placed = robot.capsules(np.zeros(6))
+    expected = [-0.6127 - 0.57155, -(0.17415 + 0.11655) - 0.03, 0.1807 - 0.11985]
+    np.testing.assert_allclose(placed.a[gripper], expected, atol=1e-12)
+    upright = robot.capsules(np.array([0, -np.pi / 2, 0, -np.pi / 2, 0, 0]))
+    height = 0.1807 + 0.6127 + 0.57155 + 0.11985
+    np.testing.assert_allclose(upright.a[gripper], [0, -0.2907 - 0.03, height], atol=1e-12)
+
+
+def test_on_its_rail_the_ur10e_is_the_same_arm_farther_on() -> None:
+    arm, on_rail = (load_robot(settings_of(name), None) for name in ("ur10e", "ur10e_rail"))
+    q = np.array([0.1, -1.0, 1.2, -1.7, -1.5, 0.3])
+    alone, moved = arm.capsules(q), on_rail.capsules(np.array([0.7, *q]))
+    for i, name in enumerate(arm.capsule_names):
+        at = moved.a[on_rail.capsule_names.index(name)]
+        np.testing.assert_allclose(at, alone.a[i] + [0.7, 0.0, 0.35], atol=1e-12)
+    assert on_rail.units[:2] == ("m", "rad")
+
+
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_robots_load(name: str) -> None:
     robot = load_robot(settings_of(name, payload_kg=None), None)
@@ -323,7 +347,11 @@ MISTAKES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "joint left out": (lambda r: r["joints"].pop(2), "broken chain.*'forearm' does not exist"),
     "same joint name": (joint(1, "name", "elbow"), "'elbow' is used twice"),
     "no joints": (lambda r: r.update(joints=[]), "joints"),
-    "prismatic": (joint(0, "type", "prismatic"), "joints.0.type"),
+    "unknown type": (joint(0, "type", "planar"), "joints.0.type"),
+    "turn in metres": (
+        lambda r: r["joints"][0].update(type="prismatic", velocity=25.0),
+        "in metres: position at most 8 m",
+    ),
     "missing capsule": (lambda r: r["capsules"].pop(3), "link 'forearm' has no capsule"),
     "capsule on no link": (
         lambda r: r["capsules"][3].update(link="forarm"),

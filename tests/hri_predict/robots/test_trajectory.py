@@ -15,12 +15,21 @@ from hri_predict.files import data_path
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.trajectory import PEAK, Trajectory, load_trajectory
 from hri_predict.settings import Pose
+from tests.hri_predict.robots import mobile
 
 FILE: dict[str, Any] = yaml.safe_load(data_path("trajectories", "pick_and_place.yaml").read_text())
-SHIPPED = {"pick_and_place": ["ur5e", "ur5"], "panda_pick_and_place": ["panda"]}
+SHIPPED = {
+    "pick_and_place": ["ur5e", "ur5"],
+    "panda_pick_and_place": ["panda"],
+    "ur10e_pick_and_place": ["ur10e"],
+    "rail_pick_and_place": ["ur10e_rail"],
+    "drive_and_pick": ["mobile"],
+}
 
 
 def robot(name: str, payload_kg: float) -> RobotModel:
+    if name == "mobile":
+        return load_robot(mobile.settings_of(payload_kg=payload_kg), None)
     settings = RobotSettings(
         name="arm", model=name, room_from_robot=Pose(), payload_kg=payload_kg, max_speed_m_s=1.0
     )
@@ -187,3 +196,31 @@ def test_unknown_names(tmp_path: Path) -> None:
         load_trajectory("pick_n_place", MODEL, None)
     with pytest.raises(RobotError, match="cannot be read"):
         load_trajectory("none.yaml", MODEL, tmp_path)
+
+
+MOVES = "waypoints: [{time_s: 0, positions: &q [0, 0, 0, 0, 0, 0]%s}, {time_s: 1, positions: *q%s}]"
+
+
+@pytest.mark.parametrize(
+    ("name", "base", "message"),
+    [
+        ("mobile", "", "the base of robot 'amr' moves: give base"),
+        ("ur5e", ", base: [0, 0, 0]", "the base of robot 'arm' stands: leave base out"),
+        ("mobile", ", base: [0, 0]", "waypoints.0.base"),
+    ],
+)
+def test_a_base_that_does_not_fit(tmp_path: Path, name: str, base: str, message: str) -> None:
+    (tmp_path / "t.yaml").write_text(MOVES % (base, base))
+    with pytest.raises(RobotError, match=message):
+        load_trajectory("t.yaml", robot(name, 2.5), tmp_path)
+
+
+def test_a_base_that_is_too_fast_along_its_way(tmp_path: Path) -> None:
+    """Each of x and y is within the limit, and their way is not."""
+    there = [[0, 0, 0], [0.5, 0.5, 0], [0, 0, 0]]
+    lines = [f"- {{time_s: {t}, positions: {[0] * 6}, base: {at}}}" for t, at in enumerate(there)]
+    (tmp_path / "t.yaml").write_text("waypoints:\n" + "\n".join(lines))
+    with pytest.raises(
+        RobotError, match=r"waypoints.1: the base would reach 1.33 m/s, above its 1"
+    ):
+        load_trajectory("t.yaml", robot("mobile", 2.5), tmp_path)

@@ -20,6 +20,9 @@ class Ball:
 
     name = "ball"
 
+    def counting(self, tool):
+        return self
+
     def capsules(self, q):
         centre = np.concatenate([q, np.zeros((*q.shape[:-1], 2))], axis=-1)[..., None, :]
         return Capsules(centre, centre, np.full(centre.shape[:-1], BALL))
@@ -32,7 +35,7 @@ def judged(limits, *, fixtures=(), clamped=0.1):
     """Referee and harm; every part that is not named bears 5 m/s."""
     free = np.array([limits.get(name, 5.0) for name in NAMES])
     harm = Harm({"ball": Bearable(free, np.full(len(NAMES), clamped), fixtures)})
-    referee = Referee([Ball()], 0.0, harm.note)  # type: ignore[list-item]  # all that it asks
+    referee = Referee([Ball()], 0.0, on_contact=harm.note)  # type: ignore[list-item]  # all that it asks
     return referee, harm
 
 

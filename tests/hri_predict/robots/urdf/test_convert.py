@@ -94,6 +94,22 @@ def test_what_comes_out(urdf: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert camera.radius == pytest.approx(0.035, abs=0.0011)
 
 
+def test_a_joint_that_slides_is_prismatic_in_metres(urdf: Path) -> None:
+    chain = ["--base", "plate", "--tip", "finger"]
+    assert run(urdf, *chain, *STOP) == 0
+    robot = read_robot_file("mine.yaml", urdf.parent)
+    assert [joint.type for joint in robot.joints] == ["revolute"] * 3 + ["prismatic"]
+    assert (robot.joints[3].position, robot.joints[3].velocity) == ([0.0, 0.1], 1.0)
+    model = load_robot(
+        RobotSettings(name="a", model="mine.yaml", room_from_robot=Pose(), max_speed_m_s=1.0),
+        urdf.parent,
+    )
+    finger, out = model.capsule_names.index("finger"), np.array([0.3, 0.2, 0.1, 0.08])
+    moved = model.capsules(out).a[finger] - model.capsules(out * [1, 1, 1, 0]).a[finger]
+    turned = frames([0.3, 0.2, 0.1])["camera"].rotation
+    np.testing.assert_allclose(moved, turned @ [0.08, 0, 0], atol=1e-4)
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.floats(-2, 2), min_size=3, max_size=3), st.integers(0, 2**32 - 1))
 def test_it_holds_the_whole_robot(model: RobotModel, angles: list[float], seed: int) -> None:
@@ -235,12 +251,26 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
     "not there": (same, [*CHAIN, *STOP, "--out", "/dev/null/x.yaml"], "cannot be written"),
     "unknown link": (same, ["--base", "plat", "--tip", "camera", *STOP], "did you mean 'plate'"),
     "other way": (same, ["--base", "camera", "--tip", "plate", *STOP], "does not hang on 'camera'"),
-    "nothing turns": (same, ["--base", "world", "--tip", "plate", *STOP], "0 joints turn"),
+    "nothing turns": (same, ["--base", "world", "--tip", "plate", *STOP], "0 joints move"),
     "a branch": (same, CHAIN[:4] + STOP, "'slide' moves link 'finger'.*--leave-out finger"),
-    "slides": (same, ["--base", "plate", "--tip", "finger", *STOP], "'slide' is of type 'pris"),
+    "floats": (
+        swap('name="slide" type="prismatic"', 'name="slide" type="floating"'),
+        ["--base", "plate", "--tip", "finger", *STOP],
+        "'slide' is of type 'floating'",
+    ),
     "mimic": (
         swap('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="turn"/>'), CHAIN + STOP,
         "'lift' mimics",
+    ),
+    "slides too fast": (
+        swap('upper="0.1" velocity="1"', 'upper="0.1" velocity="21"'),
+        ["--base", "plate", "--tip", "finger", *STOP],
+        r"'slide': <limit velocity> must be above 0 \(and up to 20\) m/s",
+    ),
+    "slides too far": (
+        swap('upper="0.1" velocity="1"', 'upper="9" velocity="1"'),
+        ["--base", "plate", "--tip", "finger", *STOP],
+        "'slide': a prismatic joint is in metres: position at most 8 m",
     ),
     "no geometry": (
         swap('<box size="0.4 0.2 0.1"/>', ""), CHAIN + STOP, "'plate': a <collision> must",
@@ -352,12 +382,12 @@ def test_too_many_joints(tmp_path: Path) -> None:
     text = "<robot name='snake'><link name='l0'/>" + "".join(
         f"<link name='l{i}'/><joint name='j{i}' type='revolute'><parent link='l{i - 1}'/>"
         f"<child link='l{i}'/></joint>"
-        for i in range(1, 9)
+        for i in range(1, 11)
     )
     (tmp_path / "snake.urdf").write_text(text + "</robot>")
-    with pytest.raises(RobotError, match=r"8 joints turn.*carries 1 to 7"):
-        read_chain(tmp_path / "snake.urdf", "l0", "l8", left_out=[], packages=[])
+    with pytest.raises(RobotError, match=r"10 joints move.*carries 1 to 9"):
+        read_chain(tmp_path / "snake.urdf", "l0", "l10", left_out=[], packages=[])
     assert (
-        len(read_chain(tmp_path / "snake.urdf", "l0", "l7", left_out=["l8"], packages=[]).joints)
-        == 7
+        len(read_chain(tmp_path / "snake.urdf", "l0", "l9", left_out=["l10"], packages=[]).joints)
+        == 9
     )

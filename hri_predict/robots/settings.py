@@ -1,0 +1,146 @@
+"""A robot's entry in the configuration: where it stands or drives, its tools, how it moves."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from hri_predict.robots.file import CapsuleFile, Name, StoppingFile
+from hri_predict.settings import Pose, Settings
+
+MAX_TOOL = 254
+"""The highest number that RobotState carries."""
+
+
+POSITION_TOLERANCE = 0.01
+"""How far beyond a limit a reported position may lie, rad or m: sensor noise, rounding."""
+
+
+class StateMotion(Settings):
+    """The robot's motion is what its controller reports in RobotState."""
+
+    kind: Literal["state"] = "state"
+    stale_s: float = Field(0.1, gt=0, le=2, description="age at which RobotState is stale")
+    delay_s: float = Field(
+        0.0, ge=0, le=1, description="age of a RobotState at receipt: its link's delay"
+    )
+    acceleration_m_s2: float = Field(
+        5.0, ge=0, description="of the fastest point, at most; bounds its motion since RobotState"
+    )
+    plan: str | None = Field(
+        None,
+        min_length=1,
+        description="trajectory that it follows, shipped name or path of a YAML file; while its"
+        " state lies on it, the robot is predicted along it",
+    )
+
+
+class TrajectoryMotion(Settings):
+    """The robot follows a trajectory file, whatever its controller says."""
+
+    kind: Literal["trajectory"]
+    file: str = Field(min_length=1, description="shipped name or path of a YAML file")
+    start_s: float = Field(0.0, ge=0, description="time within the cycle at the node's start")
+
+
+class StandingMotion(Settings):
+    """The robot stands still."""
+
+    kind: Literal["standing"]
+    positions: Annotated[list[float], Field(min_length=1)]
+
+
+Motion = Annotated[StateMotion | TrajectoryMotion | StandingMotion, Field(discriminator="kind")]
+
+
+class ToolSettings(Settings):
+    """A set of tool and load that the robot may carry: one of a tool changer's."""
+
+    name: Name
+    number: int | None = Field(
+        None,
+        strict=True,
+        ge=0,
+        le=MAX_TOOL,
+        description="`tool` in RobotState that names it; without one it only counts in the worst",
+    )
+    tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
+    payload: list[CapsuleFile] = Field([], description="likewise, of what it may hold")
+    payload_kg: float | None = Field(
+        None,
+        ge=0,
+        description="tool and load together; default: the heaviest of the stopping table",
+    )
+
+
+class MobileBaseSettings(Settings):
+    """A base that moves over the floor; its controller reports where it is in RobotState."""
+
+    kind: Literal["state"]
+    base_from_robot: Pose = Field(description="where the arm's chain begins, in the base's frame")
+    capsules: Annotated[list[CapsuleFile], Field(min_length=1, max_length=16)] = Field(
+        description="all of the base's body, in its frame: origin on the floor, x ahead, z up"
+    )
+    max_speed_m_s: float = Field(gt=0, le=20, description="a faster base is impossible")
+    max_turn_rad_s: float = Field(gt=0, le=20, description="likewise")
+    acceleration_m_s2: float = Field(
+        2.0, ge=0, le=100, description="that the base gives any point; since RobotState was sent"
+    )
+    uncertainty_m: float = Field(ge=0, le=1, description="of its reported place")
+    uncertainty_rad: float = Field(ge=0, le=0.5, description="of its reported heading")
+    stopping: StoppingFile = Field(
+        description="over the speed that the base's motion gives the robot's fastest point"
+    )
+
+
+class RobotSettings(Settings):
+    """One entry of ``robots:`` in the configuration."""
+
+    name: str = Field(min_length=1, max_length=64)
+    model: str = Field(min_length=1, description="shipped name (ur5e) or path of a YAML file")
+    room_from_robot: Pose | None = Field(None, description="where its base stands")
+    base: MobileBaseSettings | None = Field(None, description="instead: the base moves")
+    payload_kg: float | None = Field(
+        None, ge=0, description="heaviest load; default: the heaviest of the stopping table"
+    )
+    tools: Annotated[list[ToolSettings], Field(min_length=1, max_length=32)] | None = Field(
+        None, description="that may be mounted, instead of the robot file's tool and payload"
+    )
+    max_speed_m_s: float = Field(gt=0, le=20, description="fastest point in production")
+    motion: Motion = StateMotion()
+    contact: Literal["allowed"] | None = Field(
+        None, description="in mode hybrid: the robot may touch people as fast as they bear it"
+    )
+
+    @model_validator(mode="after")
+    def _based_once(self) -> Self:
+        if (self.room_from_robot is None) == (self.base is None):
+            raise ValueError(
+                f"robot '{self.name}': give room_from_robot if its base stands, or base if it "
+                f"moves; not both, not neither"
+            )
+        moves_by_plan = not isinstance(self.motion, StateMotion) or self.motion.plan is not None
+        if self.base is not None and moves_by_plan:
+            raise ValueError(
+                f"robot '{self.name}': its base moves, so no plan tells where the robot goes; "
+                f"set motion to 'kind: state' without plan"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _tools_differ(self) -> Self:
+        if self.tools is None:
+            return self
+        if self.payload_kg is not None:
+            raise ValueError(
+                f"robot '{self.name}': payload_kg belongs into each of its tools; remove it here"
+            )
+        names = [f"name '{tool.name}'" for tool in self.tools]
+        names += [f"number {tool.number}" for tool in self.tools if tool.number is not None]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"robot '{self.name}': two tools have the {twice}; change one")
+        for tool in self.tools:
+            names = [capsule.name for capsule in (*tool.tool, *tool.payload)]
+            if len(names) > len(set(names)):
+                raise ValueError(f"robot '{self.name}': tool '{tool.name}' names a capsule twice")
+        return self
