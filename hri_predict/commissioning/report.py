@@ -27,6 +27,8 @@ Outcome = Literal["passed", "failed", "open", "skipped"]
 """``open``: done, but not all of it could be judged."""
 Text = Annotated[str, Field(max_length=2000)]
 Lines = Annotated[list[Text], Field(max_length=1000)]
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._-]*$", max_length=100)]
+"""A file beside the report, never elsewhere."""
 Amount = Annotated[float, Field(ge=0, le=1e6)]
 R = TypeVar("R")
 
@@ -186,9 +188,9 @@ class RobotAdvice(Settings):
 class Walk(Settings):
     """The walk test, as the recording gives it when it is played again."""
 
-    recording: str
+    recording: FileName
     recording_sha256: str
-    advices: str
+    advices: FileName
     advices_sha256: str
     seconds: Amount
     least_coverage: Amount

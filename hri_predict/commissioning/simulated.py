@@ -80,6 +80,15 @@ def walkers(circles: Floats) -> list[dict[str, Any]]:
     return people
 
 
+def with_toucher(config: Config, point: Floats) -> Config:
+    """The cell with somebody who keeps the finger tips at a point (3,), room frame, metres.
+
+    All joints are delivered: a tracker without hands would show the wrist, a hand's length away.
+    """
+    moved = with_people(config, toucher(point))
+    return moved.with_source(moved.source.model_dump() | {"joint_map": None})
+
+
 def toucher(point: Floats) -> list[dict[str, Any]]:
     """The script of somebody who keeps the right hand at a point (3,), room frame."""
     x, y, z = (float(v) for v in point)

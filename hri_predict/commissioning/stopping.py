@@ -27,6 +27,7 @@ from hri_predict.robots.obedience import STANDS_M_S
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 
+PARTS = (0.25, 0.5, 0.75, 1.0)
 NEAR = 0.95
 """A stop is commanded when this part of the stated speed is reached."""
 STOPS_WITHIN_S = 10.0
@@ -42,11 +43,18 @@ Sample = tuple[int, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What to try: speeds (m/s), how often each, and how long to wait until a robot is so fast."""
+    """What to try: speeds (m/s), how often each, and how long to wait until a robot is so fast.
+
+    No speeds mean ``PARTS`` of each robot's own highest speed.
+    """
 
     speeds_m_s: Sequence[float]
     repeats: int
     wait_s: float
+
+    def speeds_of(self, robot: RobotSettings) -> list[float]:
+        """The speeds at which this robot is stopped."""
+        return list(self.speeds_m_s) or [round(part * robot.max_speed_m_s, 3) for part in PARTS]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,14 +88,16 @@ class StopTest(Listener):
         done: set when all are over.
     """
 
-    def __init__(self, models: Sequence[RobotModel], plan: Plan, robots: Sequence[int]) -> None:
+    def __init__(
+        self, models: Sequence[RobotModel], plan: Plan, robots: Mapping[int, RobotSettings]
+    ) -> None:
+        """Prepare the trials of ``robots``, by their indices in ``models``."""
         self._models, self._plan = models, plan
         self._waiting = [
             _Trial(robot, speed)
-            for robot in robots
-            for speed in plan.speeds_m_s
+            for robot, settings in robots.items()
+            for speed in plan.speeds_of(settings)
             for _ in range(plan.repeats)
-            if speed > 0
         ]
         self._lock = threading.Lock()
         self._link: dict[int, str] = {}
@@ -180,11 +190,11 @@ def measure_stops(
     """
     models = assemble.build_robots(config)
     budget = assemble.build_budget(config, assemble.build_source(config))
-    moving = [
-        i
+    moving = {
+        i: robot
         for i, robot in enumerate(config.node.robots)
         if isinstance(robot.motion, StateMotion) and _linked(config, robot.name)
-    ]
+    }
     missing = [
         f"robot {robot.name}: no link reports its state, so the node cannot measure its stops"
         for i, robot in enumerate(config.node.robots)

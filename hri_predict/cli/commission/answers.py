@@ -70,7 +70,7 @@ class StoppingAnswers(Settings):
     )
     speeds_m_s: list[Annotated[float, Field(gt=0, le=20)]] = Field(
         [], max_length=20, description="default: a quarter, half, three quarters and all of "
-        "the lowest max_speed_m_s"
+        "max_speed_m_s"
     )  # fmt: skip
     repeats: int = Field(3, ge=1, le=50, strict=True)
     wait_s: float = Field(10.0, ge=0.5, le=600, description="for a robot to reach a speed")

@@ -20,7 +20,7 @@ from hri_predict.cli.register.solve import LEAST_POINTS, solve
 from hri_predict.cli.register.write import write_pose
 from hri_predict.clock import VirtualClock
 from hri_predict.commissioning.report import Registration, TouchedPoint
-from hri_predict.commissioning.simulated import toucher, with_people
+from hri_predict.commissioning.simulated import with_toucher
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import norm, transform
 from hri_predict.run import assemble
@@ -108,7 +108,7 @@ def _touched_by_simulation(
     """Somebody who keeps the hand at each point in turn, on a clock that need not wait."""
     joint, places, sights = "", [], []
     for point in known:
-        source = assemble.build_source(with_people(config, toucher(point)), with_faults=False)
+        source = assemble.build_source(with_toucher(config, point), with_faults=False)
         clock = VirtualClock(1_000_000_000)
         source.open(clock.now_ns())
         joint = choose_joint(source, answers.joint)

@@ -19,8 +19,6 @@ from hri_predict.commissioning.walk import WalkPlan, judge_walk, walk
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.run.config import Config
 
-PARTS_OF_SPEED = (0.25, 0.5, 0.75, 1.0)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
@@ -132,9 +130,8 @@ def _stopping(task: Task) -> Found:
             "stopping.cell_is_clear: not confirmed; robots move in this step. Clear the cell, keep "
             "the emergency stop at hand, and say so; or skip the step with a note"
         )
-    slowest = min(robot.max_speed_m_s for robot in live.node.robots)
     plan = stopping.Plan(
-        speeds_m_s=answers.speeds_m_s or [round(part * slowest, 3) for part in PARTS_OF_SPEED],
+        speeds_m_s=answers.speeds_m_s,
         repeats=answers.repeats,
         wait_s=answers.wait_s,
     )

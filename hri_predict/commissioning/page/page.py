@@ -45,6 +45,9 @@ th:first-child, td:first-child { text-align: left; }
 figure { margin: 1mm 0; } figcaption { font-size: 9pt; }
 svg { max-width: 100%; height: auto; print-color-adjust: exact;
   -webkit-print-color-adjust: exact; }
+.tight td, .tight th { padding: 0.15mm 1mm; font-size: 7.5pt; }
+.tight .mono { font-size: 7pt; line-height: 1.2; }
+.page { break-before: page; }
 .sign td { height: 13mm; } .small { font-size: 8.5pt; color: #444; }
 """
 _TITLES = {
@@ -116,7 +119,7 @@ def _top(report: Report, digest: str, title: str) -> Markup:
 
 
 def _step(report: Report, name: str, step: Step[object] | None) -> Markup:
-    title = tag("h2", _TITLES[name])
+    title = tag("h2", _TITLES[name], class_="page" if name == "walk" else None)
     if step is None:
         return join([title, tag("p", "Not done.")])
     by = f"{step.at:%Y-%m-%d %H:%M} UTC{f', {step.by}' if step.by else ''}"
@@ -314,7 +317,7 @@ def _identity(report: Report, digest: str) -> Markup:
             tag("h3", "Versions"),
             tag("div", table(("what", "version"), report.identity.versions.items()), class_="left"),
             tag("h3", "Configuration, with all defaults"),
-            tag("div", table(("key", "value"), values), class_="left"),
+            tag("div", table(("key", "value"), values), class_="left tight"),
             tag(
                 "p",
                 "The hash of this report, ",

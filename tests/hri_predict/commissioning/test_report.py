@@ -6,9 +6,11 @@ from datetime import UTC, datetime
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
 
 from hri_predict.commissioning.identity import Identity, versions
 from hri_predict.commissioning.report import (
+    FileName,
     Report,
     Step,
     Steps,
@@ -141,3 +143,9 @@ def test_it_passes_only_if_every_step_passed_for_this_cell(walk, outcome, line):
 def test_one_simulated_step_makes_it_a_simulation():
     assert not report().simulated
     assert report(steps={"echo": step(simulated=True)}).simulated
+
+
+@pytest.mark.parametrize("name", ["../walk.mcap", "/etc/passwd", "..", "", "a/b", "a\nb"])
+def test_a_file_of_a_report_lies_beside_it(name):
+    with pytest.raises(ValidationError):
+        TypeAdapter(FileName).validate_python(name)

@@ -88,7 +88,7 @@ class Ramp:
         self.config = empty_cell(folder)
         (self.model,) = assemble.build_robots(self.config)
         me: Any = self
-        self.test = StopTest([me], PLAN, [0])
+        self.test = StopTest([me], PLAN, {0: self.config.node.robots[0]})
         self.dof = 1
         self._speed_at, self._period_ns = speed_at, round(S / hz)
 
@@ -164,3 +164,13 @@ def test_what_the_integrator_measured_is_compared_with_the_table(tmp_path):
     assert [stop.passed for stop in found.stops] == [True, False, False]
     assert len(judge_stops(found)) == 2
     assert worst(found)["arm", 0.7] is not found.stops[0]
+
+
+def test_each_robot_is_stopped_at_parts_of_its_own_speed(tmp_path):
+    (arm,) = empty_cell(tmp_path).node.robots
+    fast = arm.model_copy(update={"max_speed_m_s": 2.0})
+    plan = Plan(speeds_m_s=[], repeats=1, wait_s=1.0)
+    assert [plan.speeds_of(robot) for robot in (arm, fast)] == [
+        [0.25, 0.5, 0.75, 1.0],
+        [0.5, 1.0, 1.5, 2.0],
+    ]

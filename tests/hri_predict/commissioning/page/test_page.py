@@ -91,7 +91,7 @@ def whole(evil: str = "arm") -> Report:
         "echo": Echo(seconds=3, links=[link]),
         "stopping": Stopping(stops=[stop], curves=[curve]),
         "walk": Walk(
-            recording="walk.mcap", recording_sha256="0" * 64, advices=evil,
+            recording="walk.mcap", recording_sha256="0" * 64, advices="advices.jsonl",
             advices_sha256=evil, seconds=3, least_coverage=0.5, exclude=[], grid=grid,
             robots=[advice], people_lost=1,
         ),
