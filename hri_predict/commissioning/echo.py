@@ -114,6 +114,8 @@ def judge_echo(echo: Echo) -> tuple[list[str], list[str]]:
     for link in echo.links:
         if not link.states:
             missing.append(f"link {link.link}: no RobotState came, so there was nothing to echo")
+        elif not link.echoes:
+            missing.append(f"link {link.link}: no advice repeated a RobotState; measure for longer")
         elif link.both_ways_ms is None:
             missing.append(
                 f"link {link.link}: only its controller can measure the round trip; give its "

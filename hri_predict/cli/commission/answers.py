@@ -192,7 +192,7 @@ def _value(question: str, settings: Any, key: str) -> Any:
             data = settings.model_dump() | {key: load_yaml(line)}
             return validated(type(settings), data, "answer")
         except Exception as error:  # YAML has errors of many kinds; all mean: once more
-            say(str(error).splitlines()[0])
+            say(f"not understood: {str(error).splitlines()[0]}")
     return settings
 
 
