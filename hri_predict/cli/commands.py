@@ -19,7 +19,8 @@ from hri_predict.cli import (
 )
 from hri_predict.cli.bench import bench
 from hri_predict.cli.calibrate.calibrate import calibrate
-from hri_predict.cli.check import check, conformance
+from hri_predict.cli.check import check, conformance, predictors
+from hri_predict.cli.commission import commission
 from hri_predict.cli.register import register
 from hri_predict.cli.simulate.simulate import simulate
 
@@ -51,12 +52,13 @@ app.command()(run.demo)
 app.command()(run.run)
 app.command()(check.check)
 app.command()(register.register)
+app.command()(commission.commission)
 app.command()(run.replay)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(evidence.evidence)
 app.command()(discover.discover)
-app.command()(check.predictors)
+app.command()(predictors.predictors)
 app.command()(conformance.conformance)
 app.command()(train.train)
 app.command()(train.ablate)

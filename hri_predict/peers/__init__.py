@@ -41,6 +41,8 @@ class ControllerReport:
         max_age_s: greatest age of an advice at its receipt, as carried.
         max_gap_s: longest time between two good advices.
         round_trip_p50_s, round_trip_max_s: from sending a RobotState to an advice that echoes it.
+        round_trips: each of the newest of them, (the counter that was echoed, seconds), where the
+            controller was asked to keep them.
         slowdowns: times that it went from full speed to a lower limit.
         stops: times that it had to stop while it was allowed to move.
         states_sent, acknowledges_sent, write_errors: messages sent, and failed writes.
@@ -67,6 +69,7 @@ class ControllerReport:
     max_gap_s: float = 0.0
     round_trip_p50_s: float | None = None
     round_trip_max_s: float | None = None
+    round_trips: list[tuple[int, float]] = field(default_factory=list)
     slowdowns: int = 0
     stops: int = 0
     states_sent: int = 0

@@ -204,7 +204,7 @@ def read_robot_file(model: str, base_dir: Path | None) -> RobotFile:
     Raises:
         RobotError: one line that names the file, the mistake, and the remedy.
     """
-    path = _find(model, base_dir)
+    path = robot_path(model, base_dir)
     try:
         robot = validated(RobotFile, read_yaml(path, "robot file"), f"robot file {path}")
     except ConfigError as error:
@@ -215,7 +215,12 @@ def read_robot_file(model: str, base_dir: Path | None) -> RobotFile:
     return robot
 
 
-def _find(model: str, base_dir: Path | None) -> Path:
+def robot_path(model: str, base_dir: Path | None) -> Path:
+    """The robot's file, which need not be there if ``model`` is a path; see ``read_robot_file``.
+
+    Raises:
+        RobotError: no robot of this name is shipped.
+    """
     if Path(model).suffix in (".yaml", ".yml"):
         return (base_dir or Path()) / model
     path = data_path("robots", f"{model}.yaml")

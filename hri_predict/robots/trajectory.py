@@ -120,7 +120,7 @@ def load_trajectory(file: str, model: RobotModel, base_dir: Path | None) -> Traj
         RobotError: it is unreadable, has a wrong joint count, exceeds the joints' limits, or is
             not cyclic.
     """
-    path = _find(file, base_dir)
+    path = trajectory_path(file, base_dir)
     try:
         data = validated(
             TrajectoryFile, read_yaml(path, "trajectory file"), f"trajectory file {path}"
@@ -134,7 +134,12 @@ def load_trajectory(file: str, model: RobotModel, base_dir: Path | None) -> Traj
     return Trajectory(times, np.array([w.coordinates for w in data.waypoints]))
 
 
-def _find(file: str, base_dir: Path | None) -> Path:
+def trajectory_path(file: str, base_dir: Path | None) -> Path:
+    """The trajectory's file, which need not be there if ``file`` is a path.
+
+    Raises:
+        RobotError: no trajectory of this name is shipped.
+    """
     if Path(file).suffix in (".yaml", ".yml"):
         return (base_dir or Path()) / file
     path = data_path("trajectories", f"{file}.yaml")

@@ -23,6 +23,7 @@ from hri_predict.predictors.base import PredictorSettings
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.engine import RiskSettings
 from hri_predict.robots.model import RobotSettings
+from hri_predict.run.commissioned import CommissioningSettings
 from hri_predict.settings import Settings, validated
 from hri_predict.source import SourceSettings
 
@@ -53,6 +54,9 @@ class NodeSettings(Settings):
     )
     evidence: EvidenceSettings | None = Field(
         None, description="keep the seconds around each stop, near miss and fault in this folder"
+    )
+    commissioning: CommissioningSettings | None = Field(
+        None, description="the report of hri-predict commission, with which check compares"
     )
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; without it, nothing is announced"

@@ -1,4 +1,4 @@
-"""``check`` and ``predictors``: examine a configuration before anything moves."""
+"""``check``: examine a configuration before anything moves."""
 
 import json
 from dataclasses import asdict
@@ -17,7 +17,13 @@ from hri_predict.cli.check.calibration import (
     calibration_notes,
     zones_text,
 )
+from hri_predict.cli.check.commissioned import (
+    commissioning_facts,
+    commissioning_lines,
+    is_as_commissioned,
+)
 from hri_predict.cli.check.contact import contact_facts, contact_notes, contact_table
+from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
@@ -25,7 +31,6 @@ from hri_predict.cli.check.lost import lost_notes
 from hri_predict.cli.check.tools import base_notes, tool_facts, tool_tables
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
-from hri_predict.errors import HriPredictError
 from hri_predict.joint_map import JointMap
 from hri_predict.link import Transport
 from hri_predict.monitoring.alerts import alert_file
@@ -67,6 +72,8 @@ def check(
     the floor. Exit status 1, with the axes that would be right, if they lie in
     the air, hang upside down or have left and right swapped.
 
+    Exit status 1, too, if the cell is not as commissioned (commissioning.report).
+
     Example: hri-predict check cell.yaml --touched 0.5,-0.2,0.9
     """
     loaded = configuration.load(config)
@@ -81,7 +88,13 @@ def check(
     found = examine(loaded)
     if as_json:
         print(json.dumps(found))
-        return
+    else:
+        _print(found)
+    if not is_as_commissioned(found["commissioning"]):
+        raise typer.Exit(1)
+
+
+def _print(found: dict[str, Any]) -> None:
     console = Console()
     console.print(_delay_table(found))
     if found["risk"]["robots"]:
@@ -104,11 +117,18 @@ def check(
         f"fresher than they are",
         highlight=False,
     )
-    for line in joint_map_lines(found["joint_map"]):
-        console.print(line, highlight=False, soft_wrap=True)
+    for line in (
+        *joint_map_lines(found["joint_map"]),
+        evidence_line(found["evidence"]),
+        *commissioning_lines(found["commissioning"]),
+    ):
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
     for note in found["notes"]:
         console.print(f"note: {note}")
-    console.print(f"{found['path']}: ok")
+    as_commissioned = is_as_commissioned(found["commissioning"])
+    console.print(
+        f"{found['path']}: {'ok' if as_commissioned else 'valid, but not as commissioned'}"
+    )
 
 
 def examine(config: Config) -> dict[str, Any]:
@@ -141,6 +161,7 @@ def examine(config: Config) -> dict[str, Any]:
     calibration = calibration_facts(config, date.today())
     robots = list(zip(config.node.robots, assembly.robots, strict=True))
     contact = config.node.risk, robots, config.base_dir
+    evidence = evidence_facts(config)
     needed = {
         model.name: (model, risk["robots"][model.name]["protective_distance_m"])
         for model in assembly.robots
@@ -166,8 +187,11 @@ def examine(config: Config) -> dict[str, Any]:
         "latch": list(config.node.risk.latch),
         "state": _state(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
+        "evidence": evidence,
+        "commissioning": commissioning_facts(config),
         "notes": [
             *_notes(config),
+            *evidence_notes(evidence),
             *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),
@@ -320,71 +344,3 @@ def _load_table(links: list[dict[str, Any]]) -> Table:
             link["name"], f"{100 * link['load']:.1f} %", f"{100 * link['spare']:.1f} %", details
         )
     return table
-
-
-def predictors(
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
-) -> None:
-    """List the predictors that are installed.
-
-    Example: hri-predict predictors
-    """
-    rows = [_predictor_row(name) for name in registry.names("predictors")]
-    if as_json:
-        print(json.dumps(rows))
-        return
-    table = Table()
-    table.add_column("predictor", no_wrap=True)
-    table.add_column("what it does")
-    table.add_column("weights")
-    for row in rows:
-        table.add_row(row["name"], row["about"], _weights_text(row["weights"]))
-    Console().print(table)
-
-
-def _predictor_row(name: str) -> dict[str, Any]:
-    """Describe a predictor, and the shipped weights of a trained one."""
-    row: dict[str, Any] = {"name": name, "about": "", "weights": None}
-    try:
-        cls = registry.load("predictors", name)
-        row["about"] = (cls.__doc__ or "").strip().partition("\n")[0].replace("``", "")
-        # one around another predictor takes that one's
-        from hri_predict.predictors.neural.network import Trained  # with torch: takes seconds
-
-        if isinstance(cls, Trained) and "inner" not in cls.settings_model.model_fields:
-            row["weights"] = _shipped(name)
-    except HriPredictError as error:  # a broken predictor must not hide the others
-        row["about"] = f"cannot be used: {error}"
-    return row
-
-
-def _shipped(name: str) -> dict[str, Any]:
-    """Return what the header of a trained predictor's shipped weights states."""
-    from hri_predict.predictors.neural.predictor import (
-        shipped_weights,  # imports torch, which takes seconds
-    )
-    from hri_predict.predictors.neural.weights import read_header
-
-    path = shipped_weights(name)
-    if not path.exists():
-        return {"path": None}
-    header = read_header(path)
-    rate_hz = header.shape.rate_hz
-    return {
-        "path": str(path),
-        "rate_hz": rate_hz,
-        "history_s": header.shape.history_steps / rate_hz,
-        "horizon_s": header.shape.horizon_steps / rate_hz,
-    }
-
-
-def _weights_text(weights: dict[str, Any] | None) -> str:
-    if weights is None:
-        return ""
-    if weights["path"] is None:
-        return "none shipped: set predictor.weights to your own"
-    # validation errors are no comparison: not all were measured on the same recordings
-    return (
-        f"{weights['rate_hz']:g} Hz, {weights['history_s']:.2g} s of history, "
-        f"{weights['horizon_s']:.2g} s ahead"
-    )

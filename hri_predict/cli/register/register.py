@@ -214,7 +214,7 @@ def _solved(config: Config, wizard: Wizard) -> dict[str, Any]:
             f"(risk.person_uncertainty_m); {_scale_text(result)}measure and touch point "
             f"{worst + 1} first again"
         )
-    _refuse_fallen(config, wizard, result.matrix @ source_from_room)
+    refuse_fallen(config, wizard.sights, result.matrix @ source_from_room)
     return {
         "joint": wizard.joint,
         "points": rows,
@@ -225,9 +225,18 @@ def _solved(config: Config, wizard: Wizard) -> dict[str, Any]:
     }
 
 
-def _refuse_fallen(config: Config, wizard: Wizard, correction: Floats) -> None:
-    """Refuse a pose in which who touched the points would not stand on the floor."""
-    for sights in wizard.sights:
+def refuse_fallen(config: Config, seen: Sequence[Sights], correction: Floats) -> None:
+    """Refuse a pose in which who touched the points would not stand on the floor.
+
+    Args:
+        config: the cell.
+        seen: what the source showed at each point, with the pose as configured.
+        correction: (4, 4) from the pose as configured to the new one.
+
+    Raises:
+        ConfigError: they would lie, float or hang upside down.
+    """
+    for sights in seen:
         why = refusal_of(
             transform(correction, sights.positions), sights.observed, config.node.people
         )

@@ -104,6 +104,7 @@ class ControllerSettings(Settings):
         [], description="what it does wrong on purpose, to see whether the node finds out"
     )
     tools: list[ToolChange] = Field([], description="which tool it carries, and when")
+    keep_round_trips: bool = Field(False, description="put each round trip into its report")
     acknowledge_after_s: float | None = Field(
         None,
         gt=0,
@@ -184,7 +185,8 @@ class ControllerCore(Generic[U]):
         # times of sending the newest RobotStates, the newest last
         self._sent_ns: deque[int] = deque(maxlen=math.ceil(kept_s * 1e9 / self._state_ns) + 1)
         self._next_state_ns: int | None = None
-        self._round_trips: deque[int] = deque(maxlen=_MAX_ROUND_TRIPS)
+        # of the newest echoes: the counter, and nanoseconds since that state was sent
+        self._round_trips: deque[tuple[int, int]] = deque(maxlen=_MAX_ROUND_TRIPS)
         self._latch: tuple[int, int] | None = None  # id, when to press the button
         self._obeyed = "stop"
         self._start_ns: int | None = None
@@ -290,8 +292,11 @@ class ControllerCore(Generic[U]):
         report.malformed = counters.malformed
         report.incomplete = counters.incomplete
         if self._round_trips:
-            report.round_trip_p50_s = float(np.median(self._round_trips)) * 1e-9
-            report.round_trip_max_s = max(self._round_trips) * 1e-9
+            times_ns = [time_ns for _, time_ns in self._round_trips]
+            report.round_trip_p50_s = float(np.median(times_ns)) * 1e-9
+            report.round_trip_max_s = max(times_ns) * 1e-9
+        if self._settings.keep_round_trips:
+            report.round_trips = [(n, round(t * 1e-9, 6)) for n, t in self._round_trips]
         return report
 
     # -- received messages ------------------------------------------------------------------------
@@ -325,15 +330,16 @@ class ControllerCore(Generic[U]):
 
     def _age_bound(self, advice: Advice, now_ns: int) -> float | None:
         """Return the greatest age of the advice's input at receipt; ``None`` without a bound."""
-        if advice.age_s is None or advice.echo is None:
+        if advice.age_s is not None:
+            self._report.max_age_s = max(self._report.max_age_s, advice.age_s)
+        if advice.echo is None:
             return None
-        self._report.max_age_s = max(self._report.max_age_s, advice.age_s)
         behind = (self._counter - advice.echo) % COUNTERS
         if behind >= len(self._sent_ns):
             return None
-        sent_ns = self._sent_ns[-1 - behind]
-        self._round_trips.append(now_ns - sent_ns)
-        return advice.age_s + (now_ns - sent_ns) * 1e-9
+        link_ns = now_ns - self._sent_ns[-1 - behind]
+        self._round_trips.append((advice.echo, link_ns))
+        return None if advice.age_s is None else advice.age_s + link_ns * 1e-9
 
     def _arm_button(self, latch_id: int, now_ns: int) -> None:
         after_s = self._settings.acknowledge_after_s

@@ -117,6 +117,21 @@ def test_good_advice_moves_it_over_every_kind_of_link(kind):
     assert (report.stops, report.slowdowns, report.timeouts) == (0, 0, 0)
 
 
+def test_each_round_trip_is_reported_where_it_is_asked_for():
+    assert running().core.report().round_trips == []
+    report = running(keep_round_trips=True).core.report()
+    seconds = [s for _, s in report.round_trips]
+    assert len(seconds) >= 30
+    assert report.round_trip_max_s == pytest.approx(max(seconds))
+    assert report.round_trip_p50_s == pytest.approx(float(np.median(seconds)))
+
+
+def test_a_round_trip_needs_no_age_and_an_advice_without_one_permits_nothing():
+    pair = Pair(keep_round_trips=True).run(1500, replace(GOOD, age_s=None))
+    assert not pair.moving
+    assert len(pair.core.report().round_trips) >= 30
+
+
 BAD_ADVICE = {
     "unknown": replace(GOOD, level=Level.UNKNOWN),
     "stop": replace(GOOD, level=Level.STOP),

@@ -13,7 +13,7 @@ import yaml
 from torch import nn
 
 from hri_predict import registry
-from hri_predict.cli.check import check
+from hri_predict.cli.check import predictors as listing
 from hri_predict.errors import ConfigError, PredictorError
 from hri_predict.predictors.neural import predictor as neural
 from hri_predict.predictors.neural.body import BODY, SHARED_BODY, SHARED_CANONICAL, from_canonical
@@ -299,10 +299,10 @@ def test_torch_is_not_imported_for_what_does_not_need_it(tmp_path):
 
 def test_what_shipped_weights_say_is_listed(weights, monkeypatch, tmp_path):
     monkeypatch.setattr(neural, "shipped_weights", lambda _: weights)
-    row = check._predictor_row("drift")
+    row = listing._predictor_row("drift")
     assert row["about"] == "Goes on."
     assert (row["weights"]["rate_hz"], row["weights"]["horizon_s"]) == (25.0, 1.0)
     weights.write_bytes(b"cut")
-    assert "not a whole safetensors file" in check._predictor_row("drift")["about"]
+    assert "not a whole safetensors file" in listing._predictor_row("drift")["about"]
     monkeypatch.setattr(neural, "shipped_weights", lambda _: tmp_path / "none")
-    assert check._predictor_row("drift")["weights"] == {"path": None}
+    assert listing._predictor_row("drift")["weights"] == {"path": None}

@@ -1,0 +1,81 @@
+"""``check``: whether the cell is still the one that was commissioned; key by key what is not."""
+
+from pathlib import Path
+from typing import Any
+
+from hri_predict.commissioning.identity import differences, identity_of
+from hri_predict.commissioning.report import Report, find_report, read_report
+from hri_predict.errors import ConfigError
+from hri_predict.evidence.chain import file_hash
+from hri_predict.run.config import Config
+
+AGAIN = "hri-predict commission"
+
+
+def commissioning_facts(config: Config) -> dict[str, Any] | None:
+    """Compare the cell with its report; ``None`` if the configuration names none.
+
+    ``wrong`` has one line for each thing that does not match; ``notes`` what a reader should know
+    of a report that does.
+    """
+    if config.node.commissioning is None:
+        return None
+    path = config.base_dir / config.node.commissioning.report
+    try:
+        path = find_report(path)
+        report, digest = read_report(path)
+    except ConfigError as error:
+        return {"report": str(path), "wrong": [str(error)], "notes": []}
+    changed = [str(each) for each in differences(report.identity, identity_of(config))]
+    return {
+        "report": str(path),
+        "hash": digest,
+        "made": report.made.isoformat(),
+        "outcome": report.outcome,
+        "simulated": report.simulated,
+        "changed": changed,
+        "wrong": [*changed, *_damaged(path.parent, report)],
+        "notes": _notes(report),
+    }
+
+
+def commissioning_lines(facts: dict[str, Any] | None) -> list[str]:
+    """The same for a person."""
+    if facts is None:
+        return ["commissioning: no report named; see docs/guides/commissioning.md"]
+    wrong = [f"  no longer matches: {line}" for line in facts["wrong"]]
+    if "made" not in facts:
+        return ["commissioning: the report cannot be used", *wrong]
+    day = facts["made"][:10]
+    head = f"commissioning: {facts['outcome']} on {day}, hash {facts['hash'][:16]}"
+    if wrong:
+        return [f"{head}; NOT THIS CELL ANY MORE: commission it again ({AGAIN})", *wrong]
+    return [f"{head}; the cell is as it was", *(f"  {note}" for note in facts["notes"])]
+
+
+def is_as_commissioned(facts: dict[str, Any] | None) -> bool:
+    """Whether nothing speaks against the report; true without one."""
+    return facts is None or not facts["wrong"]
+
+
+def _damaged(folder: Path, report: Report) -> list[str]:
+    """The walk's files that are not as they were."""
+    step = report.steps.walk
+    if step is None or step.result is None:
+        return []
+    walk, found = step.result, []
+    files = {walk.recording: walk.recording_sha256, walk.advices: walk.advices_sha256}
+    for name, digest in files.items():
+        try:
+            if file_hash(folder / name) != digest:
+                found.append(f"{name}: was changed after the report was written")
+        except OSError as error:
+            found.append(f"{name}: cannot be read: {error.strerror}")
+    return found
+
+
+def _notes(report: Report) -> list[str]:
+    notes = [f"open: {line}" for line in report.open]
+    if report.simulated:
+        notes.insert(0, "it was made with simulated people or controllers: nothing real was tried")
+    return notes

@@ -1,0 +1,1 @@
+"""``hri-predict commission``: the validation of one cell, step by step."""

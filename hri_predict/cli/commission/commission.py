@@ -1,0 +1,172 @@
+"""``commission``: walk an integrator through the validation of one cell, and write the report."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hri_predict.cli.commission.answers import Answers, asked, read_answers
+from hri_predict.cli.commission.repeat import repeat as repeat_walk
+from hri_predict.cli.commission.steps import Task, do_step
+from hri_predict.cli.common import check_writable, one_of, without_effect
+from hri_predict.cli.register.points import ask, say
+from hri_predict.commissioning.folder import State, load_state, save
+from hri_predict.commissioning.identity import identity_of
+from hri_predict.commissioning.report import PAGE, REPORT, STEPS, Report, Step
+from hri_predict.errors import ConfigError
+from hri_predict.run import config as configuration
+
+
+def commission(
+    *,
+    config: Annotated[
+        Path | None, typer.Argument(help="The node's YAML configuration.", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for state, recording and report; may exist.")
+    ] = None,
+    step: Annotated[
+        str | None, typer.Option(help=f"Do only this step (again): {', '.join(STEPS)}.")
+    ] = None,
+    answers: Annotated[
+        Path | None, typer.Option(help="YAML file of answers: nothing is asked then.")
+    ] = None,
+    skip: Annotated[
+        list[str] | None, typer.Option(help="STEP=WHY: skip it, with a note. Repeatable.")
+    ] = None,
+    note: Annotated[list[str] | None, typer.Option(help="An open note. Repeatable.")] = None,
+    by: Annotated[str | None, typer.Option(help="Who does it.")] = None,
+    simulate: Annotated[
+        bool,
+        typer.Option("--simulate", help="With simulated people and controllers, asking nothing."),
+    ] = False,
+    repeat: Annotated[
+        Path | None,
+        typer.Option(help="Play the walk test of this report again; show what changed since."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> int:
+    """Validate a cell step by step, and write report.json and report.html.
+
+    The steps are registration (touched points), echo (reaction time of the
+    links), stopping (against the stopping table; robots move) and walk (where
+    people are seen). What has passed is not done again, unless --step names it
+    or the cell has changed. Exit status 1 if a step did not pass.
+
+    With --repeat, exit status 1 if anything got less safe.
+
+    Example: hri-predict commission cell.yaml --out commissioning
+    """
+    if repeat is not None:
+        flags: dict[str, Any] = {"--out": out, "--step": step, "--answers": answers, "--skip": skip}
+        flags |= {"--note": note, "--by": by, "--simulate": simulate or None}
+        without_effect(flags, "with --repeat")
+        return repeat_walk(repeat, config, as_json)
+    if config is None:
+        raise ConfigError("CONFIG: missing; name the configuration, or a report with --repeat")
+    if out is None:
+        raise ConfigError("--out: missing; name a folder for the report")
+    names = [str(one_of("--step", step, STEPS))] if step is not None else list(STEPS)
+    said = _with_flags(read_answers(answers), skip, note, by)
+    loaded = configuration.load(config)
+    state = load_state(out, loaded)
+    check_writable(out)
+    interactive = answers is None and not simulate and sys.stdin.isatty()
+    task = Task(config=loaded, answers=said, folder=out, simulate=simulate, interactive=interactive)
+    passed, task, state = _go(task, state, names, again=step is not None)
+    state = _closing(task, state)
+    report, digest = save(out, task.config, state)
+    _show(report, digest, out, as_json)
+    return 0 if passed else 1
+
+
+def _go(task: Task, state: State, names: list[str], again: bool) -> tuple[bool, Task, State]:
+    """Do the steps that are to be done, and save after each; whether all of them passed."""
+    passed = True
+    for name in names:
+        if not again and _is_done(task, state, name):
+            say(f"{name}: passed before; --step {name} does it again")
+            continue
+        if task.interactive and name not in task.answers.skip:
+            heard = asked(task.answers, name)
+            if heard is None:
+                break
+            task = replace(task, answers=heard)
+        done, changed = do_step(name, task)
+        task = replace(task, config=changed)
+        state = state.with_step(name, done)
+        save(task.folder, task.config, state)
+        say(f"{name}: {done.outcome}{f': {done.note}' if done.note else ''}")
+        for line in done.why:
+            say(f"  {line}")
+        passed = passed and done.outcome in ("passed", "skipped")
+    return passed, task, state
+
+
+def _is_done(task: Task, state: State, name: str) -> bool:
+    """Whether a step passed, or was skipped on purpose, and the cell is still the same.
+
+    What was simulated does not count where the cell is real now.
+    """
+    step: Step[Any] | None = getattr(state.steps, name)
+    if step is None or name in task.answers.skip or step.outcome not in ("passed", "skipped"):
+        return False
+    if step.simulated and not task.is_simulated:
+        return False
+    return step.identity == identity_of(task.config).hash
+
+
+def _with_flags(
+    answers: Answers, skip: list[str] | None, notes: list[str] | None, by: str | None
+) -> Answers:
+    """The answers with what the command line says.
+
+    Raises:
+        ConfigError: ``--skip`` without a note, or of a step that does not exist.
+    """
+    skipped = {str(name): why for name, why in answers.skip.items()}
+    for text in skip or ():
+        name, _, why = text.partition("=")
+        if not why.strip():
+            raise ConfigError(f"--skip {text}: say why: --skip {name}=WHY")
+        skipped[one_of("--skip", name, STEPS)] = why.strip()
+    changes: dict[str, Any] = {"skip": skipped}
+    if notes:
+        changes["notes"] = [*(answers.notes or ()), *notes]
+    if by is not None:
+        changes["by"] = by
+    return Answers.model_validate(answers.model_dump() | changes)
+
+
+def _closing(task: Task, state: State) -> State:
+    """Take the open notes and the names of who answers for it."""
+    notes, signatures = task.answers.notes, task.answers.signatures
+    if task.interactive:
+        typed = []
+        while line := ask("An open note (empty: none):"):
+            typed.append(line)
+        notes = [*state.notes, *typed]
+    changes: dict[str, Any] = {}
+    if notes is not None:
+        changes["notes"] = notes
+    if signatures is not None:
+        changes["signatures"] = signatures
+    return state.model_copy(update=changes)
+
+
+def _show(report: Report, digest: str, out: Path, as_json: bool) -> None:
+    if as_json:
+        outcomes = {name: None if s is None else s.outcome for name, s in report.steps.named()}
+        found = {"outcome": report.outcome, "steps": outcomes, "open": report.open}
+        print(json.dumps({**found, "report": str(out / REPORT), "hash": digest}))
+        return
+    for line in report.open:
+        print(f"open: {line}")
+    if report.simulated:
+        print("SIMULATED: it says nothing about the real cell")
+    print(f"{out / REPORT}: {report.outcome}; hash {digest}")
+    print(f"{out / PAGE}: to read and to print")
+    print(f"add to the configuration, so that check compares: commissioning: {out / REPORT}")

@@ -1,0 +1,203 @@
+"""Does one step of a validation, and says what came of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from hri_predict.cli.commission.answers import Answers
+from hri_predict.cli.commission.registration import judge_registration, register_points
+from hri_predict.cli.register.points import say
+from hri_predict.clock import MonotonicClock
+from hri_predict.commissioning import echo, stopping
+from hri_predict.commissioning.identity import identity_of
+from hri_predict.commissioning.playback import circles_of
+from hri_predict.commissioning.report import Outcome, Step
+from hri_predict.commissioning.simulated import is_simulated, simulated, with_people
+from hri_predict.commissioning.walk import WalkPlan, judge_walk, walk
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.run.config import Config
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What every step needs.
+
+    Attributes:
+        config: the cell.
+        answers: what was said.
+        folder: for the recording.
+        simulate: use simulated people and mock controllers, whatever the cell has.
+        interactive: whether somebody is there to answer.
+    """
+
+    config: Config
+    answers: Answers
+    folder: Path
+    simulate: bool
+    interactive: bool
+
+    @property
+    def live(self) -> Config:
+        """The cell, or its stand-in."""
+        return simulated(self.config, circles_of(self.config)) if self.simulate else self.config
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether people or controllers are."""
+        return self.simulate or is_simulated(self.config)
+
+    @property
+    def people_simulated(self) -> bool:
+        """Whether the people are."""
+        return self.simulate or self.config.source.kind == "procedural"
+
+
+Found = tuple[Any, list[str], list[str], Config]
+"""The result, what failed, what could not be judged, and the cell afterwards."""
+
+
+def do_step(name: str, task: Task) -> tuple[Step[Any], Config]:
+    """Do one step, or note that it is skipped.
+
+    Raises:
+        HriPredictError: it cannot be done; nothing is noted then.
+    """
+    now = datetime.now(UTC).replace(microsecond=0)
+    if name in task.answers.skip:
+        note = task.answers.skip[name]
+        step = _step(task, task.config, outcome="skipped", at=now, note=note)
+        return step, task.config
+    result, failed, missing, config = _DO[name](task)
+    outcome: Outcome = "failed" if failed else "open" if missing else "passed"
+    why = [*failed, *missing]
+    return _step(task, config, outcome=outcome, at=now, why=why, result=result), config
+
+
+def _step(task: Task, config: Config, **fields: Any) -> Step[Any]:
+    return Step(
+        by=task.answers.by,
+        simulated=task.is_simulated,
+        identity=identity_of(config).hash,
+        **fields,
+    )
+
+
+def _registration(task: Task) -> Found:
+    found, config = register_points(
+        task.live if task.simulate else task.config,
+        task.answers.registration,
+        simulated=task.people_simulated,
+        interactive=task.interactive,
+    )
+    return found, judge_registration(found), [], task.config if task.simulate else config
+
+
+def _echo(task: Task) -> Found:
+    answers, names = task.answers.echo, [link.name for link in task.config.links]
+    for name in answers.measured:
+        if name not in names:
+            raise ConfigError(
+                f"echo.measured.{name}: no such link{nearest(name, names)} "
+                f"(there are: {', '.join(names) or 'none'})"
+            )
+    live = task.live
+    if task.people_simulated:
+        live = with_people(live, [])
+    say(f"echo: measuring for {answers.seconds:g} s in shadow mode; no robot may move")
+    elsewhere = {
+        name: echo.MeasuredElsewhere(**trips.model_dump())
+        for name, trips in answers.measured.items()
+    }
+    found = echo.measure_echo(live, answers.seconds, MonotonicClock(), elsewhere)
+    failed, missing = echo.judge_echo(found)
+    left_out = set(names) - {link.name for link in live.links}
+    missing += [f"link {name}: its kind cannot be simulated" for name in sorted(left_out)]
+    return found, failed, missing, task.config
+
+
+def _stopping(task: Task) -> Found:
+    answers = task.answers.stopping
+    if answers.measured:
+        return _typed(task)
+    live = task.live
+    if task.people_simulated:
+        live = with_people(live, [])
+    moves_really = any(link.simulate is None for link in live.links)
+    if moves_really and not answers.cell_is_clear:
+        raise ConfigError(
+            "stopping.cell_is_clear: not confirmed; robots move in this step. Clear the cell, keep "
+            "the emergency stop at hand, and say so; or skip the step with a note"
+        )
+    plan = stopping.Plan(
+        speeds_m_s=answers.speeds_m_s,
+        repeats=answers.repeats,
+        wait_s=answers.wait_s,
+    )
+    found, missing = stopping.measure_stops(live, plan, MonotonicClock(), say)
+    if not found.stops:
+        missing.append("no stop was measured: does the node permit the robots to move?")
+    return found, stopping.judge_stops(found), missing, task.config
+
+
+def _typed(task: Task) -> Found:
+    names = [robot.name for robot in task.config.node.robots]
+    stops = task.answers.stopping.measured
+    for i, stop in enumerate(stops):
+        if stop.robot not in names:
+            raise ConfigError(
+                f"stopping.measured.{i}.robot: no robot '{stop.robot}'{nearest(stop.robot, names)} "
+                f"(there are: {', '.join(names)})"
+            )
+    found = stopping.typed_stops(
+        task.config, [stopping.MeasuredStop(**stop.model_dump()) for stop in stops]
+    )
+    missing = []
+    for robot in task.config.node.robots:
+        fastest = max((s.speed_m_s for s in stops if s.robot == robot.name), default=0.0)
+        if fastest < stopping.NEAR * robot.max_speed_m_s:
+            missing.append(
+                f"robot {robot.name}: no stop from its highest speed, {robot.max_speed_m_s:g} m/s"
+            )
+    return found, stopping.judge_stops(found), missing, task.config
+
+
+def _walk(task: Task) -> Found:
+    answers, live = task.answers.walk, task.live
+    if answers.virtual and (live.source.kind != "procedural" or _real_links(live)):
+        raise ConfigError(
+            "walk.virtual: people or links of this cell are real, so it runs in real time; leave "
+            "it out, or use --simulate"
+        )
+    if not answers.shadow and _real_links(live) and not task.answers.stopping.cell_is_clear:
+        raise ConfigError(
+            "walk.shadow: false lets real robots move beside who walks; leave it out: shadow mode "
+            "records the same people"
+        )
+    plan = WalkPlan(
+        seconds=answers.seconds,
+        cell_m=answers.cell_m,
+        least_coverage=answers.least_coverage,
+        exclude=[[list(point) for point in polygon] for polygon in answers.exclude],
+        shadow=answers.shadow,
+        virtual=answers.virtual,
+    )
+    if task.interactive and not task.people_simulated:
+        say("walk: walk all over the floor, within the robots' reach and around it")
+    say(f"walk: recording for {answers.seconds:g} s")
+    found = walk(task.config, live, plan, task.folder)
+    failed, missing = judge_walk(found)
+    return found, failed, missing, task.config
+
+
+def _real_links(config: Config) -> bool:
+    return any(link.simulate is None for link in config.links)
+
+
+_DO: dict[str, Callable[[Task], Found]] = {
+    "registration": _registration,
+    "echo": _echo,
+    "stopping": _stopping,
+    "walk": _walk,
+}

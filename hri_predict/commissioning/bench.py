@@ -1,0 +1,138 @@
+"""The node with its real links, for measurements: real devices, or mock controllers' far ends.
+
+On the virtual clock mock controllers run in the same thread, so that tests are quick and equal.
+"""
+
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hri_predict import registry
+from hri_predict.clock import Clock, VirtualClock
+from hri_predict.link import Link, Simulatable, Transport
+from hri_predict.node.listeners import Listener
+from hri_predict.peers import Cell, ControllerReport
+from hri_predict.run import assemble
+from hri_predict.run.assemble import Assembly
+from hri_predict.run.config import Config
+from hri_predict.run.runtime import run_real_time, run_virtual
+
+Wrap = Callable[[str, Transport[Any]], Transport[Any]]
+"""Puts something between a link, by its name, and its wire."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """A cell whose far ends run, and the wires to them."""
+
+    config: Config
+    clock: Clock
+    cell: Cell | None
+    transports: Mapping[str, Transport[Any]]
+
+    def links(self) -> list[Link]:
+        """The configured links on these wires, for whoever puts something around them."""
+        return [
+            assemble.build_link(
+                settings=settings,
+                config=self.config,
+                clock=self.clock,
+                transport=self.transports[settings.name],
+            )
+            for settings in self.config.links
+        ]
+
+    def run(
+        self,
+        *,
+        seconds: float,
+        listeners: Sequence[Listener],
+        links: Sequence[Link] | None = None,
+        shadow: bool = False,
+        each_tick: Callable[[int], None] | None = None,
+        stop: threading.Event | None = None,
+    ) -> Assembly:
+        """Run the node for so long, or until ``stop`` is set (in real time).
+
+        Raises:
+            HriPredictError: it cannot start; one line with the remedy.
+        """
+        virtual = isinstance(self.clock, VirtualClock)
+        assembly = assemble.build(
+            self.config,
+            self.clock,
+            transports=self.transports,
+            links=links,
+            deadline=not virtual,
+            shadow=shadow,
+            listeners=listeners,
+        )
+        if virtual:
+            run_virtual(assembly, self.cell, duration_s=seconds, each_tick=each_tick)
+        else:
+            run_real_time(
+                assembly=assembly,
+                stop=stop or threading.Event(),
+                duration_s=seconds,
+                each_tick=each_tick,
+            )
+        return assembly
+
+    def reports(self) -> Sequence[ControllerReport]:
+        """End the mock controllers; what each of them experienced."""
+        return () if self.cell is None else self.cell.stop()
+
+
+@contextmanager
+def bench(config: Config, clock: Clock, wrap: Wrap | None = None) -> Iterator[Bench]:
+    """Start the mock controllers of a configuration, if it has any, and open the way to all ends.
+
+    Raises:
+        HriPredictError: a controller did not start, or a link cannot be built.
+    """
+    config = quiet(config)
+    cell = _cell(config, clock)
+    virtual = isinstance(clock, VirtualClock)
+    try:
+        if cell is not None and virtual:
+            transports = dict(cell.transports())
+        else:
+            ports = cell.start() if cell is not None else {}
+            transports = {
+                link.name: _device(config, i, ports.get(link.name))
+                for i, link in enumerate(config.links)
+            }
+        if wrap is not None:
+            transports = {name: wrap(name, wire) for name, wire in transports.items()}
+        yield Bench(config=config, clock=clock, cell=cell, transports=transports)
+    finally:
+        if cell is not None:
+            cell.stop()
+
+
+def quiet(config: Config) -> Config:
+    """The configuration without what a measurement should not leave behind or tell others."""
+    node = config.node
+    alerts = type(node.alerts)(terminal=False)
+    silent = {"alerts": alerts, "record": None, "evidence": None, "state": None, "discovery": None}
+    return replace(config, node=node.model_copy(update=silent))
+
+
+def _cell(config: Config, clock: Clock) -> Cell | None:
+    simulated = [link for link in config.links if link.simulate is not None]
+    if not simulated:
+        return None
+    return registry.load("cells", "mock")(
+        links=simulated, robots=config.node.robots, base_dir=config.base_dir, clock=clock
+    )
+
+
+def _device(config: Config, index: int, port: str | None) -> Transport[Any]:
+    settings = config.links[index]
+    cls = registry.load("links", settings.kind)
+    if port is not None and isinstance(cls, Simulatable):
+        settings = settings.model_copy(update={cls.port_field: port})
+    with registry.building(f"link '{settings.name}'"):
+        return cls.make_transport(settings.resolved(config.base_dir))

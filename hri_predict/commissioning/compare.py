@@ -1,0 +1,213 @@
+"""What another version or configuration makes of the same recorded walk, and whether it is safer.
+
+*Less safe* means: permits more, at any tick, than what was validated, or sees less. So a milder
+level, a higher speed limit, a stop that is missing or comes later, nobody where somebody was, less
+of the floor seen, more people lost. Changes to the other side are named too, and count as no fault.
+Neither do stated separations: wider margins look farther ahead, and may state more or less.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from hri_predict.commissioning.playback import AdviceRow, Played
+from hri_predict.commissioning.report import GridResult, RobotAdvice, Walk
+from hri_predict.commissioning.walk import advice_by_robot
+
+SAME_M = 0.002
+"""Differences of distances below this come from processors that round otherwise, metres."""
+SAME_M_S = 0.002
+"""The same of speeds, m/s."""
+RANK = {"clear": 0, "warn": 1, "slow": 2, "stop": 3, "unknown": 3, "fault": 3}
+"""How much a level forbids. *Stop*, *unknown* and *fault* all mean stop."""
+
+
+@dataclass(slots=True)
+class Comparison:
+    """Plain lines: ``worse`` is less safe, ``other`` is any other difference."""
+
+    worse: list[str] = field(default_factory=list)
+    other: list[str] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _Change:
+    """Ticks with one kind of change: how many, the first, and the greatest amount."""
+
+    count: int = 0
+    first_s: float = 0.0
+    most: float = 0.0
+    example: str = ""
+
+    def add(self, time_s: float, amount: float, example: str) -> None:
+        if not self.count:
+            self.first_s, self.example = time_s, example
+        self.count += 1
+        self.most = max(self.most, amount)
+
+
+def compare(walk: Walk, old: Sequence[AdviceRow], new: Played) -> Comparison:
+    """Compare what was validated with what comes of the same recording now.
+
+    Args:
+        walk: the validated walk.
+        old: its advices.
+        new: the same recording, played now.
+    """
+    found = Comparison()
+    before, now = _by_robot(old), _by_robot(new.rows)
+    for robot in dict.fromkeys([*before, *now]):
+        if robot not in now:
+            found.worse.append(f"robot {robot}: no advice for it any more")
+        elif robot not in before:
+            found.other.append(f"robot {robot}: is new; nothing to compare it with")
+        else:
+            _advices(found, robot, before[robot], now[robot])
+    olds = {each.robot: each for each in walk.robots}
+    for each in advice_by_robot(new):
+        if each.robot in olds:
+            _totals(found, olds[each.robot], each)
+    _floor(found, walk, new)
+    return found
+
+
+def _advices(
+    found: Comparison, robot: str, old: Sequence[AdviceRow], new: Sequence[AdviceRow]
+) -> None:
+    """Compare tick by tick."""
+    changes = {name: (_Change(), _Change()) for name in ("level", "limit", "separation", "ahead")}
+    reasons = _Change()
+    pairs = list(_paired(old, new))
+    for was, row in pairs:
+        milder = RANK[was.level] - RANK[row.level]
+        if was.level != row.level:
+            text = f"{was.level} -> {row.level}"
+            changes["level"][milder <= 0].add(row.time_s, abs(milder), text)
+        elif was.reason != row.reason:
+            reasons.add(row.time_s, 0, f"{was.reason} -> {row.reason}")
+        more = row.limit_m_s - was.limit_m_s
+        if abs(more) > SAME_M_S:
+            text = f"{was.limit_m_s:.3f} -> {row.limit_m_s:.3f}"
+            changes["limit"][more <= 0].add(row.time_s, abs(more), text)
+        _distance(changes["separation"], row.time_s, was.separation_m, row.separation_m)
+        _distance(changes["ahead"], row.time_s, was.predicted_m, row.predicted_m)
+    texts = {
+        "level": ("a milder level", "a stricter level", ""),
+        "limit": ("a higher speed limit", "a lower speed limit", "m/s"),
+        "separation": ("nobody where somebody was", "another separation", "m"),
+        "ahead": ("nobody predicted where somebody was", "another predicted separation", "m"),
+    }
+    for name, both in changes.items():
+        *words, unit = texts[name]
+        for side, change in enumerate(both):
+            if change.count:
+                by = f", by up to {change.most:.3f} {unit}" if unit and change.most else ""
+                line = (
+                    f"robot {robot}: {words[side]} in {change.count} of {len(pairs)} advices{by}; "
+                    f"first at {change.first_s:.2f} s: {change.example}"
+                )
+                (found.other if side else found.worse).append(line)
+    if reasons.count:
+        found.other.append(
+            f"robot {robot}: another reason in {reasons.count} advices; first at "
+            f"{reasons.first_s:.2f} s: {reasons.example}"
+        )
+    if len(old) != len(new):
+        found.other.append(f"robot {robot}: {len(old)} advices then, {len(new)} now")
+
+
+def _distance(
+    both: tuple[_Change, _Change], time_s: float, was: float | None, now: float | None
+) -> None:
+    """Note a distance that changed. None at all means that nobody is known: the farthest."""
+    if was is None and now is None:
+        return
+    text = f"{_metres(was)} -> {_metres(now)}"
+    if was is None or now is None:
+        both[now is not None].add(time_s, 0.0, text)
+    elif abs(now - was) > SAME_M:
+        both[1].add(time_s, abs(now - was), text)
+
+
+def _metres(value: float | None) -> str:
+    return "nobody" if value is None else f"{value:.3f} m"
+
+
+def _totals(found: Comparison, old: RobotAdvice, new: RobotAdvice) -> None:
+    """Compare stops, extremes and the time at each level."""
+    at = f"robot {new.robot}: "
+    if old.stops != new.stops:
+        found.other.append(f"{at}stops {old.stops} -> {new.stops}")
+    if old.first_stop_s is not None and new.first_stop_s is None:
+        found.worse.append(f"{at}no stop any more; the first was at {old.first_stop_s:.2f} s")
+    elif old.first_stop_s != new.first_stop_s:
+        later = (new.first_stop_s or 0.0) - (old.first_stop_s or 0.0)
+        line = f"{at}first stop {_seconds(old.first_stop_s)} -> {_seconds(new.first_stop_s)}"
+        worse = old.first_stop_s is not None and later > 0
+        (found.worse if worse else found.other).append(line)
+    if _metres(old.least_separation_m) != _metres(new.least_separation_m):
+        found.other.append(
+            f"{at}smallest separation {_metres(old.least_separation_m)} -> "
+            f"{_metres(new.least_separation_m)}"
+        )
+    if abs(old.mean_limit_m_s - new.mean_limit_m_s) > SAME_M_S:
+        found.other.append(
+            f"{at}mean speed limit {old.mean_limit_m_s:.3f} -> {new.mean_limit_m_s:.3f} m/s"
+        )
+    if old.ticks_at != new.ticks_at:
+        found.other.append(f"{at}time at each level {_shares(old)} -> {_shares(new)}")
+
+
+def _floor(found: Comparison, walk: Walk, new: Played) -> None:
+    """Compare where people were seen and lost, on the floor that counts then and now."""
+    was, now = _places(walk.grid, walk.grid.area), _places(new.grid, new.grid.area)
+    seen, sees = _places(walk.grid, walk.grid.seen), _places(new.grid, new.grid.seen)
+    blind = (was & now & seen) - sees
+    if blind:
+        found.worse.append(f"people are not seen any more in {len(blind)} cells of the floor")
+    clearer = (was & now & sees) - seen
+    if clearer:
+        found.other.append(f"people are seen in {len(clearer)} more cells of the floor")
+    coverage = new.grid.coverage
+    if was != now:
+        line = (
+            f"the floor that counts has {len(was)} -> {len(now)} cells; people were seen in "
+            f"{100 * walk.grid.coverage:.1f} % -> {100 * coverage:.1f} % of it"
+        )
+        missed = len(now - was) > 0 and coverage < walk.least_coverage
+        (found.worse if missed else found.other).append(line)
+    if walk.people_lost != new.people_lost:
+        line = f"people lost {walk.people_lost} -> {new.people_lost}"
+        (found.worse if new.people_lost > walk.people_lost else found.other).append(line)
+
+
+def _places(grid: GridResult, cells: Iterable[int]) -> set[tuple[int, int]]:
+    """Cells by their place in the room, so that grids of different sizes can be compared."""
+    x, y = (round(v / grid.cell_m) for v in grid.origin)
+    return {(x + cell % grid.columns, y + cell // grid.columns) for cell in cells}
+
+
+def _by_robot(rows: Sequence[AdviceRow]) -> dict[str, list[AdviceRow]]:
+    found: dict[str, list[AdviceRow]] = {}
+    for row in rows:
+        found.setdefault(row.robot, []).append(row)
+    return found
+
+
+def _paired(
+    old: Sequence[AdviceRow], new: Sequence[AdviceRow]
+) -> Iterator[tuple[AdviceRow, AdviceRow]]:
+    """Each new advice with the old one that was in force at that time: rates may differ."""
+    k = 0
+    for row in new:
+        while k + 1 < len(old) and old[k + 1].time_s <= row.time_s + 1e-6:
+            k += 1
+        yield old[k], row
+
+
+def _seconds(value: float | None) -> str:
+    return "none" if value is None else f"{value:.2f} s"
+
+
+def _shares(robot: RobotAdvice) -> str:
+    total = sum(robot.ticks_at.values()) or 1
+    return ", ".join(f"{name} {100 * n / total:.1f} %" for name, n in robot.ticks_at.items())

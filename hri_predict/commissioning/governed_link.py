@@ -1,0 +1,96 @@
+"""A link on which a test may take permission away from a robot, and never give any.
+
+The node judges people as always. The governor can lower a speed limit that the node grants, or turn
+it into a stop; what the node forbids stays forbidden.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+
+from hri_predict.link import Link, LinkCounters, Received
+from hri_predict.protocol.messages import Advice, Level, Message, RobotState
+from hri_predict.protocol.reasons import Reason
+
+Limit = Callable[[int], float]
+"""Robot's index -> the highest speed that the test allows it now, m/s; 0: stop."""
+_MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
+
+
+def lowered(advice: Advice, limit_m_s: float) -> Advice:
+    """The advice with a limit that is no higher than ``limit_m_s``, m/s; a stop stays a stop."""
+    granted = advice.speed_limit_m_s or 0.0
+    if advice.level not in _MOVING or granted <= 0:
+        return advice
+    if not limit_m_s > 0:  # NaN too
+        return replace(advice, level=Level.STOP, reason=Reason.SHADOW_MODE, speed_limit_m_s=0.0)
+    if limit_m_s >= granted:
+        return advice
+    return replace(advice, level=Level.SLOW, speed_limit_m_s=limit_m_s)
+
+
+class GovernedLink:
+    """See ``hri_predict.link.Link``."""
+
+    def __init__(self, inner: Link, robots: Collection[int], limit: Limit) -> None:
+        """Govern ``inner``, which advises ``robots`` (indices)."""
+        self.inner = inner
+        self.name = inner.name
+        self._robots, self._limit = frozenset(robots), limit
+
+    @property
+    def counters(self) -> LinkCounters:
+        """Of the link."""
+        return self.inner.counters
+
+    @property
+    def connected(self) -> bool:
+        """Whether its device is open."""
+        return self.inner.connected
+
+    @property
+    def last_error(self) -> str | None:
+        """One line about the newest trouble."""
+        return self.inner.last_error
+
+    @property
+    def foreign_ns(self) -> int | None:
+        """When somebody else's frame with the node's ids came."""
+        return self.inner.foreign_ns
+
+    @property
+    def on_sent(self) -> Callable[[str, bytes, int], None] | None:
+        """See ``Link``."""
+        return self.inner.on_sent
+
+    @on_sent.setter
+    def on_sent(self, call: Callable[[str, bytes, int], None] | None) -> None:
+        self.inner.on_sent = call
+
+    def start(self) -> None:
+        """Open the device."""
+        self.inner.start()
+
+    def post(self, message: Message) -> None:
+        """Post, with a limit that the test may have lowered; other links' robots are left out."""
+        if isinstance(message, Advice):
+            if message.robot not in self._robots:
+                return
+            message = lowered(message, self._limit(message.robot))
+        self.inner.post(message)
+
+    def take(self) -> list[Received]:
+        """What came, but for states of robots that this link's controller does not control."""
+        return [
+            received
+            for received in self.inner.take()
+            if not isinstance(received.message, RobotState)
+            or received.message.robot in self._robots
+        ]
+
+    def service(self, now_ns: int) -> None:
+        """See ``Link``."""
+        self.inner.service(now_ns)
+
+    def stop(self) -> None:
+        """Close the device."""
+        self.inner.stop()

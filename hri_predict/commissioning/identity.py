@@ -1,0 +1,178 @@
+"""What a cell was when it was validated: configuration, files and versions, and what differs now.
+
+The configuration is compared as it was understood, with all defaults, so that comments, the order
+of keys and other ways to write a value make no difference. ``commissioning`` itself is left out:
+it names the report.
+"""
+
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from pydantic import JsonValue
+
+from hri_predict import __version__
+from hri_predict.commissioning.dependencies import dependencies
+from hri_predict.evidence.chain import file_hash
+from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
+from hri_predict.run.config import Config
+from hri_predict.settings import Settings
+
+MISSING = "missing"
+LIBRARIES = ("numpy", "torch", "pydantic")
+"""Those that compute or understand what the advice rests on."""
+
+
+class File(Settings):
+    """A file that the configuration depends on."""
+
+    path: str
+    sha256: str
+
+
+class Identity(Settings):
+    """A cell as it was.
+
+    Attributes:
+        config: dotted key -> value, all defaults included.
+        config_hash: SHA-256 of it.
+        files: dotted key -> the file that it names or implies.
+        versions: of this program, Python, the protocol and some libraries.
+    """
+
+    config: dict[str, JsonValue]
+    config_hash: str
+    files: dict[str, File]
+    versions: dict[str, str]
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 over all of it but where the files lie."""
+        hashes = {key: file.sha256 for key, file in self.files.items()}
+        return _hash([self.config_hash, hashes, self.versions])
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """What is not as it was: a key, its value then and now (``None``: there was, or is, none)."""
+
+    key: str
+    old: str | None
+    new: str | None
+
+    def __str__(self) -> str:
+        old, new = (_NONE if each is None else each for each in (self.old, self.new))
+        return f"{self.key}: {old} -> {new}"
+
+
+_NONE = "(none)"
+_SHOWN = 80
+
+
+def identity_of(config: Config) -> Identity:
+    """The identity of a cell now.
+
+    Raises:
+        HriPredictError: a robot or a trajectory that it names is not shipped.
+    """
+    flat = flattened(canonical(config))
+    files = {
+        key: File(path=str(path), sha256=_hash_of_file(path))
+        for key, path in sorted(dependencies(config, flat).items())
+    }
+    return Identity(config=flat, config_hash=_hash(flat), files=files, versions=versions())
+
+
+def canonical(config: Config) -> dict[str, Any]:
+    """The configuration as it was understood, as plain data."""
+    whole = config.node.model_dump(mode="json", exclude={"commissioning"})
+    whole["source"] = config.source.model_dump(mode="json")
+    whole["predictor"] = config.predictor.model_dump(mode="json")
+    whole["links"] = [link.model_dump(mode="json") for link in config.links]
+    return whole
+
+
+def flattened(data: Any, key: str = "") -> dict[str, JsonValue]:
+    """Dotted key -> value; a list of plain numbers or texts is one value."""
+    if isinstance(data, Mapping) and data:
+        pairs = [(str(name), each) for name, each in data.items()]
+    elif isinstance(data, list) and any(isinstance(each, Mapping) for each in data):
+        pairs = [(str(i), each) for i, each in enumerate(data)]
+    else:
+        return {key: data}
+    found: dict[str, JsonValue] = {}
+    for name, each in pairs:
+        found |= flattened(each, f"{key}.{name}" if key else name)
+    return found
+
+
+def versions() -> dict[str, str]:
+    """What is installed here."""
+    found = {
+        "hri-predict": __version__,
+        "protocol": f"{SCHEMA_VERSION}, schema {SCHEMA_HASH:08x}",
+        "python": platform.python_version(),
+    }
+    for library in LIBRARIES:
+        try:
+            found[library] = version(library)
+        except PackageNotFoundError:
+            found[library] = MISSING
+    return found
+
+
+def differences(old: Identity, new: Identity) -> list[Difference]:
+    """Everything that differs, key by key: configuration, then files, then versions."""
+    found = _compared(_texts(old.config), _texts(new.config))
+    before = {key: file.sha256 for key, file in old.files.items()}
+    now = {key: file.sha256 for key, file in new.files.items()}
+    for key in sorted(before.keys() | now.keys()):
+        if before.get(key) != now.get(key):
+            path = (new.files.get(key) or old.files[key]).path
+            named = f"file of {key} ({os.path.basename(path)})"
+            found.append(Difference(named, _short(before.get(key)), _short(now.get(key))))
+    return found + [
+        Difference(f"version of {each.key}", each.old, each.new)
+        for each in _compared(old.versions, new.versions)
+    ]
+
+
+def _compared(old: Mapping[str, str], new: Mapping[str, str]) -> list[Difference]:
+    return [
+        Difference(key, old.get(key), new.get(key))
+        for key in sorted(old.keys() | new.keys())
+        if old.get(key) != new.get(key)
+    ]
+
+
+def _texts(values: Mapping[str, JsonValue]) -> dict[str, str]:
+    return {key: _text(value) for key, value in values.items()}
+
+
+def _text(value: JsonValue) -> str:
+    text = json.dumps(value, ensure_ascii=False, sort_keys=True)
+    if len(text) <= _SHOWN:
+        return text
+    return f"{text[: _SHOWN - 20]}… (SHA-256 {_hash(value)[:8]})"  # so that no change is hidden
+
+
+def _short(digest: str | None) -> str | None:
+    return digest if digest in (None, MISSING) else f"SHA-256 {digest[:12]}"
+
+
+def _hash(data: Any) -> str:
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def _hash_of_file(path: Path) -> str:
+    try:
+        return file_hash(path) if path.is_file() else MISSING
+    except OSError as error:
+        return f"unreadable: {error.strerror}"

@@ -1,0 +1,44 @@
+"""HTML and SVG as text. Whatever goes in as a value is escaped, wherever it came from."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+
+class Markup(str):
+    """Text that is HTML already. Only this module makes it."""
+
+    __slots__ = ()
+
+
+Content = str | Markup | int | float | None
+
+
+def text(value: Content) -> Markup:
+    """A value as HTML: escaped, characters that cannot be printed shown as such."""
+    if isinstance(value, Markup):
+        return value
+    raw = "" if value is None else str(value)
+    safe = "".join(c if c.isprintable() or c == "\n" else f"\\u{ord(c):04x}" for c in raw)
+    return Markup(escape(safe, quote=True))
+
+
+def tag(name: str, *content: Content, **attributes: Content) -> Markup:
+    """``<name ...>content</name>``; ``stroke_width`` becomes ``stroke-width``, ``class_`` class."""
+    pairs = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{text(value)}"'
+        for key, value in attributes.items()
+        if value is not None
+    )
+    return Markup(f"<{name}{pairs}>{join(content)}</{name}>")
+
+
+def join(parts: Iterable[Content]) -> Markup:
+    """All parts, one after the other."""
+    return Markup("".join(text(part) for part in parts))
+
+
+def table(head: Sequence[Content], rows: Iterable[Sequence[Content]]) -> Markup:
+    """A table; columns after the first hold numbers, so they are aligned to the right."""
+    top = tag("tr", *(tag("th", cell) for cell in head))
+    body = [tag("tr", *(tag("td", cell) for cell in row)) for row in rows]
+    return tag("table", tag("thead", top), tag("tbody", *body))

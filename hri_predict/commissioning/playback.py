@@ -1,0 +1,187 @@
+"""Plays a recorded walk test through the node: on the virtual clock, so twice gives the same twice.
+
+The recording holds every scene as it came and every RobotState. No link is opened.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from pydantic import JsonValue
+
+from hri_predict.arrays import Floats
+from hri_predict.commissioning.bench import quiet
+from hri_predict.commissioning.grid import Grid
+from hri_predict.commissioning.report import GridResult
+from hri_predict.errors import RecordingError
+from hri_predict.files import atomic_write
+from hri_predict.node.listeners import Tick
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.protocol.messages import Advice, Level
+from hri_predict.risk.robot_constants import worst_distance
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+from hri_predict.run.session import Options, View
+from hri_predict.run.session import run as run_session
+from hri_predict.source import SourceSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AdviceRow:
+    """What the node advised one robot at one tick; metres and m/s, rounded as on the wire or finer.
+
+    ``time_s`` counts from the first tick.
+    """
+
+    time_s: float
+    robot: str
+    level: str
+    reason: str
+    separation_m: float | None
+    predicted_m: float | None
+    limit_m_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Played:
+    """What came of a recording: every advice, the grid, and how many people vanished."""
+
+    rows: list[AdviceRow]
+    grid: GridResult
+    people_lost: int
+    seconds: float
+
+
+class _Watch(View):
+    """Takes down what a run advises and where it sees people."""
+
+    def __init__(self, robots: Sequence[str], grid: Grid) -> None:
+        self._robots, self._grid = robots, grid
+        self._first_ns: int | None = None
+        self._lost: set[tuple[int, int]] = set()
+        self.rows: list[AdviceRow] = []
+        self.last_s = 0.0
+
+    @property
+    def people_lost(self) -> int:
+        """How many people vanished."""
+        return len(self._lost)
+
+    def on_tick(self, tick: Tick) -> None:
+        """Take one tick; announcements at start and end have no snapshot and are left out."""
+        if tick.snapshot is None:
+            return
+        if self._first_ns is None:
+            self._first_ns = tick.now_ns
+        self.last_s = round((tick.now_ns - self._first_ns) * 1e-9, 6)
+        self.rows += [_row(self.last_s, self._robots, advice) for advice in tick.advices]
+        self._look(tick.snapshot)
+
+    def _look(self, snapshot: PeopleSnapshot) -> None:
+        if not snapshot.reasons:  # a scene that cannot be trusted shows nobody
+            for p in range(len(snapshot.ids)):
+                self._grid.see(snapshot.history[p, -1], snapshot.measured[p, -1])
+        for person in snapshot.lost:
+            who = person.id, person.last_seen_ns
+            if who not in self._lost:
+                self._lost.add(who)
+                self._grid.lose(person.positions)
+
+
+def _row(time_s: float, robots: Sequence[str], advice: Advice) -> AdviceRow:
+    return AdviceRow(
+        time_s=time_s,
+        robot=robots[advice.robot],
+        level=advice.level.name.lower(),
+        reason=advice.reason.name.lower(),
+        separation_m=_rounded(advice.separation_m),
+        predicted_m=_rounded(advice.predicted_separation_m),
+        limit_m_s=_rounded(advice.speed_limit_m_s) or 0.0,
+    )
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else round(float(value), 4)
+
+
+def circles_of(config: Config) -> Floats:
+    """(R, 3) x, y and radius of each robot's reach plus its protective separation distance."""
+    budget = assemble.build_budget(config, assemble.build_source(config))
+    circles = []
+    for settings, model in zip(config.node.robots, assemble.build_robots(config), strict=True):
+        needed_m = worst_distance(config.node.risk, settings, model, budget).total
+        circles.append([*model.base[:2], model.reach_m + needed_m])
+    return np.array(circles)
+
+
+def grid_of(config: Config, cell_m: float, exclude: Sequence[JsonValue]) -> Grid:
+    """The floor around the robots of a cell; see ``Grid``.
+
+    Raises:
+        ConfigError: too many cells, or none.
+    """
+    return Grid(
+        cell_m,
+        circles_of(config),
+        view=config.source.field_of_view,
+        exclude=[np.array(polygon, np.float64) for polygon in exclude],
+    )
+
+
+def play(config: Config, recording: Path, grid: Grid) -> Played:
+    """Play a recording through the node with this configuration.
+
+    Raises:
+        HriPredictError: it cannot be played; one line with the remedy.
+    """
+    watch = _Watch([robot.name for robot in config.node.robots], grid)
+    run_session(_playing(config, recording), Options(factor=None, until_exhausted=True, view=watch))
+    return Played(
+        rows=watch.rows, grid=grid.result(), people_lost=watch.people_lost, seconds=watch.last_s
+    )
+
+
+def _playing(config: Config, recording: Path) -> Config:
+    """The configuration with the recording as its source, and nothing that it writes or opens."""
+    kept = SourceSettings.model_fields.keys() - {"kind", "faults"}
+    source = config.source.model_dump(include=set(kept))
+    # what the source said by itself, the recording cannot: its rate is the recorded one
+    if source["stale_s"] is None:
+        rate_hz = assemble.build_source(config, with_faults=False).rate_hz
+        source["stale_s"] = config.source.stale_after_s(rate_hz)
+    source |= {"kind": "recording", "path": str(recording.absolute())}
+    silent = quiet(config)
+    links = tuple(link.model_copy(update={"faults": []}) for link in silent.links)
+    return replace(silent, links=links).with_source(source).without_links()
+
+
+def write_rows(path: Path, rows: Sequence[AdviceRow]) -> None:
+    """Write advices as JSON lines.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    lines = (json.dumps(asdict(row), separators=(",", ":")) for row in rows)
+    atomic_write(path, "".join(f"{line}\n" for line in lines).encode())
+
+
+def read_rows(path: Path) -> list[AdviceRow]:
+    """Read what ``write_rows`` wrote.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    try:
+        return list(_parsed(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        raise RecordingError(f"advices {path}: cannot be read ({error}); walk again") from error
+
+
+def _parsed(text: str) -> Iterator[AdviceRow]:
+    for line in text.splitlines():
+        row = AdviceRow(**json.loads(line))
+        if row.level.upper() not in Level.__members__:
+            raise ValueError(f"no level {row.level}")
+        yield row

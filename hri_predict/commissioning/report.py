@@ -1,0 +1,357 @@
+"""The report of a validation: a model that is checked when it is read, and a hash over all of it.
+
+The hash has no secret in it. It shows damage and careless editing, not somebody who computes it
+anew: only the signatures on paper, or a copy that others keep, do that.
+"""
+
+import json
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Generic, Literal, TypeVar
+
+from pydantic import Field, JsonValue, ValidationError
+
+from hri_predict.commissioning.identity import Identity
+from hri_predict.errors import ConfigError
+from hri_predict.evidence.chain import hash_of
+from hri_predict.files import atomic_write, read_text
+from hri_predict.settings import Settings
+
+REPORT = "report.json"
+PAGE = "report.html"
+FORMAT: Literal[1] = 1
+MAX_CELLS = 40_000
+
+Outcome = Literal["passed", "failed", "open", "skipped"]
+"""``open``: done, but not all of it could be judged."""
+Text = Annotated[str, Field(max_length=2000)]
+Lines = Annotated[list[Text], Field(max_length=1000)]
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._-]*$", max_length=100)]
+"""A file beside the report, never elsewhere."""
+Amount = Annotated[float, Field(ge=0, le=1e6)]
+R = TypeVar("R")
+
+
+class TouchedPoint(Settings):
+    """A point that a hand touched: where it is, and where the sensor saw the joint; metres, room.
+
+    ``error_m`` is with the pose as configured, ``residual_m`` with the pose that fits best.
+    """
+
+    point: list[float]
+    seen: list[float]
+    spread_m: Amount
+    error_m: Amount
+    residual_m: Amount
+
+
+class Registration(Settings):
+    """How well the sensor's pose fits points that were touched."""
+
+    joint: str
+    tolerance_m: Amount
+    points: list[TouchedPoint]
+    scale: Amount
+    written: bool
+
+
+class Times(Settings):
+    """A distribution of times, milliseconds; ``bins`` counts by whole milliseconds from 0."""
+
+    count: int = Field(ge=0)
+    p50_ms: Amount
+    p99_ms: Amount
+    max_ms: Amount
+    bins: Annotated[list[int], Field(max_length=5000)] = []
+
+
+class LinkEcho(Settings):
+    """One link: how long a RobotState waited in the node, and how long until its echo was back.
+
+    Attributes:
+        link: its name.
+        states, echoes: RobotStates received, and different counters echoed.
+        in_node: from a RobotState's receipt until an advice that echoes it was written.
+        round_trip: from sending a RobotState until an advice that echoes it, by the controller.
+        measured_by: who measured the round trip.
+        both_ways_ms: the longest time on the link, there and back; ``None``: not measured.
+        allowed_ms: twice the delay of the link that the delay budget counts with.
+    """
+
+    link: str
+    states: int = Field(ge=0)
+    echoes: int = Field(ge=0)
+    in_node: Times | None
+    round_trip: Times | None
+    measured_by: Literal["controller", "integrator"] | None
+    both_ways_ms: Amount | None
+    allowed_ms: Amount
+
+
+class Echo(Settings):
+    """Reaction time through the echo of each link."""
+
+    seconds: Amount
+    links: list[LinkEcho]
+
+
+class Stop(Settings):
+    """One stop of one robot.
+
+    Attributes:
+        robot: its name.
+        stated_m_s: the speed that was asked for.
+        speed_m_s: highest speed of its fastest point from the command on.
+        total_s, total_m: from the command until it stood; ``None``: measured elsewhere, from the
+            onset of braking.
+        braking_s, braking_m: from the onset of braking.
+        table_s, table_m: by the stopping table, at ``speed_m_s``.
+        allowed_s, allowed_m: link, controller's reaction and the table together.
+        resolution_s: longest time between two RobotStates meanwhile.
+        measured_by: the node, from RobotState, or the integrator.
+        stood: whether it stood in the end.
+        passed: whether it stopped as the table says.
+    """
+
+    robot: str
+    stated_m_s: Amount
+    speed_m_s: Amount
+    total_s: Amount | None
+    total_m: Amount | None
+    braking_s: Amount
+    braking_m: Amount
+    table_s: Amount
+    table_m: Amount
+    allowed_s: Amount
+    allowed_m: Amount
+    resolution_s: Amount
+    measured_by: Literal["node", "integrator"]
+    stood: bool
+    passed: bool
+
+
+class Curve(Settings):
+    """A robot's stopping table up to its highest speed, for the plot."""
+
+    robot: str
+    speed_m_s: list[Amount]
+    time_s: list[Amount]
+    distance_m: list[Amount]
+
+
+class Stopping(Settings):
+    """The stopping test."""
+
+    stops: list[Stop]
+    curves: list[Curve]
+
+
+class GridResult(Settings):
+    """Where people were seen on the floor.
+
+    Attributes:
+        cell_m: side of a cell.
+        origin: x, y of the lower left corner of cell 0, 0, metres, room.
+        columns, rows: number of cells along x and y.
+        area: cells that count, as ``row * columns + column``; ``outside`` the sensor's view.
+        seen: cell -> number of ticks; ``lost``: cell -> people who vanished there.
+    """
+
+    cell_m: float = Field(gt=0, le=10)
+    origin: Annotated[list[float], Field(min_length=2, max_length=2)]
+    columns: int = Field(ge=1, le=MAX_CELLS)
+    rows: int = Field(ge=1, le=MAX_CELLS)
+    area: list[int]
+    outside: list[int]
+    seen: dict[int, int]
+    lost: dict[int, int]
+
+    @property
+    def coverage(self) -> float:
+        """Share of the area in which somebody was seen; 0 for no area."""
+        return len(set(self.area) & self.seen.keys()) / len(self.area) if self.area else 0.0
+
+
+class RobotAdvice(Settings):
+    """What the node advised one robot during the walk, over all ticks."""
+
+    robot: str
+    ticks_at: dict[str, int]
+    stops: int = Field(ge=0)
+    first_stop_s: Amount | None
+    least_separation_m: float | None
+    least_limit_m_s: Amount
+    mean_limit_m_s: Amount
+
+
+class Walk(Settings):
+    """The walk test, as the recording gives it when it is played again."""
+
+    recording: FileName
+    recording_sha256: str
+    advices: FileName
+    advices_sha256: str
+    seconds: Amount
+    least_coverage: Amount
+    exclude: list[JsonValue]
+    grid: GridResult
+    robots: list[RobotAdvice]
+    people_lost: int = Field(ge=0)
+
+
+class Step(Settings, Generic[R]):
+    """One step as it was done, or skipped.
+
+    ``identity`` is the hash of configuration, files and versions at that time; ``why`` says what
+    failed or could not be judged.
+    """
+
+    outcome: Outcome
+    at: datetime
+    by: Text = ""
+    note: Text = ""
+    why: Lines = []
+    simulated: bool = False
+    identity: str
+    result: R | None = None
+
+
+class Steps(Settings):
+    """The steps that were done or skipped."""
+
+    registration: Step[Registration] | None = None
+    echo: Step[Echo] | None = None
+    stopping: Step[Stopping] | None = None
+    walk: Step[Walk] | None = None
+
+    def named(self) -> Iterator[tuple[str, Step[Any] | None]]:
+        """Each step with its name, in the order in which they are done."""
+        for name in STEPS:
+            yield name, getattr(self, name)
+
+
+STEPS = tuple(Steps.model_fields)
+
+
+class Signature(Settings):
+    """Somebody who answers for the validation."""
+
+    role: Text
+    name: Text = ""
+    date: Text = ""
+
+
+class Report(Settings):
+    """The whole report, without its own hash."""
+
+    format: Literal[1] = FORMAT
+    cell: Text
+    config_path: str
+    made: datetime
+    identity: Identity
+    steps: Steps
+    notes: Lines = []
+    signatures: Annotated[list[Signature], Field(max_length=50)] = []
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any step used simulated people or controllers."""
+        return any(step is not None and step.simulated for _, step in self.steps.named())
+
+    @property
+    def open(self) -> list[str]:
+        """One line for each step that says less than *passed*."""
+        now, found = self.identity.hash, []
+        for name, step in self.steps.named():
+            if step is None:
+                found.append(f"{name}: not done")
+            elif step.outcome == "skipped":
+                found.append(f"{name}: skipped: {step.note}")
+            elif step.identity != now:
+                found.append(f"{name}: done before the cell was changed; do it again")
+            elif step.outcome != "passed":
+                found.append(f"{name}: {step.outcome}: {'; '.join(step.why)}")
+        return found
+
+    @property
+    def outcome(self) -> Outcome:
+        """``failed`` if a step failed, ``passed`` if all passed for this configuration."""
+        if any(step is not None and step.outcome == "failed" for _, step in self.steps.named()):
+            return "failed"
+        return "open" if self.open else "passed"
+
+
+def to_data(report: Report) -> dict[str, Any]:
+    """The report as JSON data, with its hash."""
+    data = report.model_dump(mode="json")
+    data["hash"] = hash_of(data)
+    return data
+
+
+def write_report(report: Report, folder: Path) -> str:
+    """Write ``report.json``; return its hash.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    data = to_data(report)
+    atomic_write(folder / REPORT, (json.dumps(data, indent=1) + "\n").encode())
+    return str(data["hash"])
+
+
+def read_report(path: Path) -> tuple[Report, str]:
+    """Read a report; return it and its hash.
+
+    Raises:
+        ConfigError: it cannot be read, is no report, or was changed after it was written.
+    """
+    try:
+        data = json.loads(read_text(path, "report"))
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"report {path}: not JSON; restore it, or commission again") from error
+    if not isinstance(data, dict) or not isinstance(data.get("hash"), str):
+        raise ConfigError(f"report {path}: not a report of hri-predict commission")
+    try:
+        found = hash_of(data)
+    except (ValueError, RecursionError):
+        found = ""
+    if found != data["hash"]:
+        raise ConfigError(
+            f"report {path}: was changed after it was written: its content does not have its hash "
+            f"{data['hash'][:12]}; restore it, or commission again"
+        )
+    content = {key: value for key, value in data.items() if key != "hash"}
+    try:
+        return Report.model_validate(content), data["hash"]
+    except ValidationError as error:
+        first = error.errors()[0]
+        at = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(
+            f"report {path}: {at}: {first['msg']}; it may be of another version: commission again"
+        ) from error
+
+
+def find_report(path: Path) -> Path:
+    """The report that a path names: the file, or the newest of a folder and the folders in it.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    if not path.is_dir():
+        if not path.is_file():
+            raise ConfigError(f"report {path}: no such file; correct commissioning.report")
+        return path
+    there = [*path.glob(REPORT), *path.glob(f"*/{REPORT}")]
+    if not there:
+        raise ConfigError(f"report {path}: no {REPORT} in this folder or the folders in it")
+    return max(there, key=_made)
+
+
+def _made(path: Path) -> tuple[str, float]:
+    """When a report says that it was made; one that says nothing is the oldest."""
+    try:
+        made = datetime.fromisoformat(json.loads(read_text(path, "report"))["made"])
+        return made.isoformat(), path.stat().st_mtime
+    except (ConfigError, ValueError, KeyError, TypeError, RecursionError, OSError):
+        return "", 0.0

@@ -1,0 +1,143 @@
+"""The walk test: somebody walks through the cell while the node records, and the recording counts.
+
+The grid and the advices are those of the recording played again, not of the live run: so a later
+version or configuration can be compared with exactly this.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pydantic import JsonValue
+
+from hri_predict.commissioning.bench import quiet
+from hri_predict.commissioning.playback import AdviceRow, Played, grid_of, play, write_rows
+from hri_predict.commissioning.report import RobotAdvice, Walk
+from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.evidence.chain import file_hash
+from hri_predict.run.config import Config
+from hri_predict.run.session import Options
+from hri_predict.run.session import run as run_session
+
+RECORDING = "walk.mcap"
+ADVICES = "walk-advices.jsonl"
+MOST_UNKNOWN = 0.5
+"""A walk during which a robot's advice is *unknown* for longer tried too little."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkPlan:
+    """How to walk: seconds, side of a cell (m), least coverage (share), where nobody can stand.
+
+    ``shadow``: links say *unknown*, so that no robot moves. ``virtual``: with simulated people and
+    controllers, as fast as possible.
+    """
+
+    seconds: float
+    cell_m: float
+    least_coverage: float
+    exclude: Sequence[JsonValue] = ()
+    shadow: bool = True
+    virtual: bool = False
+
+
+def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
+    """Record the walk of ``live`` and judge it with ``config``.
+
+    Args:
+        config: the cell.
+        live: the same, with simulated people and controllers where they were asked for.
+        plan: see ``WalkPlan``.
+        folder: gets the recording and the advices.
+
+    Raises:
+        HriPredictError: the run cannot start, or the recording is not whole.
+    """
+    grid = grid_of(config, plan.cell_m, plan.exclude)  # a mistake shows before anybody walks
+    recording, advices = folder / RECORDING, folder / ADVICES
+    silent = quiet(live)
+    silent = replace(silent, path=config.path, text=config.text)
+    options = Options(
+        factor=None if plan.virtual else 1.0,
+        duration_s=plan.seconds,
+        record=recording,
+        shadow=plan.shadow,
+    )
+    summary = run_session(silent, options)
+    told = summary.recording or {}
+    if told.get("error") or told.get("dropped"):
+        raise RecordingError(
+            f"recording {recording}: not whole ({told.get('error') or 'the disk was too slow'}); "
+            f"free some room and walk again"
+        )
+    played = play(config, recording, grid)
+    try:
+        write_rows(advices, played.rows)
+    except OSError as error:
+        raise ConfigError(f"--out {folder}: cannot be written: {error.strerror}") from error
+    return Walk(
+        recording=RECORDING,
+        recording_sha256=file_hash(recording),
+        advices=ADVICES,
+        advices_sha256=file_hash(advices),
+        seconds=played.seconds,
+        least_coverage=plan.least_coverage,
+        exclude=list(plan.exclude),
+        grid=played.grid,
+        robots=advice_by_robot(played),
+        people_lost=played.people_lost,
+    )
+
+
+def judge_walk(result: Walk) -> tuple[list[str], list[str]]:
+    """What failed, and what could not be judged, one line each."""
+    failed, missing = [], []
+    coverage = result.grid.coverage
+    if coverage < result.least_coverage:
+        failed.append(
+            f"people were seen in {100 * coverage:.0f} % of the floor around the robots; "
+            f"{100 * result.least_coverage:.0f} % were asked for: walk where the grid is white, "
+            f"and look after the sensor where you did"
+        )
+    if result.people_lost:
+        failed.append(
+            f"{result.people_lost} times somebody vanished in view; see the crosses in the grid"
+        )
+    if not result.robots or any(not robot.ticks_at for robot in result.robots):
+        missing.append("no advice came of the recording; walk for longer")
+    for robot in result.robots:
+        blind = sum(robot.ticks_at.get(level, 0) for level in ("unknown", "fault"))
+        share = blind / max(1, sum(robot.ticks_at.values()))
+        if share > MOST_UNKNOWN:
+            missing.append(
+                f"robot {robot.robot}: advice was unknown {100 * share:.0f} % of the time, so "
+                f"little was tried; is its controller on, and do scenes come in time?"
+            )
+    return failed, missing
+
+
+def advice_by_robot(played: Played) -> list[RobotAdvice]:
+    """Levels, stops and extremes of each robot's advices."""
+    by_robot: dict[str, list[AdviceRow]] = {}
+    for row in played.rows:
+        by_robot.setdefault(row.robot, []).append(row)
+    return [_of_robot(robot, rows) for robot, rows in by_robot.items()]
+
+
+def _of_robot(robot: str, rows: Sequence[AdviceRow]) -> RobotAdvice:
+    at: dict[str, int] = {}
+    for row in rows:
+        at[row.level] = at.get(row.level, 0) + 1
+    levels = ["", *(row.level for row in rows)]
+    stops = [row for was, row in zip(levels, rows, strict=False) if row.level == "stop" != was]
+    near = [row.separation_m for row in rows if row.separation_m is not None]
+    limits = [row.limit_m_s for row in rows]
+    return RobotAdvice(
+        robot=robot,
+        ticks_at=at,
+        stops=len(stops),
+        first_stop_s=stops[0].time_s if stops else None,
+        least_separation_m=min(near, default=None),
+        least_limit_m_s=min(limits),
+        mean_limit_m_s=round(sum(limits) / len(limits), 4),
+    )

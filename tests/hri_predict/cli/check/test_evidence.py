@@ -1,0 +1,42 @@
+"""``check`` says what would be kept as evidence."""
+
+from dataclasses import replace
+
+import pytest
+
+from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
+from hri_predict.evidence.settings import EvidenceSettings
+from tests.hri_predict.commissioning.cells import load_cell
+
+
+@pytest.fixture
+def facts(tmp_path):
+    config = load_cell(tmp_path)
+
+    def of(**settings):
+        kept = EvidenceSettings.model_validate({"folder": "kept"} | settings)
+        return evidence_facts(
+            replace(config, node=config.node.model_copy(update={"evidence": kept}))
+        )
+
+    return of
+
+
+def test_the_settings_are_told(facts, tmp_path):
+    line = evidence_line(facts(before_s=3, of=["stop", "near_miss"]))
+    assert "3 s before and 5 s after each stop, near miss" in line
+    assert f"in {tmp_path / 'kept'}, up to 1000 MB" in line
+    assert not (tmp_path / "kept").exists()
+
+
+def test_none_is_told_too(tmp_path):
+    assert evidence_line(evidence_facts(load_cell(tmp_path))) == "evidence: none is kept"
+    assert evidence_notes(None) == []
+
+
+def test_too_little_room_and_a_file_in_the_way_are_told(facts, tmp_path):
+    (note,) = evidence_notes(facts(max_mb=1e12))
+    assert "MB are free there" in note
+    (tmp_path / "kept").write_text("")
+    (note,) = evidence_notes(facts())
+    assert "is a file" in note

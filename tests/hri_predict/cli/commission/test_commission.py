@@ -1,0 +1,255 @@
+"""``commission`` without questions: steps, state, report, ``--repeat``, and what ``check`` says."""
+
+import json
+import shutil
+import sys
+from typing import Any
+
+import pytest
+import yaml
+
+from hri_predict.cli import main
+from hri_predict.commissioning.report import read_report
+from tests.hri_predict.commissioning.cells import cell_data, write_cell
+
+ANSWERS = {
+    "by": "Ada",
+    "walk": {"seconds": 3, "virtual": True, "least_coverage": 0.01},
+    "skip": {"echo": "later", "stopping": "no robot yet"},
+    "notes": ["the fence is missing"],
+    "signatures": [{"role": "integrator", "name": "Ada"}],
+}
+DEAF = [{"name": "p", "kind": "serial", "port": "/dev/none", "baudrate": 115200}]
+
+
+@pytest.fixture(scope="module")
+def call():
+    """Run a command line; gives exit status, standard output and standard error."""
+
+    def run(capsys, *words):
+        before = sys.argv
+        sys.argv = ["hri-predict", *map(str, words)]
+        status: object = 0
+        try:
+            main()
+        except SystemExit as ended:
+            status = ended.code or 0
+        finally:
+            sys.argv = before
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return run
+
+
+@pytest.fixture
+def cli(call, capsys):
+    return lambda *words: call(capsys, *words)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A cell that was commissioned, as far as it goes without a clock; the folder is copied."""
+    folder = tmp_path_factory.mktemp("cell")
+    write_cell(folder, cell_data(risk={"mode": "iso"}))
+    (folder / "answers.yaml").write_text(yaml.safe_dump(ANSWERS))
+    before = sys.argv
+    sys.argv = [
+        "hri-predict", "commission", str(folder / "cell.yaml"), "--out", str(folder / "out"),
+        "--answers", str(folder / "answers.yaml"),
+    ]  # fmt: skip
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main()
+    finally:
+        sys.argv = before
+    assert not ended.value.code
+    return folder
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "cell")
+
+
+def steps_of(folder) -> Any:
+    """The steps of a report, as plain data."""
+    report, _ = read_report(folder / "out" / "report.json")
+    return report.steps.model_dump()
+
+
+def change(folder, key, value, *, section="risk"):
+    path = folder / "cell.yaml"
+    data = yaml.safe_load(path.read_text())
+    data[section][key] = value
+    path.write_text(yaml.safe_dump(data))
+
+
+def test_it_writes_a_report_that_says_what_was_done_and_what_was_not(folder):
+    report, _ = read_report(folder / "out" / "report.json")
+    steps = steps_of(folder)
+    outcomes = {name: step["outcome"] for name, step in steps.items()}
+    assert outcomes == {
+        "registration": "passed", "echo": "skipped", "stopping": "skipped", "walk": "passed",
+    }  # fmt: skip
+    assert report.outcome == "open"
+    assert report.simulated
+    assert steps["walk"]["by"] == "Ada"
+    assert report.notes == ["the fence is missing"]
+    assert report.config_path == "../cell.yaml"
+    assert all(p["error_m"] < 0.02 for p in steps["registration"]["result"]["points"])
+    assert "the fence is missing" in (folder / "out" / "report.html").read_text()
+
+
+def test_it_goes_on_where_it_was_and_does_one_step_again(folder, cli):
+    words = ["commission", folder / "cell.yaml", "--out", folder / "out"]
+    status, _, err = cli(*words)
+    assert status == 0
+    assert err.count("passed before; --step") == 4
+    status, _, err = cli(*words, "--step", "walk", "--skip", "walk=rain", "--note", "wet")
+    assert status == 0
+    report, _ = read_report(folder / "out" / "report.json")
+    assert steps_of(folder)["walk"]["note"] == "rain"
+    assert steps_of(folder)["registration"]["outcome"] == "passed"
+    assert report.notes == ["wet"]
+
+
+def test_what_was_done_before_the_cell_changed_is_open(folder, cli):
+    change(folder, "person_uncertainty_m", 0.06)
+    words = ["commission", folder / "cell.yaml", "--out", folder / "out", "--step", "echo"]
+    _, out, _ = cli(*words, "--skip", "echo=later", "--json")
+    found = json.loads(out)
+    assert found["outcome"] == "open"
+    assert "walk: done before the cell was changed; do it again" in found["open"]
+
+
+def test_the_same_cell_gives_the_same_advice(folder, cli):
+    assert cli("commission", "--repeat", folder / "out") == (
+        0, "the recorded walk gives the same advice, tick by tick\n", "",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "status", "line"),
+    [
+        ("person_uncertainty_m", 0.0, 1, "LESS SAFE: robot arm: a higher speed limit"),
+        ("person_uncertainty_m", 0.15, 0, "nothing got less safe"),
+    ],
+)
+def test_another_configuration_is_compared(folder, cli, key, value, status, line):
+    change(folder, key, value)
+    found, out, _ = cli("commission", folder / "cell.yaml", "--repeat", folder / "out")
+    assert found == status
+    assert line in out
+    assert f"changed: risk.{key}: 0.05 -> {value}" in out
+
+
+def test_a_sensor_that_was_moved_cannot_be_judged_by_an_old_recording(folder, cli):
+    change(folder, "room_from_source", {"xyz": [0, 0, 1]}, section="source")
+    status, out, _ = cli("commission", "--repeat", folder / "out", "--json")
+    assert status == 1
+    assert any("walk again" in line for line in json.loads(out)["less_safe"])
+
+
+@pytest.mark.parametrize("name", ["walk.mcap", "walk-advices.jsonl"])
+def test_a_recording_that_was_changed_is_refused_and_check_says_so(folder, cli, name):
+    with (folder / "out" / name).open("ab") as file:
+        file.write(b"\n")
+    status, _, err = cli("commission", "--repeat", folder / "out")
+    assert status == 2
+    assert f"{name}: was changed after" in err
+    (folder / "cell.yaml").open("a").write("commissioning: out\n")
+    status, out, _ = cli("check", folder / "cell.yaml", "--json")
+    assert status == 1
+    assert json.loads(out)["commissioning"]["wrong"] == [
+        f"{name}: was changed after the report was written"
+    ]
+
+
+def test_check_says_whether_the_cell_is_as_commissioned(folder, cli):
+    (folder / "cell.yaml").open("a").write("commissioning: {report: out/report.json}\n")
+    status, out, _ = cli("check", folder / "cell.yaml")
+    assert status == 0
+    assert "the cell is as it was" in out
+    assert "made with simulated people" in out
+    change(folder, "intrusion_m", 0.1)
+    status, out, _ = cli("check", folder / "cell.yaml")
+    assert status == 1
+    assert "no longer matches: risk.intrusion_m: 0.0 -> 0.1" in out
+    assert "valid, but not as commissioned" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ([], "CONFIG: missing"),
+        (["cell.yaml"], "--out: missing"),
+        (["cell.yaml", "--out", "new", "--step", "wlak"], "did you mean 'walk'"),
+        (["cell.yaml", "--out", "new", "--skip", "walk"], "say why"),
+        (["cell.yaml", "--out", "new", "--skip", "wlak=x"], "did you mean 'walk'"),
+        (["cell.yaml", "--out", "cell.yaml"], "cannot be written"),
+        (["--repeat", "out", "--out", "new"], "--out: has no effect with --repeat"),
+        (["--repeat", "none"], "no such file"),
+        (["other.yaml", "--out", "out"], "holds the validation of cell.yaml"),
+    ],
+)
+def test_a_mistake_is_one_line(folder, cli, monkeypatch, words, why):
+    monkeypatch.chdir(folder)
+    shutil.copy("cell.yaml", "other.yaml")
+    status, out, err = cli("commission", *words)
+    assert (status, out) == (2, "")
+    assert why in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("step", "answers", "why"),
+    [
+        ("registration", {}, "registration.points: 0 given"),
+        ("registration", {"points": [[0, 0, 1], [1, 0, 1], [1, 1, 1]]}, "registration.every_s"),
+        ("stopping", {}, "stopping.cell_is_clear: not confirmed"),
+        ("stopping", {"measured": [{"robot": "amr", "speed_m_s": 1, "time_s": 1,
+                                    "distance_m": 0.5}]}, "did you mean 'arm'"),
+        ("echo", {"measured": {"q": {"p50_ms": 1, "p99_ms": 2, "max_ms": 3}}}, "no such link"),
+        ("echo", {}, "/dev/none"),
+        ("walk", {"virtual": True}, "walk.virtual"),
+        ("walk", {"shadow": False}, "walk.shadow"),
+    ],
+)  # fmt: skip
+def test_a_step_with_real_people_and_robots_refuses_what_is_missing(
+    tmp_path, cli, step, answers, why
+):
+    data = cell_data(links=DEAF)
+    data["source"] = {"kind": "udp", "rate_hz": 30, "room_from_source": {"xyz": [0, 0, 0]}}
+    (tmp_path / "answers.yaml").write_text(yaml.safe_dump({step: answers}))
+    status, _, err = cli(
+        "commission", write_cell(tmp_path, data), "--out", tmp_path / "out", "--step", step,
+        "--answers", tmp_path / "answers.yaml",
+    )  # fmt: skip
+    assert status == 2
+    assert why in err.splitlines()[-1]
+    assert not (tmp_path / "out" / "state.json").exists()
+
+
+def test_stops_that_were_measured_elsewhere_are_compared(tmp_path, cli):
+    stop = {"robot": "arm", "speed_m_s": 1.0, "time_s": 0.5, "distance_m": 0.1}
+    (tmp_path / "answers.yaml").write_text(yaml.safe_dump({"stopping": {"measured": [stop]}}))
+    status, _, err = cli(
+        "commission", write_cell(tmp_path), "--out", tmp_path / "out", "--step", "stopping",
+        "--answers", tmp_path / "answers.yaml",
+    )  # fmt: skip
+    assert status == 1
+    assert "stopping: failed" in err
+    assert "from braking 500 ms" in err
+
+
+@pytest.mark.realtime
+def test_the_echo_goes_through_a_pseudo_terminal_and_slcan(tmp_path, cli):
+    (tmp_path / "answers.yaml").write_text(yaml.safe_dump({"echo": {"seconds": 3}}))
+    words = ["commission", write_cell(tmp_path), "--out", tmp_path / "out", "--step", "echo"]
+    cli(*words, "--answers", tmp_path / "answers.yaml")  # a busy machine may be late
+    for link in steps_of(tmp_path)["echo"]["result"]["links"]:
+        assert link["measured_by"] == "controller"
+        assert link["echoes"] >= 10  # 25 a second, where nothing else runs
+        assert 0 < link["in_node"]["p50_ms"] < 1000
+        assert link["both_ways_ms"] < 1000

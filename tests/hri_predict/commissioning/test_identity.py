@@ -1,0 +1,181 @@
+"""What a cell was: the same however it is written, and another after each change."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hri_predict.commissioning.identity import MISSING, differences, flattened, identity_of
+from hri_predict.files import data_path
+from hri_predict.risk.zones.calibration import shipped_calibration
+from hri_predict.run import config as configuration
+from tests.hri_predict.commissioning.cells import cell_data, load_cell, write_cell
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A cell whose robot, trajectory and calibration are files of its own folder."""
+    shutil.copy(data_path("robots", "ur5e.yaml"), tmp_path / "arm.yaml")
+    shutil.copy(data_path("trajectories", "pick_and_place.yaml"), tmp_path / "cycle.yaml")
+    shutil.copy(shipped_calibration("constant_velocity"), tmp_path / "mine.calibration.json")
+    data = cell_data()
+    data["robots"][0]["model"] = "arm.yaml"
+    data["robots"][0]["motion"]["plan"] = "cycle.yaml"
+    data["risk"]["coverage"] = {"calibration": "mine.calibration.json"}
+    return write_cell(tmp_path, data)
+
+
+def changed(path: Path, change) -> list[str]:
+    """What differs after ``change`` of the configuration's data, or of a file beside it."""
+    before = identity_of(configuration.load(path))
+    data = yaml.safe_load(path.read_text())
+    change(data)
+    path.write_text(yaml.safe_dump(data))
+    return [str(each) for each in differences(before, identity_of(configuration.load(path)))]
+
+
+def append(path: Path, text: str = "\n# another\n"):
+    def change(_data):
+        with path.open("a") as file:
+            file.write(text)
+
+    return change
+
+
+def put(*way):
+    *keys, last, value = way
+
+    def change(data):
+        for key in keys:
+            data = data[key]
+        data[last] = value
+
+    return change
+
+
+TEN = {
+    "the risk mode": (put("risk", "mode", "iso"), 'risk.mode: "predictive" -> "iso"'),
+    "a margin": (
+        put("risk", "person_uncertainty_m", 0.02),
+        "risk.person_uncertainty_m: 0.05 -> 0.02",
+    ),
+    "the rate": (put("rate_hz", 50), "rate_hz: 25.0 -> 50.0"),
+    "the robot's speed": (
+        put("robots", 0, "max_speed_m_s", 1.2),
+        "robots.0.max_speed_m_s: 1.0 -> 1.2",
+    ),
+    "the robot's place": (
+        put("robots", 0, "room_from_robot", "xyz", [0, 0.1, 0]),
+        "robots.0.room_from_robot.xyz: [0.0, 0.0, 0.0] -> [0.0, 0.1, 0.0]",
+    ),
+    "the sensor's place": (
+        put("source", "room_from_source", "xyz", [0, 0, 0.1]),
+        "source.room_from_source.xyz: [0.0, 0.0, 0.0] -> [0.0, 0.0, 0.1]",
+    ),
+    "a link's delay": (put("links", 1, "delay_s", 0.02), "links.1.delay_s: 0.005 -> 0.02"),
+    "the predictor": (
+        put("predictor", "span_s", 0.2),
+        "predictor.span_s: 0.1 -> 0.2",
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "line"), TEN.values(), ids=TEN.keys())
+def test_a_changed_key_is_named_with_both_values(change, line, tmp_path):
+    assert line in changed(write_cell(tmp_path), change)
+
+
+@pytest.mark.parametrize(
+    ("file", "key"),
+    [
+        ("arm.yaml", "robots.0.model"),
+        ("cycle.yaml", "robots.0.motion.plan"),
+        ("mine.calibration.json", "risk.coverage.calibration"),
+    ],
+)
+def test_a_changed_file_is_named_with_its_key(file, key, own):
+    text = "\n" if file.endswith("json") else "\n# another\n"
+    (line,) = changed(own, append(own.parent / file, text))
+    assert line.startswith(f"file of {key} ({file}): SHA-256 ")
+
+
+def test_weights_and_a_joint_map_and_any_other_named_file_are_watched(tmp_path):
+    (tmp_path / "people.npz").write_bytes(b"1")
+    shutil.copy(data_path("skeletons", "coco17.yaml"), tmp_path / "mine.yaml")
+    data = cell_data(predictor={"name": "sinn", "horizon_s": 1.2})
+    data["source"]["joint_map"] = "mine.yaml"
+    data["links"][0]["simulate"]["trajectory"] = "pick_and_place"
+    found = identity_of(load_cell(tmp_path, data))
+    assert found.files["source.joint_map"].path == str(tmp_path / "mine.yaml")
+    assert found.files["predictor.weights"].path.endswith("sinn.safetensors")
+    assert "links.0.simulate.trajectory" in found.files
+    data["source"]["joint_map"] = "coco17"
+    shipped = identity_of(load_cell(tmp_path, data)).files["source.joint_map"]
+    assert shipped.path == str(data_path("skeletons", "coco17.yaml"))
+
+
+def test_files_that_the_node_writes_and_keys_are_not(tmp_path):
+    for name in ("alerts.jsonl", "day.mcap", "state.json", "scene.key"):
+        (tmp_path / name).write_text("x")
+    data = cell_data(
+        alerts={"file": "alerts.jsonl"}, record="day.mcap", state={"path": "state.json"}
+    )
+    data["source"] = {
+        "kind": "udp",
+        "room_from_source": {"xyz": [0, 0, 0]},
+        "rate_hz": 30,
+        "key_file": "scene.key",
+    }
+    found = identity_of(load_cell(tmp_path, data)).files
+    assert not {"alerts.file", "record", "state.path", "source.key_file"} & found.keys()
+
+
+def test_how_it_is_written_makes_no_difference(tmp_path):
+    path = write_cell(tmp_path)
+    before = identity_of(configuration.load(path))
+    data = yaml.safe_load(path.read_text())
+    turned = dict(reversed(list(data.items())))
+    turned |= {"rate_hz": 25.0, "commissioning": "somewhere"}
+    path.write_text("# a comment\n" + yaml.safe_dump(turned, sort_keys=False))
+    after = identity_of(configuration.load(path))
+    assert differences(before, after) == []
+    assert before.hash == after.hash
+
+
+def test_another_version_and_a_missing_file_are_named(tmp_path):
+    now = identity_of(load_cell(tmp_path))
+    then = now.model_copy(update={"versions": now.versions | {"hri-predict": "0.0.1"}})
+    (line,) = map(str, differences(then, now))
+    assert line.startswith("version of hri-predict: 0.0.1 -> ")
+    key = next(iter(now.files))
+    gone = now.files[key].model_copy(update={"sha256": MISSING})
+    (line,) = map(str, differences(now, now.model_copy(update={"files": now.files | {key: gone}})))
+    assert line.endswith("-> missing")
+
+
+def test_a_change_deep_in_a_long_value_is_not_hidden(tmp_path):
+    polygon = [[-6, -6], [6, -6], [6, 6], [0, 6.5], [-1, 6.4], [-2, 6.3], [-3, 6.2], [-6, 6]]
+    data = cell_data()
+    data["people"]["exits"] = [{"polygon": polygon}]
+    before = identity_of(load_cell(tmp_path, data))
+    polygon[-1] = [-6, 6.01]
+    (found,) = differences(before, identity_of(load_cell(tmp_path, data)))
+    assert found.old != found.new
+
+
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.text("abc", min_size=1, max_size=3), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+
+
+@given(plain, plain)
+def test_only_equal_data_is_equal_when_flat(a, b):
+    assert (flattened({"x": a}) == flattened({"x": b})) == (a == b)
