@@ -70,6 +70,21 @@ class StoppingTable:
         result: Floats = np.minimum(np.maximum(hold, 0.0), stopping_s)
         return result
 
+    def hold_most_s(self, speeds: Floats) -> Floats:
+        """A bound of ``hold_s`` at every speed up to each of these.
+
+        Between two of the table's speeds 2 S / v has its extremes at them, because S is linear in
+        between, and T is at least that of the slower one. Above the last the hold grows with v.
+        """
+        knots, times = self._speeds, self._times
+        twice = 2 * self._distance_curve[1][1:] / knots
+        between = np.maximum(twice[1:], twice[:-1]) - times[:-1]
+        most = np.maximum.accumulate(np.append(twice[0] - times[0], between))
+        beyond = (twice[-1] - times[-1]) * np.maximum(speeds / knots[-1], 1.0)
+        found = most[np.minimum(np.searchsorted(knots, speeds), len(knots) - 1)]
+        result: Floats = np.maximum(np.maximum(found, beyond), 0.0) * self.stretch
+        return result
+
     def travel_s(
         self, speeds: Floats, times_s: Floats, reaction_s: float, stopping_s: Floats
     ) -> Floats:
