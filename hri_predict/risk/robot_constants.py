@@ -140,12 +140,13 @@ def worst_distance(
     human_m_s: float = 0.0,
 ) -> ProtectiveDistance:
     """S_p at a robot's highest speed and the longest delay, term by term."""
+    of_base_m = 0.0 if model.mobile is None else model.mobile.uncertainty_m
     return protective_distance(
         robot.max_speed_m_s,
         budget.reaction_s(budget.stale_s, robot.name),
         *model.stopping(robot.max_speed_m_s),
         intrusion_m=settings.intrusion_m,
         person_uncertainty_m=settings.person_uncertainty_m,
-        robot_uncertainty_m=settings.robot_uncertainty_m,
+        robot_uncertainty_m=settings.robot_uncertainty_m + of_base_m,
         human_m_s=human_m_s,
     )

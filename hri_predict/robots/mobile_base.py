@@ -25,7 +25,6 @@ COORDINATES = ("base x", "base y", "base yaw")
 """The three joints: m, m, rad."""
 FARTHEST = (MAX_COORDINATE_M, MAX_COORDINATE_M, 1000.0)
 """Their limits; a reported yaw may count full turns, within reason."""
-_DIVISIONS = 16
 _AT_ONCE = 1e9
 """1/s: a part that stands at once; its first derivative bounds it then."""
 
@@ -126,12 +125,13 @@ class MobileBase:
     def distances_m(self, arm: StoppingTable, speeds: Floats) -> Floats:
         """Metres of the fastest point until both stand, however the speed is divided.
 
-        Between two divisions the arm is at most as fast as in the one and the base as in the other.
+        Each part holds its share of v for at most h and then brakes uniformly, until T at the
+        latest, where h and T are the longest of both. So at no time is a point farther than one
+        that holds all of v for h and stops at T, on a way of v (T + h) / 2.
         """
-        share = np.arange(_DIVISIONS + 1) / _DIVISIONS
-        speeds = np.asarray(speeds, float)[..., None]
-        of_arm = arm.distances_m(speeds * (1.0 - share[:-1]))
-        most: Floats = (of_arm + self.table.distances_m(speeds * share[1:])).max(-1)
+        times = self.times_s(arm, speeds)
+        hold = np.maximum(arm.hold_most_s(speeds), self.table.hold_most_s(speeds))
+        most: Floats = np.asarray(speeds) * (times + np.minimum(hold, times)) / 2
         return most
 
     def stopping_path(

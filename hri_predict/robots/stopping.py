@@ -70,6 +70,29 @@ class StoppingTable:
         result: Floats = np.minimum(np.maximum(hold, 0.0), stopping_s)
         return result
 
+    def hold_most_s(self, speeds: Floats) -> Floats:
+        """The longest ``hold_s`` at any speed up to each of these, or up to the table's next.
+
+        Between two of the table's speeds S = a + b v and T = c + d v, so 2 S / v - T has at most
+        one maximum, at v^2 = -2 a / d, and otherwise its extremes at the two. Above the last it
+        grows with v.
+        """
+        knots, times, distances = self._speeds, self._times, self._distance_curve[1][1:]
+        step = np.maximum(np.diff(knots), 1e-9)
+        steep = np.diff(distances) / step
+        start = distances[:-1] - steep * knots[:-1]
+        square = np.maximum(-2 * start, 0.0) * step / np.maximum(np.diff(times), 1e-12)
+        top = np.clip(np.sqrt(square), knots[:-1], knots[1:])
+        there = 2 * np.interp(top, knots, distances) / top - np.interp(top, knots, times)
+        twice = 2 * distances / knots
+        at_knots = twice - times
+        between = np.maximum(there, np.maximum(at_knots[1:], at_knots[:-1]))
+        most = np.maximum.accumulate(np.append(at_knots[0], between))
+        beyond = (twice[-1] - times[-1]) * np.maximum(speeds / knots[-1], 1.0)
+        found = most[np.minimum(np.searchsorted(knots, speeds), len(knots) - 1)]
+        result: Floats = np.maximum(np.maximum(found, beyond), 0.0) * self.stretch
+        return result
+
     def travel_s(
         self, speeds: Floats, times_s: Floats, reaction_s: float, stopping_s: Floats
     ) -> Floats:

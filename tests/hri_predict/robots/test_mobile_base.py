@@ -13,8 +13,10 @@ from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules
 from hri_predict.protocol.messages import BaseMotion
 from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.separation.terms import travel_m
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.settings import RobotSettings
+from hri_predict.robots.stopping import StoppingTable
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.settings import Pose
 from tests.hri_predict.robots.mobile import BASE, NOWHERE, Q, moving, settings_of, standing, state
@@ -76,6 +78,41 @@ def test_however_a_speed_is_divided_the_table_covers_the_stop(arm: float, base: 
     alone_s, alone_m = ALONE.stopping(arm)
     assert distance_m >= alone_m + float(MODEL.mobile.table.distances_m(np.array(base))) - 1e-9
     assert time_s >= max(alone_s, float(MODEL.mobile.table.times_s(np.array(base)))) - 1e-9
+
+
+@given(st.floats(0.0, 1.5), st.floats(0.0, 1.5), st.floats(0.0, 0.5))
+def test_at_no_time_is_it_farther_than_one_speed_says(
+    arm: float, base: float, reaction_s: float
+) -> None:
+    """The way in any direction, as the separation counts it, against both parts' own stops."""
+    assert MODEL.mobile is not None
+    times = np.linspace(0.0, 3.0, 61)
+    stopping_s, stopping_m = MODEL.stopping(arm + base)
+    farthest = travel_m(
+        times,
+        reaction_s=reaction_s,
+        speed_m_s=arm + base,
+        stopping_s=stopping_s,
+        stopping_m=stopping_m,
+    )
+    of_base = MODEL.mobile.table
+    true = arm * path_s(ALONE, arm, times, reaction_s) + base * of_base.travel_s(
+        np.array([base]), times, reaction_s, of_base.times_s(np.array([base]))
+    )
+    assert np.all(true <= farthest + 2e-3)  # what is slower than 1 mm/s stands
+
+
+def test_the_hold_is_bounded_at_every_speed_below() -> None:
+    """A table whose hold falls and rises again."""
+    table = StoppingTable(
+        np.array([0.2, 0.5, 1.0, 1.5]),
+        np.array([0.30, 0.35, 0.40, 1.00]),
+        np.array([0.055, 0.10, 0.38, 0.80]),
+    )
+    below = np.linspace(0.01, 3.0, 600)
+    hold = table.hold_s(below, table.times_s(below))
+    for i in range(0, len(below), 7):
+        assert hold[: i + 1].max() <= table.hold_most_s(below[i]) + 1e-12
 
 
 @pytest.mark.parametrize("arc", [False, True], ids=["straight", "on an arc"])

@@ -297,29 +297,6 @@ def test_a_robot_that_carries_nothing_has_no_payload_capsule() -> None:
     assert "payload" not in ur5e(payload_kg=0.0).capsule_names
 
 
-def test_the_ur10e_is_the_published_table() -> None:
-    """Universal Robots, article 45257: a2 -0.6127, a3 -0.57155, d1 0.1807, d4 0.17415, d5 0.11985,
-    d6 0.11655 m. Stretched, it reaches a2 + a3 along -x, -(d4 + d6) and d1 - d5."""
-    robot = load_robot(settings_of("ur10e"), None)
-    gripper = robot.capsule_names.index("gripper")
-    placed = robot.capsules(np.zeros(6))
-    expected = [-0.6127 - 0.57155, -(0.17415 + 0.11655) - 0.03, 0.1807 - 0.11985]
-    np.testing.assert_allclose(placed.a[gripper], expected, atol=1e-12)
-    upright = robot.capsules(np.array([0, -np.pi / 2, 0, -np.pi / 2, 0, 0]))
-    height = 0.1807 + 0.6127 + 0.57155 + 0.11985
-    np.testing.assert_allclose(upright.a[gripper], [0, -0.2907 - 0.03, height], atol=1e-12)
-
-
-def test_on_its_rail_the_ur10e_is_the_same_arm_farther_on() -> None:
-    arm, on_rail = (load_robot(settings_of(name), None) for name in ("ur10e", "ur10e_rail"))
-    q = np.array([0.1, -1.0, 1.2, -1.7, -1.5, 0.3])
-    alone, moved = arm.capsules(q), on_rail.capsules(np.array([0.7, *q]))
-    for i, name in enumerate(arm.capsule_names):
-        at = moved.a[on_rail.capsule_names.index(name)]
-        np.testing.assert_allclose(at, alone.a[i] + [0.7, 0.0, 0.35], atol=1e-12)
-    assert on_rail.units[:2] == ("m", "rad")
-
-
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_robots_load(name: str) -> None:
     robot = load_robot(settings_of(name, payload_kg=None), None)

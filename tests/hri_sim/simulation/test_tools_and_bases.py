@@ -25,7 +25,8 @@ def test_nobody_is_touched(name: str) -> None:
     summary = run(config, Options(factor=None))
     assert summary.min_separation_m is not None  # somebody came
     assert summary.contacts == 0
-    assert {"clear", "stop"} <= set(summary.ticks_at)
+    assert "stop" in summary.ticks_at
+    assert {"clear", "warn", "slow"} & set(summary.ticks_at)  # it worked, too
     doubts = {"robot_state_invalid", "robot_velocity_wrong", "robot_state_jumped"}
     assert not (doubts | {"robot_base_unknown"}) & set(summary.unknown_because)
     assert not {"robot_too_fast", "robot_stops_late"} & set(summary.counted)
