@@ -1,16 +1,17 @@
 """A robot in the room: where its capsules are, how fast they move, how it stops."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import RobotError
 from hri_predict.geometry import Capsules, cross, norm
 from hri_predict.robots.file import CapsuleFile, RobotFile, StoppingFile, read_robot_file
 from hri_predict.robots.kinematics import Chain
+from hri_predict.robots.modes import ModeSettings
 from hri_predict.settings import Pose, Settings
 
 STANDING_M_S = 0.001
@@ -65,6 +66,22 @@ class RobotSettings(Settings):
     )
     max_speed_m_s: float = Field(gt=0, le=20, description="fastest point in production")
     motion: Motion = StateMotion()
+    modes: ModeSettings = Field(ModeSettings(), description="operating modes that are allowed")
+
+    @model_validator(mode="after")
+    def _modes_can_be_asked_for(self) -> Self:
+        allowed = self.modes.allowed
+        if allowed and not isinstance(self.motion, StateMotion):
+            raise ValueError(
+                f"modes.{allowed[0]} is asked for by RobotState; set motion: {{kind: state}}, or "
+                "leave modes out"
+            )
+        if self.modes.recovery and isinstance(self.motion, StateMotion) and not self.motion.plan:
+            raise ValueError(
+                "modes.recovery needs motion.plan: without the robot's path nobody knows which "
+                "way it would back out; name its trajectory, or leave recovery out"
+            )
+        return self
 
 
 class RobotModel:

@@ -21,6 +21,7 @@ from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
 from hri_predict.cli.check.lost import lost_notes
+from hri_predict.cli.check.modes import mode_notes
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import HriPredictError
@@ -157,6 +158,7 @@ def examine(config: Config) -> dict[str, Any]:
         "state": _state(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "notes": [
+            *(note for robot in config.node.robots for note in mode_notes(robot)),
             *_notes(config),
             *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),

@@ -11,9 +11,11 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules
+from hri_predict.protocol.messages import OperatingMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone
 from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.backing_out import why_not_backing_out
 from hri_predict.risk.separation.in_time import TimeByTime, farthest
 from hri_predict.risk.separation.nearest import BodiesInTime
 from hri_predict.risk.separation.now import by_circle, by_standard
@@ -23,6 +25,7 @@ from hri_predict.risk.separation.unseen import beside_view
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.asked import NOTHING_ASKED, Asked
 from hri_predict.robots.motion import RobotMotion
 from hri_predict.robots.tracker import RobotNow
 
@@ -39,6 +42,9 @@ class RobotFindings:
             where not (``BodyZones.as_assumed``). The milder of the two counts.
         unseen: about the space that the sensor does not see; ``None`` if it sees everything.
         speed_m_s: of the robot's fastest point.
+        asked: what the robot's controllers ask for.
+        not_backing_out: why it would not recede from everybody if it backed out; "" if it would, or
+            if nobody asks.
     """
 
     unknown: tuple[Reason, ...] = ()
@@ -46,6 +52,8 @@ class RobotFindings:
     standard: Finding | None = None
     unseen: Finding | None = None
     speed_m_s: float = 0.0
+    asked: Asked = NOTHING_ASKED
+    not_backing_out: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +114,9 @@ class Separation:
         """
         if bodies.untrusted:
             return Findings(
-                robots=tuple(RobotFindings((*bodies.untrusted, *r.reasons)) for r in robots),
+                robots=tuple(
+                    RobotFindings((*bodies.untrusted, *r.reasons), asked=r.asked) for r in robots
+                ),
                 named=tuple(NamedZoneState(z.settings.name, True, 0.0) for z in self._named),
             )
         named = tuple(zone.state(bodies) for zone in self._named)
@@ -119,7 +129,11 @@ class Separation:
             )
             about_people = dict(zip(known, judge(known, bodies), strict=True))
         found = [
-            self._found(i, motion, bodies, about_people.get(i, (None, None)))
+            replace(
+                self._found(i, motion, bodies, about_people.get(i, (None, None))),
+                asked=robots[i].asked,
+                not_backing_out=self._not_backing_out(i, robots[i], motion, bodies),
+            )
             for i, motion in enumerate(motions)
         ]
         return Findings(tuple(found), named)
@@ -141,6 +155,17 @@ class Separation:
             unseen=unseen,
             speed_m_s=motion.speed_m_s,
         )
+
+    def _not_backing_out(
+        self,
+        robot: int,
+        now: RobotNow,
+        motion: RobotMotion | tuple[Reason, ...],
+        bodies: BodyZones,
+    ) -> str:
+        if now.asked.request is not OperatingMode.RECOVERY or not isinstance(motion, RobotMotion):
+            return ""
+        return why_not_backing_out(self._robots[robot], now, motion, bodies)
 
     def _motion(
         self, robot: int, now: RobotNow, bodies: BodyZones

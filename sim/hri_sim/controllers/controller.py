@@ -33,6 +33,7 @@ from hri_predict.protocol.messages import (
     Advice,
     Level,
     Message,
+    OperatingMode,
     RobotMode,
     RobotState,
     Schema,
@@ -40,6 +41,7 @@ from hri_predict.protocol.messages import (
 from hri_predict.protocol.reception import FORGET_S, SchemaGate
 from hri_predict.settings import Settings
 from hri_sim.controllers.lies import LieSettings
+from hri_sim.controllers.requests import RequestSettings
 
 U = TypeVar("U")
 
@@ -100,6 +102,9 @@ class ControllerSettings(Settings):
     lies: list[LieSettings] = Field(
         [], description="what it does wrong on purpose, to see whether the node finds out"
     )
+    requests: list[RequestSettings] = Field(
+        [], description="operating modes that its operator asks for, and when"
+    )
     acknowledge_after_s: float | None = Field(
         None,
         gt=0,
@@ -119,10 +124,11 @@ class ControllerSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Permit:
-    """A controller's permission: a speed in m/s, and its cause."""
+    """A controller's permission: a speed in m/s, its cause, and the operating mode in force."""
 
     speed_m_s: float
     cause: str
+    mode: OperatingMode = OperatingMode.AUTOMATIC
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +232,14 @@ class ControllerCore(Generic[U]):
             report.events.append((since_s, permit.cause, round(limit, 4)))
 
     def outgoing(
-        self, now_ns: int, q: Floats | None, qd: Floats | None, mode: RobotMode
+        self,
+        now_ns: int,
+        q: Floats | None,
+        qd: Floats | None,
+        mode: RobotMode,
+        *,
+        request: OperatingMode = OperatingMode.AUTOMATIC,
+        enabling: bool = False,
     ) -> list[U]:
         """Return what to send now: RobotState when due, Acknowledge if the button is pressed.
 
@@ -234,6 +247,8 @@ class ControllerCore(Generic[U]):
             now_ns: controller's clock.
             q, qd: (N,) rad and rad/s; ``None`` while unknown: then nothing is sent.
             mode: operating mode to report.
+            request: operating mode that the operator asks for.
+            enabling: whether the enabling device is held.
         """
         units: list[U] = []
         if self._next_state_ns is None:
@@ -251,6 +266,8 @@ class ControllerCore(Generic[U]):
                 counter=self._counter,
                 positions=tuple(q.tolist()),
                 velocities=tuple(qd.tolist()),
+                request=request,
+                enabling=enabling,
             )
             units += self._codec.encode(state)
             self._report.states_sent += 1
@@ -299,7 +316,7 @@ class ControllerCore(Generic[U]):
         if advice.level in _MOVING_LEVELS and advice.speed_limit_m_s is not None:
             limit = max(0.0, advice.speed_limit_m_s)
         self._heard = _Heard(now_ns, self._age_bound(advice, now_ns), limit, advice.level)
-        permit = Permit(limit, advice.level.name.lower())
+        permit = Permit(limit, advice.level.name.lower(), advice.mode)
         self._pending.append((now_ns + self._reaction_ns, permit))
         if advice.latch_id == 0:
             self._latch = None

@@ -19,7 +19,7 @@ from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.link import LinkSettings
 from hri_predict.peers import ControllerReport
-from hri_predict.protocol.messages import RobotMode
+from hri_predict.protocol.messages import OperatingMode, RobotMode
 from hri_predict.robots.model import RobotModel, RobotSettings, TrajectoryMotion, load_robot
 from hri_predict.robots.trajectory import Trajectory, load_trajectory
 from hri_predict.settings import validated
@@ -30,6 +30,7 @@ from hri_sim.controllers.controller import (
     Permit,
 )
 from hri_sim.controllers.lies import Lies
+from hri_sim.controllers.requests import Requests
 from hri_sim.controllers.wiring import Wiring
 from hri_sim.faults.link_faults import FaultyTransport
 from hri_sim.faults.link_faults import U as W
@@ -167,6 +168,7 @@ class Station(Generic[U]):
         )
         self._wiring = wiring
         self._lies = Lies(post.settings.lies)
+        self._requests = Requests(post.settings.requests)
         self._arm: SimulatedArm | None = None
         if post.settings.role == "drive":
             drive = post.drive or _drive(post.settings, post.robot, post.base_dir)
@@ -193,19 +195,28 @@ class Station(Generic[U]):
             truth = self._wiring.truth()
             if truth is None:
                 return self._core.outgoing(now_ns, None, None, RobotMode.UNKNOWN)
-            mode = RobotMode.AUTOMATIC if truth.alive(now_ns) else RobotMode.UNKNOWN
             told = self._lies.told(*truth.at(now_ns), now_ns)
-            return self._core.outgoing(now_ns, *told, mode)
+            if not truth.alive(now_ns):
+                return self._core.outgoing(now_ns, *told, RobotMode.UNKNOWN)
+            return self._answer(now_ns, *told)
         allowed = self._wiring.permitted_speed(now_ns)
         if allowed < permit.speed_m_s:
-            permit = Permit(allowed, "other channel")
+            permit = Permit(allowed, "other channel", permit.mode)
         self._core.obey(permit, now_ns)
         fastest = self.post.robot.max_speed_m_s
         speed = self._lies.permitted(permit.speed_m_s, fastest, now_ns)
-        self._arm.step(now_ns, min(speed, fastest))
+        back = permit.mode is OperatingMode.RECOVERY
+        self._arm.step(now_ns, min(speed, fastest), backwards=back)
         q, qd = self._arm.joints()
         self._wiring.set_truth(q, qd, self._arm.path_s, now_ns)
-        return self._core.outgoing(now_ns, *self._lies.told(q, qd, now_ns), RobotMode.AUTOMATIC)
+        return self._answer(now_ns, *self._lies.told(q, qd, now_ns))
+
+    def _answer(self, now_ns: int, q: Floats, qd: Floats) -> list[U]:
+        """What is sent while the robot is known: its state, and what the operator asks for."""
+        said = self._requests.said(now_ns)
+        return self._core.outgoing(
+            now_ns, q, qd, said.mode, request=said.request, enabling=said.enabling
+        )
 
     def write_failed(self) -> None:
         """Count a unit that the link did not send."""
