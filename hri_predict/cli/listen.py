@@ -195,7 +195,8 @@ class Printer:
         if isinstance(message, Schema):
             key, value = ("schema", 0), (self._gate.why,)
         elif isinstance(message, Advice):
-            key, value = ("advice", message.robot), (message.level, message.reason)
+            key = ("advice", message.robot)
+            value = (message.level, message.reason, message.mode)
         elif isinstance(message, Status):
             key, value = ("status", 0), (message.node_state, message.reason)
         else:

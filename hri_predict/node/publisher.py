@@ -7,7 +7,16 @@ from hri_predict.link import Link
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast, Predictor
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
-from hri_predict.protocol.messages import Advice, Level, Message, Pose, Schema, Zone, ZoneCapsule
+from hri_predict.protocol.messages import (
+    Advice,
+    Level,
+    Message,
+    OperatingMode,
+    Pose,
+    Schema,
+    Zone,
+    ZoneCapsule,
+)
 from hri_predict.protocol.messages import Status as StatusMessage
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import Zones
@@ -65,7 +74,12 @@ class Publisher:
         if not self._shadow:
             return advice
         return replace(
-            advice, level=Level.UNKNOWN, reason=Reason.SHADOW_MODE, speed_limit_m_s=0.0, latch_id=0
+            advice,
+            level=Level.UNKNOWN,
+            reason=Reason.SHADOW_MODE,
+            speed_limit_m_s=0.0,
+            latch_id=0,
+            mode=OperatingMode.AUTOMATIC,
         )
 
     def _zones(self, zones: Zones, snapshot: PeopleSnapshot | None) -> list[Zone]:

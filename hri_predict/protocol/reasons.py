@@ -51,6 +51,9 @@ class Reason(IntEnum):
     SECOND_SENDER = 49
     CLOCK_DRIFT = 50
     CALIBRATION_DRIFT = 51
+    TEACH = 60
+    RECOVERY = 61
+    MUTED = 62
 
     @property
     def text(self) -> str:
@@ -205,6 +208,18 @@ _TEXT = {
     Reason.SECOND_SENDER: (
         "somebody else sends with this node's ids",
         "the other sender is switched off, or gets ids of its own",
+    ),
+    Reason.TEACH: (
+        "teach mode: reduced speed while the enabling device is held",
+        "the enabling device is let go, or the request is released",
+    ),
+    Reason.RECOVERY: (
+        "recovery: the robot may back out slowly along its path, away from everybody",
+        "the robot is out of people's way, or the request is released",
+    ),
+    Reason.MUTED: (
+        "muted: people do not stop the robot",
+        "the request is released, or the configured time is over",
     ),
     Reason.CLOCK_DRIFT: (
         "all scenes arrive later than a clock's drift explains: they are delayed, or the source's "

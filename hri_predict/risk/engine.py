@@ -16,6 +16,7 @@ from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, fl
 from hri_predict.risk.contact.judges import contact_judges
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.levels.advice import Levels
+from hri_predict.risk.levels.modes import REASONS, admitted
 from hri_predict.risk.levels.near_miss import near_misses
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
@@ -101,6 +102,8 @@ class RiskEngine:
         self._obedience = {
             i: _obedience(r) for i, r in enumerate(constants) if obeyed and r.is_reported
         }
+        for robot in constants:
+            _check_modes(robot, settings)
         _check_zones(named_zones, [robot.name for robot in constants])
         for key, door in (doors or {}).items():
             _check_door(key, door, constants)
@@ -193,7 +196,7 @@ class RiskEngine:
 
     def robots(self, now_ns: int) -> list[RobotNow]:
         """Where each robot is at ``now_ns``; notes whether it does as it was advised."""
-        robots = [tracker.at(now_ns) for tracker in self._trackers]
+        robots = [admitted(t.at(now_ns), t.settings.modes) for t in self._trackers]
         for robot, obedience in self._obedience.items():
             if robots[robot].reasons:
                 obedience.forget()
@@ -224,7 +227,8 @@ class RiskEngine:
             obedience.advise(advices[robot].speed_limit_m_s or 0.0, now_ns)
         lies = [r for found in findings.robots for r in found.unknown if r in _LIES]
         drift = [Reason.CALIBRATION_DRIFT] if self._is_drifting else []
-        said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *drift]
+        modes = [REASONS[a.mode] for a in advices if a.mode in REASONS]
+        said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *modes, *drift]
         reasons = dict.fromkeys(said)
         near = near_misses(findings, bodies)
         return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near)
@@ -251,6 +255,7 @@ class RiskEngine:
         for obedience in self._obedience.values():
             counts["robot_too_fast"] += obedience.too_fast
             counts["robot_stops_late"] += obedience.late_stops
+        counts.update({f"mode_{n}": c for n, c in self._levels.mode_counters.items()})
         return dict(counts)
 
     def acknowledge(self, latch_id: int) -> bool:
@@ -306,6 +311,19 @@ def _obedience(robot: RobotConstants) -> Obedience:
     motion = robot.robot.motion
     seen_s = motion.delay_s + motion.stale_s if isinstance(motion, StateMotion) else 0.0
     return Obedience(robot.until_braking_s + seen_s, robot.curve.at, robot.max_speed_m_s)
+
+
+def _check_modes(robot: RobotConstants, risk: RiskSettings) -> None:
+    """Refuse an operating mode that could never move the robot: its limit would mean stop."""
+    modes = robot.robot.modes
+    for key in modes.allowed:
+        speed_m_s = getattr(modes, key).speed_m_s
+        if speed_m_s is not None and speed_m_s < risk.min_speed_m_s:
+            raise ConfigError(
+                f"robots: {robot.name}: modes.{key}.speed_m_s {speed_m_s:g} is below "
+                f"risk.min_speed_m_s {risk.min_speed_m_s:g}, which means stop; raise it, or lower "
+                "risk.min_speed_m_s"
+            )
 
 
 def _check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> None:

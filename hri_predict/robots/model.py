@@ -8,6 +8,8 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.errors import RobotError
 from hri_predict.geometry import Capsules, cross, norm
+from hri_predict.robots.body.shape import Shape
+from hri_predict.robots.body.sweep import Pieces
 from hri_predict.robots.file import RobotFile, read_robot_file
 from hri_predict.robots.kinematics import Chain
 from hri_predict.robots.mobile_base import COORDINATES, FARTHEST, Course, MobileBase, base_joints
@@ -20,9 +22,7 @@ from hri_predict.robots.settings import (
     ToolSettings,
     TrajectoryMotion,
 )
-from hri_predict.robots.shape import Shape
 from hri_predict.robots.stopping import StoppingTable
-from hri_predict.robots.sweep import Pieces
 
 __all__ = [
     "RobotModel",

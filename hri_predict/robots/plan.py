@@ -155,6 +155,24 @@ class Plan:
         travel = self._model.travel_s(speed[:, None], after, 0.0, stopping_s[:, None])
         return phases + rate[:, None] * travel, reaction_s + stopping_s
 
+    def forwards_m_s(self, phase_s: float, qd: Floats) -> float:
+        """How fast the fastest point goes forwards on the path, at joint velocities (N,) rad/s;
+        negative if it goes back."""
+        _, dq = self.trajectory.at(phase_s)
+        rate = float(dq @ qd) / max(float(dq @ dq), 1e-12)
+        return rate * float(self._speed_at(np.array(phase_s)))
+
+    def back_from(self, phase_s: float, speed_m_s: float, seconds: float, steps: int) -> Floats:
+        """(steps + 1,) phases of a robot that goes back from ``phase_s`` for some seconds.
+
+        Its fastest point keeps the speed, or that of the path if the path is slower.
+        """
+        phases = [phase_s]
+        for _ in range(steps):
+            rate = float(self._rates(np.array([speed_m_s]), np.array([phases[-1]]))[0])
+            phases.append(phases[-1] - rate * seconds / steps)
+        return np.array(phases)
+
     def _rates(self, speeds_m_s: Floats, phases_s: Floats) -> Floats:
         """Phase per second at which the fastest point has the speed, at most 1."""
         return np.minimum(1.0, speeds_m_s / np.maximum(self._speed_at(phases_s), 1e-9))

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from hri_predict.robots.file import CapsuleFile, Name, StoppingFile
+from hri_predict.robots.modes import ModeSettings
 from hri_predict.settings import Pose, Settings
 
 MAX_TOOL = 254
@@ -110,6 +111,23 @@ class RobotSettings(Settings):
     contact: Literal["allowed"] | None = Field(
         None, description="in mode hybrid: the robot may touch people as fast as they bear it"
     )
+
+    modes: ModeSettings = Field(ModeSettings(), description="operating modes that are allowed")
+
+    @model_validator(mode="after")
+    def _modes_can_be_asked_for(self) -> Self:
+        allowed = self.modes.allowed
+        if allowed and not isinstance(self.motion, StateMotion):
+            raise ValueError(
+                f"modes.{allowed[0]} is asked for by RobotState; set motion: {{kind: state}}, or "
+                "leave modes out"
+            )
+        if self.modes.recovery and isinstance(self.motion, StateMotion) and not self.motion.plan:
+            raise ValueError(
+                "modes.recovery needs motion.plan: without the robot's path nobody knows which "
+                "way it would back out; name its trajectory, or leave recovery out"
+            )
+        return self
 
     @model_validator(mode="after")
     def _based_once(self) -> Self:

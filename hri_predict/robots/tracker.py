@@ -10,8 +10,9 @@ import numpy as np
 from hri_predict.arrays import Floats
 from hri_predict.errors import RobotError
 from hri_predict.geometry import Capsules
-from hri_predict.protocol.messages import RobotMode, RobotState
+from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
+from hri_predict.robots.asked import NOTHING_ASKED, Asked, AskedByLinks
 from hri_predict.robots.model import (
     RobotModel,
     RobotSettings,
@@ -24,6 +25,11 @@ from hri_predict.robots.plausibility import StateCheck
 from hri_predict.robots.settings import POSITION_TOLERANCE
 from hri_predict.robots.trajectory import load_trajectory
 
+PLACE_STEP_S = 0.3
+"""A robot that backs out is at most so far, in seconds of its plan, from where it was before."""
+BACK_S = 0.05
+"""Of two places with the same joints, it is at the one nearest to so far back. Where a path turns
+round, that takes it on; either way the joints that follow are those that are judged."""
 VELOCITY_TOLERANCE = 0.1
 """How far beyond a limit a reported velocity may lie, as a fraction of the limit: a servo
 overshoots for a moment."""
@@ -48,6 +54,9 @@ class RobotNow:
         on_plan: its place on the tracker's ``plan``; ``None`` if it is not found there.
         confirmed: whether the motion so far proves the direction of ``qd``.
         tool: number of the tool that is counted with; ``None``: none is named, or the worst of all.
+        asked: what its controllers ask for.
+        place_s: its place on the plan by its joints alone, while recovery is asked for: backing
+            out, it has velocities that the plan does not have. ``None``: not known.
     """
 
     q: Floats | None
@@ -60,6 +69,12 @@ class RobotNow:
     on_plan: OnPlan | None = None
     confirmed: bool = True
     tool: int | None = None
+    asked: Asked = NOTHING_ASKED
+    place_s: float | None = None
+
+    def without(self, reason: Reason) -> "RobotNow":
+        """The same without one of its reasons."""
+        return replace(self, reasons=tuple(r for r in self.reasons if r is not reason))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,6 +148,8 @@ class RobotTracker:
         self.plan: Plan | None = None
         self._on_plan: OnPlan | None = None
         self._located_ns = 0
+        self._asked = AskedByLinks()
+        self._place_s: float | None = None
         motion = settings.motion
         if isinstance(motion, StandingMotion):
             self._standing = self._checked_standing(motion)
@@ -174,6 +191,7 @@ class RobotTracker:
         self._counts["accepted"] += 1
         self._state = _Received(np.array(q), np.array(qd), state.mode, received_ns, link)
         self._tools[link] = received_ns, self._named(state)
+        self._asked.take(state, received_ns, link)
 
     @property
     def counters(self) -> dict[str, int]:
@@ -232,15 +250,19 @@ class RobotTracker:
         if model.mobile is not None:
             acceleration_m_s2 += model.mobile.settings.acceleration_m_s2
             off_m = model.mobile.uncertainty_m
+        on_plan = self._along_plan(state, ahead_s)
+        asked = self._asked.at(now_ns, motion.stale_s)
         return RobotNow(
             q=q,
             qd=state.qd,
             speed_m_s=float(speed),
             reasons=tuple(reasons),
+            asked=asked,
+            place_s=self._placed(state, asked),
             uncertainty_m=acceleration_m_s2 * ahead_s**2 / 2 + off_m,
             age_s=age_s,
             capsules=capsules,
-            on_plan=self._along_plan(state, ahead_s),
+            on_plan=on_plan,
             confirmed=check.confirmed,
             tool=tool,
         )
@@ -282,6 +304,25 @@ class RobotTracker:
         return (
             None if found is None else replace(found, phase_s=found.phase_s + found.rate * ahead_s)
         )
+
+    def _placed(self, state: _Received, asked: Asked) -> float | None:
+        """The phase of the newest state by its joints alone, near the last one that is known.
+
+        A path that goes there and back has each place twice. A robot that backs out on the way
+        there looks like one that goes on, on the way back: only where it was before tells.
+        """
+        before_s = self._place_s
+        self._place_s = None if self._on_plan is None else self._on_plan.phase_s
+        if self.plan is None or before_s is None or asked.request is not OperatingMode.RECOVERY:
+            return self._place_s
+        expected_s = before_s - BACK_S
+        found = self.plan.locate(state.q, np.zeros(self.model.dof), expected_s)
+        around_s = self.plan.trajectory.duration_s
+        away_s = 0.0 if found is None else found.phase_s - before_s
+        away_s -= around_s * round(away_s / around_s)
+        near = found is not None and abs(away_s) <= PLACE_STEP_S
+        self._place_s = found.phase_s if found is not None and near else None
+        return self._place_s
 
     def _planned(self, file: str, base_dir: Path | None) -> Plan:
         trajectory = load_trajectory(file, self.model, base_dir)

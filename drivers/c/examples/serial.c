@@ -1,11 +1,13 @@
 /* A controller on a serial line (POSIX): it sends its robot's state and obeys the advice.
  *
- *   serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS]]]
+ *   serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS [teach|recovery|muted]]]]
  *
- * Here robot 0 stands still; a real controller fills in its measurements. It prints a line whenever
- * the permitted speed changes:
+ * Here robot 0 stands still; a real controller fills in its measurements, and asks for an operating
+ * mode only while its operator does. With teach, this one is in manual mode and the enabling device
+ * is held. It prints a line whenever the permitted speed changes, with the operating mode in force
+ * if that is not the automatic one:
  *
- *   TIME_MS clear|warn|slow|stop SPEED_MM_S REASON VERDICT
+ *   TIME_MS clear|warn|slow|stop SPEED_MM_S REASON VERDICT [MODE]
  */
 #define _DEFAULT_SOURCE /* termios speeds above 38400 */
 #define _POSIX_C_SOURCE 200809L
@@ -57,6 +59,20 @@ static const char *word(const hri_receiver *r, unsigned speed)
     return speed == 0 ? "stop" : levels[r->message.advice.level];
 }
 
+static const char *const modes[] = {"automatic", "teach", "recovery", "muted"};
+
+/* What the operator asks for. */
+static void ask_for(hri_robot_state *state, const char *request)
+{
+    for (uint8_t mode = 0; mode < sizeof modes / sizeof modes[0]; mode++) {
+        if (strcmp(request, modes[mode]) == 0) {
+            state->request = mode;
+        }
+    }
+    state->enabling = state->request == HRI_OPERATING_MODE_TEACH;
+    state->mode = state->enabling ? HRI_MODE_MANUAL : HRI_MODE_AUTOMATIC;
+}
+
 int main(int argc, char **argv)
 {
     static hri_receiver receiver; /* the only memory that the library needs */
@@ -73,7 +89,8 @@ int main(int argc, char **argv)
     settings.error_window_ms = 500;
     settings.first_state_counter = (uint16_t)(state_due / STATE_PERIOD_MS);
     if (argc < 2 || !hri_init(&receiver, &settings)) {
-        fprintf(stderr, "usage: serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS]]]\n");
+        fprintf(stderr, "usage: serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS "
+                        "[teach|recovery|muted]]]]\n");
         return 2;
     }
     port = open_port(argv[1]);
@@ -83,12 +100,14 @@ int main(int argc, char **argv)
         return 2;
     }
     memcpy(state.position_urad, posture, sizeof posture);
+    ask_for(&state, argc > 5 ? argv[5] : "automatic");
     for (;;) {
         struct pollfd readable = {.fd = port, .events = POLLIN};
         uint8_t bytes[256];
         ssize_t count;
         uint32_t now;
         unsigned speed;
+        uint8_t mode;
         char line[64];
         poll(&readable, 1, CYCLE_MS);
         now = now_ms();
@@ -108,8 +127,11 @@ int main(int argc, char **argv)
             count = write(port, units[0].data, units[0].length);
         }
         speed = hri_permitted_speed(&receiver, now);
-        snprintf(line, sizeof line, "%s %u %u %s", word(&receiver, speed), speed,
-                 receiver.message.advice.reason, hri_verdict_name(receiver.verdict));
+        mode = receiver.message.advice.operating_mode;
+        snprintf(line, sizeof line, "%s %u %u %s%s%s", word(&receiver, speed), speed,
+                 receiver.message.advice.reason, hri_verdict_name(receiver.verdict),
+                 mode != HRI_OPERATING_MODE_AUTOMATIC ? " " : "",
+                 mode != HRI_OPERATING_MODE_AUTOMATIC ? modes[mode] : "");
         if (strcmp(line, shown) != 0) {
             memcpy(shown, line, sizeof shown);
             printf("%lu %s\n", (unsigned long)now, line);

@@ -1,7 +1,7 @@
 /* A controller on classic CAN under Linux (SocketCAN): like serial.c, on another wire.
  *
  *   ip link set can0 up type can bitrate 500000 restart-ms 100
- *   socketcan can0
+ *   socketcan can0 [teach|recovery|muted]
  *
  * With CAN FD: link HRI_FD, the socket option CAN_RAW_FD_FRAMES, and struct canfd_frame.
  */
@@ -79,10 +79,21 @@ static void send_state(hri_receiver *r, int bus, const hri_robot_state *state, u
     }
 }
 
+/* What the operator asks for; with teach, in manual mode with the enabling device held. */
+static void ask_for(hri_robot_state *state, const char *request)
+{
+    state->request = strcmp(request, "teach") == 0      ? HRI_OPERATING_MODE_TEACH
+                     : strcmp(request, "recovery") == 0 ? HRI_OPERATING_MODE_RECOVERY
+                     : strcmp(request, "muted") == 0    ? HRI_OPERATING_MODE_MUTED
+                                                        : HRI_OPERATING_MODE_AUTOMATIC;
+    state->enabling = state->request == HRI_OPERATING_MODE_TEACH;
+    state->mode = state->enabling ? HRI_MODE_MANUAL : HRI_MODE_AUTOMATIC;
+}
+
 int main(int argc, char **argv)
 {
     static hri_receiver receiver;
-    static const hri_robot_state still = {.mode = HRI_MODE_AUTOMATIC, .joints = 6, .tool = HRI_NO_U8};
+    hri_robot_state still = {.mode = HRI_MODE_AUTOMATIC, .joints = 6, .tool = HRI_NO_U8};
     hri_settings settings = {.link = HRI_CLASSIC,
                              .robot = 0,
                              .base_id = HRI_DEFAULT_BASE_ID,
@@ -94,9 +105,11 @@ int main(int argc, char **argv)
     int bus;
     settings.first_state_counter = (uint16_t)(state_due / STATE_PERIOD_MS);
     if (argc < 2 || !hri_init(&receiver, &settings)) {
-        fprintf(stderr, "usage: socketcan INTERFACE (such as can0, which must be up)\n");
+        fprintf(stderr, "usage: socketcan INTERFACE [teach|recovery|muted] (the interface, such as "
+                        "can0, must be up)\n");
         return 2;
     }
+    ask_for(&still, argc > 2 ? argv[2] : "automatic");
     bus = open_bus(argv[1], settings.base_id);
     if (bus < 0) {
         fprintf(stderr, "socketcan: %s cannot be opened: %s; check 'ip link'\n", argv[1],

@@ -28,6 +28,7 @@ from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
 from hri_predict.cli.check.lost import lost_notes
+from hri_predict.cli.check.modes import mode_notes
 from hri_predict.cli.check.tools import base_notes, tool_facts, tool_tables
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.clock import MonotonicClock
@@ -190,6 +191,7 @@ def examine(config: Config) -> dict[str, Any]:
         "evidence": evidence,
         "commissioning": commissioning_facts(config),
         "notes": [
+            *(note for robot in config.node.robots for note in mode_notes(robot)),
             *_notes(config),
             *evidence_notes(evidence),
             *_gravity_note(config, assembly.source.joint_map),

@@ -47,7 +47,8 @@ def register_points(
     """
     points = answers.points
     if not points and simulated:
-        base = config.node.robots[0].room_from_robot.xyz
+        pose = config.node.robots[0].room_from_robot
+        base = [0.0, 0.0] if pose is None else pose.xyz
         points = [[x + base[0], y + base[1], z] for x, y, z in SIMULATED_POINTS]
     if not points and interactive:
         points = ask_points(LEAST_POINTS)

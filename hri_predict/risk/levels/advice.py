@@ -4,6 +4,7 @@ The only memory is one ``LevelMachine`` per robot, and one ``SteadyReason``.
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -18,6 +19,7 @@ from hri_predict.risk.areas import NamedZone
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, remembered
 from hri_predict.risk.levels.machine import Advised, LevelMachine
+from hri_predict.risk.levels.modes import Decision, Modes, Situation
 from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Findings, RobotFindings
@@ -55,6 +57,7 @@ class Levels:
         self._settings = settings
         self._ids = LatchIds()
         self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, self._ids) for r in robots)
+        self._modes = tuple(Modes(r.robot.modes, r.name, r.max_speed_m_s) for r in robots)
         self._note = ""  # about the data that an earlier run left
         for machine in self._machines:
             machine.latch("start")
@@ -116,6 +119,13 @@ class Levels:
         """Forget everything that supports a release: a tick has failed."""
         for machine in self._machines:
             machine.reset()
+        for modes in self._modes:
+            modes.reset()
+
+    @property
+    def mode_counters(self) -> Counter[str]:
+        """How often each operating mode began and was refused, over all robots."""
+        return sum((modes.counters for modes in self._modes), Counter())
 
     def _advise(
         self,
@@ -126,7 +136,9 @@ class Levels:
         findings: Findings,
         remarks: Sequence[Reason],
     ) -> Advice:
-        demand, people = self._demand(robot, bodies, findings)
+        natural, people = self._demand(robot, bodies, findings)
+        decision = self._decide(robot, natural, findings.robots[robot], snapshot.now_ns)
+        demand = decision.demand
         if Reason.ROBOT_TOO_FAST in remarks:
             demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
         causes = causes_now(snapshot, bodies.untrusted)
@@ -140,7 +152,16 @@ class Levels:
         elif reason is Reason.NONE and (bodies.reasons or remarks):
             reason = (*bodies.reasons, *remarks)[0]
         reason = self._reasons[robot].update(advised.level, reason, snapshot.captures)
-        who = people if people is not None and _decided_by_people(demand) else None
+        who = people if people is not None and _decided_by_people(natural) else None
+        detail = _detail(
+            self._robots[robot],
+            bodies,
+            findings.named,
+            demand=demand,
+            reason=reason,
+            who=who,
+            tool=findings.robots[robot].tool,
+        )
         return Advice(
             robot=robot,
             level=advised.level,
@@ -154,17 +175,25 @@ class Levels:
             robot_link=None if who is None else who.link,
             capture_ns=bodies.capture_ns,
             tool=findings.robots[robot].tool,
-            detail=_detail(
-                self._robots[robot],
-                bodies,
-                findings.named,
-                demand=demand,
-                reason=reason,
-                who=who,
-                tool=findings.robots[robot].tool,
-            )
-            + self._latched(advised),
+            mode=decision.mode,
+            detail="; ".join(filter(None, (decision.note, detail))) + self._latched(advised),
         )
+
+    def _decide(self, robot: int, demand: Demand, found: RobotFindings, now_ns: int) -> Decision:
+        """The operating mode, and what it demands instead."""
+        constants, unseen = self._robots[robot], found.unseen
+        beside_unseen = unseen is not None and (
+            demand_of(unseen, constants.risk, constants.max_speed_m_s, Reason.OUT_OF_VIEW).level
+            is Level.STOP
+        )
+        situation = Situation(
+            asked=found.asked,
+            demand=demand,
+            is_known=not found.unknown,
+            beside_unseen=beside_unseen,
+            not_backing_out=found.not_backing_out,
+        )
+        return self._modes[robot].decide(situation, now_ns)
 
     def _demand(
         self, robot: int, bodies: BodyZones, findings: Findings

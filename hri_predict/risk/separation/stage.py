@@ -11,10 +11,12 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules
+from hri_predict.protocol.messages import OperatingMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone
 from hri_predict.risk.contact.judge import ContactJudge
 from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.backing_out import why_not_backing_out
 from hri_predict.risk.separation.in_time import TimeByTime, farthest
 from hri_predict.risk.separation.nearest import BodiesInTime
 from hri_predict.risk.separation.now import by_circle, by_standard
@@ -24,6 +26,7 @@ from hri_predict.risk.separation.unseen import beside_view
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.asked import NOTHING_ASKED, Asked
 from hri_predict.robots.motion import RobotMotion
 from hri_predict.robots.tracker import RobotNow
 
@@ -43,6 +46,9 @@ class RobotFindings:
         unseen: about the space that the sensor does not see; ``None`` if it sees everything.
         speed_m_s: of the robot's fastest point.
         tool: number of the tool counted with; ``None``: none is named, or the worst of all.
+        asked: what the robot's controllers ask for.
+        not_backing_out: why it would not recede from everybody if it backed out; "" if it would, or
+            if nobody asks.
     """
 
     unknown: tuple[Reason, ...] = ()
@@ -52,6 +58,8 @@ class RobotFindings:
     unseen: Finding | None = None
     speed_m_s: float = 0.0
     tool: int | None = None
+    asked: Asked = NOTHING_ASKED
+    not_backing_out: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +125,9 @@ class Separation:
         """
         if bodies.untrusted:
             return Findings(
-                robots=tuple(RobotFindings((*bodies.untrusted, *r.reasons)) for r in robots),
+                robots=tuple(
+                    RobotFindings((*bodies.untrusted, *r.reasons), asked=r.asked) for r in robots
+                ),
                 named=tuple(NamedZoneState(z.settings.name, True, 0.0) for z in self._named),
             )
         named = tuple(zone.state(bodies) for zone in self._named)
@@ -130,7 +140,11 @@ class Separation:
             )
             about_people = dict(zip(known, judge(known, bodies), strict=True))
         found = [
-            self._found(i, motion, bodies, about_people.get(i, (None, None, None)))
+            replace(
+                self._found(i, motion, bodies, about_people.get(i, (None, None, None))),
+                asked=robots[i].asked,
+                not_backing_out=self._not_backing_out(i, robots[i], motion, bodies),
+            )
             for i, motion in enumerate(motions)
         ]
         return Findings(tuple(found), named)
@@ -154,6 +168,17 @@ class Separation:
             speed_m_s=motion.speed_m_s,
             tool=motion.tool,
         )
+
+    def _not_backing_out(
+        self,
+        robot: int,
+        now: RobotNow,
+        motion: RobotMotion | tuple[Reason, ...],
+        bodies: BodyZones,
+    ) -> str:
+        if now.asked.request is not OperatingMode.RECOVERY or not isinstance(motion, RobotMotion):
+            return ""
+        return why_not_backing_out(self._constants(robot, motion), now, motion, bodies)
 
     def _motion(
         self, robot: int, now: RobotNow, bodies: BodyZones

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from hri_predict.arrays import Floats
+from hri_predict.protocol.messages import BaseMotion
 
 _GRID_S = 0.002  # spacing of the table of the path's nominal speed
 _SUBSTEP_S = 0.001
@@ -43,6 +44,8 @@ def nominal_speeds(model: Kinematics, trajectory: Path) -> Floats:
 class SimulatedArm:
     """The arm: a path parameter ``path_s`` (seconds of the trajectory) and its rate in 0..1.
 
+    It may also go back along its path. It turns round only where it stands.
+
     The speed of its fastest point is the rate times the trajectory's own speed there. That speed is
     what changes by at most ``deceleration_m_s2`` and ``acceleration_m_s2``: a stop from v takes at
     most v / deceleration, whatever the trajectory does meanwhile. Where the trajectory itself
@@ -73,15 +76,21 @@ class SimulatedArm:
         self._per_s = (len(speeds) - 1) / self._duration_s
         self.path_s = path_s % self._duration_s
         self.rate = rate
+        self._way = 1.0  # -1 while it goes back
         self._now_ns: int | None = None
 
-    def step(self, now_ns: int, permitted_m_s: float) -> None:
+    def step(self, now_ns: int, permitted_m_s: float, *, backwards: bool = False) -> None:
         """Move on to ``now_ns``, slowing to (or speeding up to) ``permitted_m_s`` on the way."""
         if self._now_ns is None or now_ns <= self._now_ns:
             self._now_ns = now_ns if self._now_ns is None else self._now_ns
             return
         if not permitted_m_s > 0:  # NaN too
             permitted_m_s = 0.0
+        way = -1.0 if backwards else 1.0
+        if way != self._way and self.rate == 0.0:
+            self._way = way
+        elif way != self._way:
+            permitted_m_s = 0.0  # it stands before it turns round
         elapsed_s = (now_ns - self._now_ns) * 1e-9
         self._now_ns = now_ns
         count = min(max(1, math.ceil(elapsed_s / _SUBSTEP_S)), 1000)
@@ -91,7 +100,9 @@ class SimulatedArm:
     def joints(self) -> tuple[Floats, Floats]:
         """Joint positions and velocities (N,), rad and rad/s."""
         q, nominal = self._trajectory.at(self.path_s)
-        return np.asarray(q, dtype=float), np.asarray(nominal, dtype=float) * self.rate
+        return np.asarray(q, dtype=float), np.asarray(nominal, dtype=float) * (
+            self._way * self.rate
+        )
 
     @property
     def at_rest(self) -> bool:
@@ -101,7 +112,7 @@ class SimulatedArm:
     def _substep(self, dt: float, permitted_m_s: float) -> None:
         speed = self.rate * self._nominal(self.path_s)
         # where this substep ends, to first order: that is where the new speed holds
-        ahead = self._nominal(self.path_s + self.rate * dt)
+        ahead = self._nominal(self.path_s + self._way * self.rate * dt)
         wanted = min(permitted_m_s, ahead)
         if speed > wanted:
             reached = max(wanted, speed - self.deceleration_m_s2 * dt)
@@ -110,7 +121,8 @@ class SimulatedArm:
         rate = min(reached / ahead, 1.0)
         if permitted_m_s < speed:
             rate = min(rate, self.rate)  # it must brake, so a slower path never speeds it up
-        self.path_s = (self.path_s + 0.5 * (self.rate + rate) * dt) % self._duration_s
+        moved = self._way * 0.5 * (self.rate + rate) * dt
+        self.path_s = (self.path_s + moved) % self._duration_s
         self.rate = rate
 
     def _nominal(self, path_s: float) -> float:
@@ -119,3 +131,10 @@ class SimulatedArm:
         low, high = self._governed[i], self._governed[i + 1]
         value: float = low + (high - low) * (place - i)
         return value
+
+
+def base_of(q: Floats, qd: Floats) -> BaseMotion:
+    """A moving base's pose and twist; they come before the joints."""
+    (x, y, yaw), (vx, vy, turn) = q[:3].tolist(), qd[:3].tolist()
+    yaw = math.remainder(yaw, 2 * math.pi)
+    return BaseMotion(x_m=x, y_m=y, yaw_rad=yaw, vx_m_s=vx, vy_m_s=vy, yaw_rate_rad_s=turn)

@@ -31,9 +31,9 @@ from hri_predict.peers import ControllerReport
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
-    BaseMotion,
     Level,
     Message,
+    OperatingMode,
     RobotMode,
     RobotState,
     Schema,
@@ -41,7 +41,9 @@ from hri_predict.protocol.messages import (
 from hri_predict.protocol.reception import FORGET_S, SchemaGate
 from hri_predict.robots.mobile_base import COORDINATES
 from hri_predict.settings import Settings
+from hri_sim.controllers.arm import base_of
 from hri_sim.controllers.lies import LieSettings
+from hri_sim.controllers.requests import RequestSettings
 from hri_sim.controllers.tools import NOTHING, Mounted, ToolChange
 
 U = TypeVar("U")
@@ -105,6 +107,9 @@ class ControllerSettings(Settings):
     )
     tools: list[ToolChange] = Field([], description="which tool it carries, and when")
     keep_round_trips: bool = Field(False, description="put each round trip into its report")
+    requests: list[RequestSettings] = Field(
+        [], description="operating modes that its operator asks for, and when"
+    )
     acknowledge_after_s: float | None = Field(
         None,
         gt=0,
@@ -124,10 +129,11 @@ class ControllerSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Permit:
-    """A controller's permission: a speed in m/s, and its cause."""
+    """A controller's permission: a speed in m/s, its cause, and the operating mode in force."""
 
     speed_m_s: float
     cause: str
+    mode: OperatingMode = OperatingMode.AUTOMATIC
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,6 +247,8 @@ class ControllerCore(Generic[U]):
         mode: RobotMode,
         *,
         mounted: Mounted = NOTHING,
+        request: OperatingMode = OperatingMode.AUTOMATIC,
+        enabling: bool = False,
     ) -> list[U]:
         """Return what to send now: RobotState when due, Acknowledge if the button is pressed.
 
@@ -250,6 +258,8 @@ class ControllerCore(Generic[U]):
                 unknown: then nothing is sent.
             mode: operating mode to report.
             mounted: the tool.
+            request: operating mode that the operator asks for.
+            enabling: whether the enabling device is held.
         """
         units: list[U] = []
         if self._next_state_ns is None:
@@ -269,7 +279,9 @@ class ControllerCore(Generic[U]):
                 velocities=tuple(qd[self._lead :].tolist()),
                 tool=mounted.number,
                 tool_confirmed=mounted.confirmed,
-                base=_base_of(q, qd) if self._lead else None,
+                base=base_of(q, qd) if self._lead else None,
+                request=request,
+                enabling=enabling,
             )
             units += self._codec.encode(state)
             self._report.states_sent += 1
@@ -321,7 +333,7 @@ class ControllerCore(Generic[U]):
         if advice.level in _MOVING_LEVELS and advice.speed_limit_m_s is not None:
             limit = max(0.0, advice.speed_limit_m_s)
         self._heard = _Heard(now_ns, self._age_bound(advice, now_ns), limit, advice.level)
-        permit = Permit(limit, advice.level.name.lower())
+        permit = Permit(limit, advice.level.name.lower(), advice.mode)
         self._pending.append((now_ns + self._reaction_ns, permit))
         if advice.latch_id == 0:
             self._latch = None
@@ -385,10 +397,3 @@ class ControllerCore(Generic[U]):
     def _error_count(self) -> int:
         c = self._counters
         return c.crc_errors + c.counter_errors + c.malformed + c.incomplete
-
-
-def _base_of(q: Floats, qd: Floats) -> BaseMotion:
-    """A moving base's pose and twist; they come before the joints."""
-    (x, y, yaw), (vx, vy, turn) = q[:3].tolist(), qd[:3].tolist()
-    yaw = math.remainder(yaw, 2 * math.pi)
-    return BaseMotion(x_m=x, y_m=y, yaw_rad=yaw, vx_m_s=vx, vy_m_s=vy, yaw_rate_rad_s=turn)

@@ -13,11 +13,12 @@ from hri_drivers.links.codec import Codec
 from hri_drivers.links.framed import SerialCodec
 from hri_drivers.links.serial.link import SerialLinkSettings
 from hri_drivers.wires.transport import Transport
+from hri_predict.arrays import Floats
 from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.link import LinkSettings
 from hri_predict.peers import ControllerReport
-from hri_predict.protocol.messages import RobotMode
+from hri_predict.protocol.messages import OperatingMode, RobotMode
 from hri_predict.robots.model import RobotSettings, TrajectoryMotion, load_robot
 from hri_predict.robots.trajectory import load_trajectory
 from hri_predict.settings import validated
@@ -29,7 +30,8 @@ from hri_sim.controllers.controller import (
     Permit,
 )
 from hri_sim.controllers.lies import Lies
-from hri_sim.controllers.tools import ToolChanger
+from hri_sim.controllers.requests import Requests
+from hri_sim.controllers.tools import Mounted, ToolChanger
 from hri_sim.controllers.wiring import Wiring
 from hri_sim.faults.link_faults import FaultyTransport
 from hri_sim.faults.link_faults import U as W
@@ -151,6 +153,7 @@ class Station(Generic[U]):
         self._brakes: Brakes | None = None
         self._wiring = wiring
         self._lies = Lies(post.settings.lies)
+        self._requests = Requests(post.settings.requests)
         self._arm: SimulatedArm | None = None
         if post.settings.role == "drive":
             drive = post.drive or _drive(post.settings, post.robot, post.base_dir)
@@ -175,12 +178,14 @@ class Station(Generic[U]):
             truth = self._wiring.truth()
             if truth is None:
                 return self._core.outgoing(now_ns, None, None, mode=RobotMode.UNKNOWN)
-            mode = RobotMode.AUTOMATIC if truth.alive(now_ns) else RobotMode.UNKNOWN
             told = self._lies.told(*truth.at(now_ns), now_ns)
-            return self._core.outgoing(now_ns, *told, mode=mode, mounted=truth.mounted)
+            if not truth.alive(now_ns):
+                unknown = RobotMode.UNKNOWN
+                return self._core.outgoing(now_ns, *told, mode=unknown, mounted=truth.mounted)
+            return self._answer(now_ns, *told, truth.mounted)
         allowed = self._wiring.permitted_speed(now_ns)
         if allowed < permit.speed_m_s:
-            permit = Permit(allowed, "other channel")
+            permit = Permit(allowed, "other channel", permit.mode)
         self._core.obey(permit, now_ns)
         fastest = self.post.robot.max_speed_m_s
         speed = self._lies.permitted(permit.speed_m_s, fastest, now_ns)
@@ -188,11 +193,24 @@ class Station(Generic[U]):
         if self._brakes is not None:
             braking = self._brakes.with_tool(mounted.number) / self._lies.brakes_slower
             self._arm.deceleration_m_s2 = braking
-        self._arm.step(now_ns, min(speed, fastest))
+        back = permit.mode is OperatingMode.RECOVERY
+        self._arm.step(now_ns, min(speed, fastest), backwards=back)
         q, qd = self._arm.joints()
         self._wiring.set_truth(q, qd, path_s=self._arm.path_s, now_ns=now_ns, mounted=mounted)
-        told = self._lies.told(q, qd, now_ns)
-        return self._core.outgoing(now_ns, *told, mode=RobotMode.AUTOMATIC, mounted=mounted)
+        return self._answer(now_ns, *self._lies.told(q, qd, now_ns), mounted)
+
+    def _answer(self, now_ns: int, q: Floats, qd: Floats, mounted: Mounted) -> list[U]:
+        """What is sent while the robot is known: its state, its tool, and what is asked for."""
+        said = self._requests.said(now_ns)
+        return self._core.outgoing(
+            now_ns,
+            q,
+            qd,
+            mode=said.mode,
+            request=said.request,
+            enabling=said.enabling,
+            mounted=mounted,
+        )
 
     def write_failed(self) -> None:
         """Count a unit that the link did not send."""

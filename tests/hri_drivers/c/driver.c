@@ -6,6 +6,7 @@
  *   state MODE JOINTS P... V... [REQUEST ENABLING TOOL CONFIRMED MOVES X Y YAW VX VY YAW_RATE]
  *                                   prints the units, "ID:BYTES ..."
  *   ack LATCH_ID ACK_ID             prints the unit
+ *   mode                     prints the operating mode in force, "mode:M"
  *   ask                      prints the permitted speed, the verdict, and the counts of errors
  */
 #include "hri_predict.h"
@@ -97,6 +98,7 @@ int main(void)
 {
     static char line[8192];
     hri_unit units[HRI_PARTS_STATE];
+    setvbuf(stdout, NULL, _IOLBF, BUFSIZ); /* whoever asks may wait for the answer */
     while (fgets(line, sizeof line, stdin) != NULL) {
         const char *command = strtok(line, " \n");
         if (command == NULL) {
@@ -112,6 +114,8 @@ int main(void)
         } else if (strcmp(command, "ack") == 0) {
             uint16_t latch = (uint16_t)number();
             print_units(units, hri_acknowledge(&r, latch, (uint32_t)number(), units));
+        } else if (strcmp(command, "mode") == 0) {
+            printf("mode:%u\n", r.message.advice.operating_mode);
         } else if (strcmp(command, "ask") == 0) {
             unsigned speed = hri_permitted_speed(&r, now);
             printf("%u %s %lu %lu %lu %lu\n", speed, hri_verdict_name(r.verdict),

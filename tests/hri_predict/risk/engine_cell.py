@@ -11,7 +11,7 @@ from hri_predict.arrays import Floats
 from hri_predict.link import LinkSettings
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
-from hri_predict.protocol.messages import Advice, RobotMode, RobotState
+from hri_predict.protocol.messages import Advice, OperatingMode, RobotMode, RobotState
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
@@ -116,7 +116,13 @@ class Cell:
         return Forecast(np.repeat(snapshot.last_positions[:, None], self.steps, axis=1), None)
 
     def step(
-        self, *x: float, mode: RobotMode = RobotMode.AUTOMATIC, report: bool = True, **changes
+        self,
+        *x: float,
+        mode: RobotMode = RobotMode.AUTOMATIC,
+        report: bool = True,
+        request: OperatingMode = OperatingMode.AUTOMATIC,
+        enabling: bool = False,
+        **changes,
     ):
         self.now_ns += TICK_NS
         self.captures += 1
@@ -129,6 +135,8 @@ class Cell:
                 positions=READY,
                 velocities=velocities,
                 **self.said,
+                request=request,
+                enabling=enabling,
             )
             self.tracker.update(state, self.now_ns)
         snapshot = self.snapshot(*x)

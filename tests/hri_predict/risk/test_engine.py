@@ -261,7 +261,8 @@ def test_the_separation_stage_has_no_memory(mode):
     engine.separation(engine.zones(elsewhere, cell.still(elsewhere)), robots)
     assert engine.separation(bodies, robots) == found
     untrusted = replace(bodies, untrusted=(Reason.SOURCE_BLIND,))
-    assert engine.separation(untrusted, robots).robots == (RobotFindings((Reason.SOURCE_BLIND,)),)
+    blind = RobotFindings((Reason.SOURCE_BLIND,), asked=robots[0].asked)
+    assert engine.separation(untrusted, robots).robots == (blind,)
 
 
 def test_an_exception_leaves_nothing_that_speaks_for_a_release(monkeypatch):

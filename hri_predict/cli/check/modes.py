@@ -1,0 +1,27 @@
+"""What ``check`` says of the operating modes that a configuration allows."""
+
+from hri_predict.robots.model import RobotSettings
+
+
+def mode_notes(robot: RobotSettings) -> list[str]:
+    """One plain warning for each mode that this robot allows."""
+    modes, notes = robot.modes, []
+    if modes.teach is not None:
+        notes.append(
+            f"robot {robot.name}: TEACH is allowed: in manual mode, while the enabling device is "
+            f"held, people and zones do not stop it, up to {modes.teach.speed_m_s:g} m/s; the "
+            "enabling device must also be wired to the robot's own safety controller"
+        )
+    if modes.recovery is not None:
+        notes.append(
+            f"robot {robot.name}: RECOVERY is allowed: beside people it may go back along its plan "
+            f"at up to {modes.recovery.speed_m_s:g} m/s, while no link comes nearer to anybody"
+        )
+    if modes.muting is not None:
+        limit = modes.muting.speed_m_s or robot.max_speed_m_s
+        notes.append(
+            f"robot {robot.name}: MUTING is allowed: for up to {modes.muting.max_s:g} s nobody "
+            f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; people must be protected "
+            "by other means"
+        )
+    return notes

@@ -1,0 +1,250 @@
+"""Operating modes: teach, recovery and muting, where they are allowed, asked for and safe.
+
+A mode replaces what people and zones demand of a robot; it never replaces *unknown* or a fault.
+``Modes`` decides each tick anew. It remembers which mode is in force, for the log, and whether
+muting may begin: only a request that was seen released before counts, for ``max_s`` at most.
+Otherwise a restart of the node, or a fault, would begin its time anew.
+"""
+
+import logging
+from collections import Counter
+from dataclasses import dataclass
+
+from hri_predict.protocol.messages import Level, OperatingMode, RobotMode
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.robots.asked import Asked
+from hri_predict.robots.modes import ModeSettings
+from hri_predict.robots.tracker import RobotNow
+
+log = logging.getLogger(__name__)
+
+REFUSED_EVERY_NS = 1_000_000_000
+"""Refusals are logged so often at most: a controller must not fill the log."""
+_KEYS = {
+    OperatingMode.TEACH: "teach",
+    OperatingMode.RECOVERY: "recovery",
+    OperatingMode.MUTED: "muting",
+}
+REASONS = {
+    OperatingMode.TEACH: Reason.TEACH,
+    OperatingMode.RECOVERY: Reason.RECOVERY,
+    OperatingMode.MUTED: Reason.MUTED,
+}
+_BY_PEOPLE = (
+    Reason.PERSON_NEAR,
+    Reason.PERSON_APPROACHING,
+    Reason.ZONE_OCCUPIED,
+    Reason.ZONE_ENTRY_PREDICTED,
+)
+_NOT_RELEASED = "the request was there before; release it first"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """What the decision rests on.
+
+    Attributes:
+        asked: by the robot's controllers.
+        demand: what people, zones and unseen places demand, or *unknown*.
+        is_known: whether the situation is known: neither the scene nor the robot is in doubt.
+        beside_unseen: whether space that the sensor does not see stops the robot.
+        not_backing_out: why it would not recede from everybody on its way back; "" if it would.
+    """
+
+    asked: Asked
+    demand: Demand
+    is_known: bool
+    beside_unseen: bool = False
+    not_backing_out: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The mode in force, what it demands, and a note for people ("" if nothing is asked)."""
+
+    mode: OperatingMode
+    demand: Demand
+    note: str = ""
+
+
+def why_no_teaching(settings: ModeSettings, asked: Asked) -> str:
+    """Why a robot may not be taught now; "" if it may."""
+    if settings.teach is None:
+        return _not_allowed(OperatingMode.TEACH)
+    if not asked.agreed or asked.request is not OperatingMode.TEACH:
+        return "its controllers do not all ask for it"
+    if asked.mode is not RobotMode.MANUAL:
+        return "the controller is not in manual mode"
+    return "" if asked.enabling else "the enabling device is not held"
+
+
+def admitted(now: RobotNow, settings: ModeSettings) -> RobotNow:
+    """The robot without the reason that it is not in automatic mode, while it may be taught."""
+    if Reason.ROBOT_NOT_AUTOMATIC in now.reasons and not why_no_teaching(settings, now.asked):
+        return now.without(Reason.ROBOT_NOT_AUTOMATIC)
+    return now
+
+
+class Modes:
+    """The operating modes of one robot.
+
+    Args:
+        settings: what is allowed.
+        name: of the robot.
+        max_speed_m_s: its highest speed.
+
+    Attributes:
+        mode: in force.
+        counters: how often each mode began (``teach``, ``recovery``, ``muted``), and how often a
+            request was ``refused``.
+    """
+
+    def __init__(self, settings: ModeSettings, name: str, max_speed_m_s: float) -> None:
+        self._settings = settings
+        self._name = name
+        self._max_speed = max_speed_m_s
+        self.mode = OperatingMode.AUTOMATIC
+        self.counters: Counter[str] = Counter()
+        self._spent = _NOT_RELEASED  # why muting may not begin; "" if it may
+        self._until_ns = 0  # of muting
+        self._refused: tuple[OperatingMode, str] | None = None
+        self._told_ns: int | None = None
+
+    def decide(self, situation: Situation, now_ns: int) -> Decision:
+        """The mode of this tick.
+
+        Args:
+            situation: of this tick.
+            now_ns: its time.
+        """
+        asked, before = situation.asked, self.mode
+        released = asked.heard and asked.agreed and asked.request is not OperatingMode.MUTED
+        if released:
+            self._spent = ""
+        why = "" if asked.request is OperatingMode.AUTOMATIC else self._why_not(situation, now_ns)
+        mode = asked.request if not why else OperatingMode.AUTOMATIC
+        self._change(mode, why or _ended(situation), now_ns)
+        if OperatingMode.MUTED is before is not mode and not released:
+            self._spent = why if now_ns >= self._until_ns else _NOT_RELEASED
+        self._refuse(asked.request, why, now_ns)
+        demand = situation.demand
+        if mode is not OperatingMode.AUTOMATIC:
+            demand = self._demand(mode)
+        elif situation.is_known and asked.mode is not RobotMode.AUTOMATIC:
+            demand = Demand.unknown(Reason.ROBOT_NOT_AUTOMATIC)
+        return Decision(mode, demand, self._note(mode, asked.request, why, now_ns))
+
+    def reset(self) -> None:
+        """A tick has failed: no mode is in force."""
+        self._change(OperatingMode.AUTOMATIC, "the tick failed", 0)
+        self._spent = _NOT_RELEASED
+
+    def _why_not(self, situation: Situation, now_ns: int) -> str:
+        """Why the request is refused; "" if it is granted."""
+        asked, settings = situation.asked, self._settings
+        if asked.request is OperatingMode.TEACH:
+            why = why_no_teaching(settings, asked)
+        elif getattr(settings, _KEYS[asked.request]) is None:
+            why = _not_allowed(asked.request)
+        elif not asked.agreed:
+            why = "its controllers do not all ask for it"
+        elif asked.mode is not RobotMode.AUTOMATIC:
+            why = "the controller is not in automatic mode"
+        elif asked.request is OperatingMode.MUTED:
+            why = self._why_not_muted(now_ns)
+        else:
+            why = self._why_no_recovery(situation)
+        return why or ("" if situation.is_known else "the situation is unknown")
+
+    def _why_not_muted(self, now_ns: int) -> str:
+        if self._spent or self.mode is not OperatingMode.MUTED:
+            return self._spent
+        assert self._settings.muting is not None  # or it were not in force
+        if now_ns < self._until_ns:
+            return ""
+        return f"its {self._settings.muting.max_s:g} s are over; release the request"
+
+    def _why_no_recovery(self, situation: Situation) -> str:
+        """It begins where people stop the robot, and goes on until they would release it."""
+        demand = situation.demand
+        goes_on = self.mode is OperatingMode.RECOVERY
+        level = demand.release if goes_on else demand.level
+        if severity(level) < severity(Level.STOP) or demand.level is Level.FAULT:
+            return "people do not stop the robot"
+        if not situation.is_known:
+            return ""  # said by the caller
+        if situation.beside_unseen or demand.reason not in _BY_PEOPLE:
+            return "more than people who are seen stops the robot"
+        return situation.not_backing_out
+
+    def _demand(self, mode: OperatingMode) -> Demand:
+        teach, recovery, muting = (
+            self._settings.teach,
+            self._settings.recovery,
+            self._settings.muting,
+        )
+        limit = self._max_speed
+        if mode is OperatingMode.TEACH and teach is not None:
+            limit = min(limit, teach.speed_m_s)
+        elif mode is OperatingMode.RECOVERY and recovery is not None:
+            limit = min(limit, recovery.speed_m_s)
+        elif muting is not None and muting.speed_m_s is not None:
+            limit = min(limit, muting.speed_m_s)
+        slow = mode is not OperatingMode.MUTED or limit < self._max_speed
+        level = Level.SLOW if slow else Level.WARN
+        return Demand(
+            level=level,
+            release=level,
+            limit_m_s=limit,
+            release_limit_m_s=limit,
+            reason=REASONS[mode],
+        )
+
+    def _change(self, mode: OperatingMode, ended: str, now_ns: int) -> None:
+        """Note and log that another mode is in force."""
+        before, self.mode = self.mode, mode
+        if mode is before:
+            return
+        if before is not OperatingMode.AUTOMATIC:
+            log.warning("robot %s: %s ends: %s", self._name, _word(before), ended)
+        if mode is not OperatingMode.AUTOMATIC:
+            self.counters[_word(mode)] += 1
+            log.warning("robot %s: %s begins: %s", self._name, _word(mode), REASONS[mode].text)
+        if mode is OperatingMode.MUTED and self._settings.muting is not None:
+            self._until_ns = now_ns + round(self._settings.muting.max_s * 1e9)
+
+    def _refuse(self, request: OperatingMode, why: str, now_ns: int) -> None:
+        """Count a refusal, and log it if it is news."""
+        refused = (request, why) if why else None
+        if refused == self._refused:
+            return
+        self._refused = refused
+        if refused is None:
+            return
+        self.counters["refused"] += 1
+        if self._told_ns is None or now_ns - self._told_ns >= REFUSED_EVERY_NS:
+            self._told_ns = now_ns
+            log.warning("robot %s: %s refused: %s", self._name, _word(request), why)
+
+    def _note(self, mode: OperatingMode, request: OperatingMode, why: str, now_ns: int) -> str:
+        if why:
+            return f"{self._name}: {_word(request)} refused: {why}"
+        if mode is OperatingMode.MUTED:
+            left_s = max(0.0, (self._until_ns - now_ns) * 1e-9)
+            return f"{self._name}: MUTED, people do not stop it for another {left_s:.1f} s"
+        return "" if mode is OperatingMode.AUTOMATIC else f"{self._name}: mode {_word(mode)}"
+
+
+def _ended(situation: Situation) -> str:
+    if not situation.is_known or not situation.asked.heard:
+        return "the situation is unknown"
+    return "the request was released"
+
+
+def _not_allowed(mode: OperatingMode) -> str:
+    return f"modes.{_KEYS[mode]} is not configured for this robot"
+
+
+def _word(mode: OperatingMode) -> str:
+    return mode.name.lower()

@@ -1,0 +1,54 @@
+"""Whether a robot that backs out along its plan recedes from everybody with every part of itself.
+
+Recovery needs the direction before the robot moves. Measured velocities tell it only above
+``DIRECTED_M_S``, the speed that recovery permits at most, and a robot that stands has none. Letting
+it creep until its direction shows would let it creep at somebody. So only the way that it came on
+counts: back along its plan, from the place where its joints are.
+"""
+
+from hri_predict.geometry import Capsules
+from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.receding import link_distances
+from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.motion import RobotMotion
+from hri_predict.robots.tracker import RobotNow
+
+FORWARDS_M_S = 0.03
+"""A robot that goes forwards by more does not back out. Less may be noise; see ``DIRECTED_M_S``."""
+NEARER_M = 0.001
+"""Less is no coming nearer: as far as the wire's steps of 0.25 mrad move a tip at 2 m, twice."""
+STEPS = 16
+"""Places on the way back at which distances are compared."""
+
+
+def why_not_backing_out(
+    robot: RobotConstants, now: RobotNow, motion: RobotMotion, bodies: BodyZones
+) -> str:
+    """Why the robot would not recede from everybody until it stands again; "" if it would.
+
+    Args:
+        robot: with ``modes.recovery`` and a plan, or it is refused.
+        now: the robot.
+        motion: how it moves.
+        bodies: everybody, as captured.
+    """
+    recovery = robot.robot.modes.recovery
+    if recovery is None or robot.plan is None or now.place_s is None:
+        return "its place on its plan is not known"
+    if bodies.lost.any():
+        return "somebody is lost"
+    if bodies.speeds.unknown.any():
+        return "the speed of a person is not known yet"
+    forwards_m_s = robot.plan.forwards_m_s(now.place_s, motion.qd)
+    if not forwards_m_s <= FORWARDS_M_S:
+        return "it does not go back"
+    stops_s = robot.model.stopping(recovery.speed_m_s)[0]
+    moves_s = robot.reaction_s(bodies.age_s) + stops_s
+    places = robot.plan.back_from(now.place_s, recovery.speed_m_s, moves_s, STEPS)
+    zones = bodies.zones.capsules
+    people = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
+    way = robot.model.capsules(robot.plan.trajectory.at(places)[0])
+    distance = link_distances(people, way)
+    if not (distance >= distance[0] - NEARER_M).all():
+        return "a link would come nearer to somebody on the way back"
+    return ""

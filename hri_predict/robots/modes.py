@@ -1,0 +1,59 @@
+"""The operating modes that an integrator may allow for a robot; none is allowed by default."""
+
+from pydantic import Field
+
+from hri_predict.settings import Settings
+
+
+class TeachMode(Settings):
+    """Teaching at reduced speed: manual mode, and the enabling device held.
+
+    The limit is that of ISO 10218-1:2011, 5.6.3 and 5.7.3 (manual reduced speed): 250 mm/s. There
+    it is the tool centre point's; here no point of the robot is faster.
+    """
+
+    speed_m_s: float = Field(
+        0.25, gt=0, le=0.25, strict=True, description="of the fastest point, at most"
+    )
+
+
+class RecoveryMode(Settings):
+    """Backing out slowly where people stop the robot, as long as no link comes nearer to anybody.
+
+    The robot goes back along the path of its ``motion.plan``.
+    """
+
+    speed_m_s: float = Field(
+        0.1, gt=0, le=0.1, strict=True, description="of the fastest point, at most"
+    )
+
+
+class MutingMode(Settings):
+    """People and zones do not stop the robot, for a limited time."""
+
+    max_s: float = Field(
+        gt=0,
+        le=600,
+        strict=True,
+        description="then it ends by itself, and the request must be released",
+    )
+    speed_m_s: float | None = Field(
+        None,
+        gt=0,
+        le=20,
+        strict=True,
+        description="of the fastest point; default: the robot's highest",
+    )
+
+
+class ModeSettings(Settings):
+    """``robots[].modes``: a mode that is left out is refused."""
+
+    teach: TeachMode | None = None
+    recovery: RecoveryMode | None = None
+    muting: MutingMode | None = None
+
+    @property
+    def allowed(self) -> list[str]:
+        """The keys of the allowed modes."""
+        return [key for key in type(self).model_fields if getattr(self, key) is not None]

@@ -1,0 +1,48 @@
+"""``check`` warns plainly of each operating mode that is allowed, and of none that is not."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from hri_predict.cli.check.check import examine
+from hri_predict.cli.check.modes import mode_notes
+from hri_predict.robots.model import RobotSettings
+from hri_predict.run import config as configuration
+from hri_sim.baseline_demo import BASELINE
+from tests.pages import ROOT
+
+ARM = {"name": "arm", "model": "ur5e", "room_from_robot": {}, "max_speed_m_s": 1.0}
+MODES = {"teach": {}, "recovery": {"speed_m_s": 0.06}, "muting": {"max_s": 4}}
+WORDS = {
+    "teach": "robot arm: TEACH is allowed: in manual mode, while the enabling device is held",
+    "recovery": "robot arm: RECOVERY is allowed: beside people it may go back along its plan at up "
+    "to 0.06 m/s",
+    "muting": "robot arm: MUTING is allowed: for up to 4 s nobody stops it, at up to 1 m/s",
+}
+
+
+def notes(**modes: object) -> list[str]:
+    motion = {"kind": "state", "plan": "pick_and_place"}
+    return mode_notes(RobotSettings.model_validate({**ARM, "motion": motion, "modes": modes}))
+
+
+@pytest.mark.parametrize("key", MODES)
+def test_each_mode_has_its_warning(key: str) -> None:
+    (note,) = notes(**{key: MODES[key]})
+    assert note.startswith(WORDS[key])
+
+
+def test_nothing_is_said_by_default_and_all_where_all_is_allowed() -> None:
+    assert notes() == []
+    assert len(notes(**MODES)) == 3
+
+
+def test_check_shows_them(tmp_path: Path) -> None:
+    data = yaml.safe_load((ROOT / "configs" / "demo.yaml").read_text(encoding="utf-8"))
+    data["predictor"] = BASELINE
+    data["robots"][0]["modes"] = {"muting": {"max_s": 4}}
+    path = tmp_path / "cell.yaml"
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    found = examine(configuration.load(path))["notes"]
+    assert any(note.startswith(WORDS["muting"]) for note in found)
