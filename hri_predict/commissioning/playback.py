@@ -15,7 +15,7 @@ from hri_predict.arrays import Floats
 from hri_predict.commissioning.bench import quiet
 from hri_predict.commissioning.grid import Grid
 from hri_predict.commissioning.report import GridResult
-from hri_predict.errors import RecordingError
+from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.files import atomic_write
 from hri_predict.node.listeners import Tick
 from hri_predict.people.snapshot import PeopleSnapshot
