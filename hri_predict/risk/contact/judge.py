@@ -62,7 +62,8 @@ class _Reachable:
 
     Attributes:
         who: (N,) their indices.
-        near_m: (V, N, S, C) smallest distance of segment and link until the robot stands.
+        near_m: (V, N, S, C) smallest distance of segment and link until the robot stands. Of
+            the first speed, 0: while a robot that creeps would come to rest where it is.
         bears: (V, N, S) whether the segment bears a touch at this speed.
     """
 
@@ -72,7 +73,14 @@ class _Reachable:
 
     def least_m(self, speed: int) -> float:
         """The smallest distance of a segment that may not be touched at this speed."""
-        counted = np.where(self.bears[speed][..., None], np.inf, self.near_m[speed])
+        return self._least_m(speed, self.near_m[speed])
+
+    def creeping_m(self, speed: int) -> float:
+        """The same, of a robot that hardly moves."""
+        return self._least_m(speed, self.near_m[0])
+
+    def _least_m(self, speed: int, near_m: Floats) -> float:
+        counted = np.where(self.bears[speed][..., None], np.inf, near_m)
         return float(counted.min(initial=np.inf))
 
 
@@ -118,7 +126,7 @@ class ContactJudge:
             ``None``: too many people are within reach.
         """
         curve = self._robot.curve
-        rungs = curve.max_speed_m_s * np.arange(1, RUNGS + 1) / RUNGS
+        rungs = curve.max_speed_m_s * np.arange(RUNGS + 1) / RUNGS
         speeds = np.append(rungs, motion.speed_m_s)
         zones = _after_now(bodies.zones.capsules, len(motion.times_s))
         travel = self._travel_m(motion, speeds)
@@ -161,11 +169,12 @@ class ContactJudge:
     def _travel_m(self, motion: RobotMotion, speeds: Floats) -> Floats:
         """(V, K) how far any point may get by the end of each step; minus infinity once it stands.
 
-        The last speed is the present one.
+        The first speed is 0, of a robot that creeps; the last is the present one.
         """
         curve = self._robot.curve
         stopping_s = np.interp(speeds, curve.speed_m_s, curve.time_s)
         stopping_m = np.interp(speeds, curve.speed_m_s, curve.distance_m)
+        stopping_s[0] = curve.time_s[1]
         stopping_s[-1] = max(stopping_s[-1], motion.stopping_s)
         stopping_m[-1] = max(stopping_m[-1], motion.stopping_m)
         travel = travel_m(
@@ -232,15 +241,16 @@ class ContactJudge:
     ) -> tuple[list[float], float]:
         """Limits and slack where the robot goes on in its present direction, if that permits more.
 
-        A part that may be clamped on a way in any direction counts as such.
+        A part that may be clamped on a way in any direction counts as such. What a level may not
+        touch must also stay away from a robot that creeps: one that recedes may be slower than the
+        lowest level.
         """
         top = self._robot.curve.max_speed_m_s
         levels = speed_levels(top, min(limits)) if min(limits) < top else np.empty(0)
-        rows = [round(RUNGS * level / top) - 1 for level in levels]
-        tried, at = list(levels), list(rows)
+        tried, at = list(levels), [round(RUNGS * level / top) for level in levels]
         if slack < 0 and motion.speed_m_s > 0:
             tried.append(motion.speed_m_s)
-            at.append(RUNGS)
+            at.append(RUNGS + 1)
         if not tried:
             return limits, slack
         robot, until = motion.stopping_at(np.array(tried))
@@ -253,7 +263,8 @@ class ContactJudge:
             least[i] = _least_m(
                 zones, (people, segments, steps), _part(robot, i, steps), at_most=enough
             )
-        known = least[: len(levels)]
+        creeping = [found.creeping_m(row) for row in at[: len(levels)]]
+        known = np.minimum(least[: len(levels)], creeping)
         limits = [
             directed_limit(levels, known, motion.clearance_m + margin, limit)
             for margin, limit in zip(self._margins_m, limits, strict=True)
