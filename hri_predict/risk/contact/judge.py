@@ -8,9 +8,9 @@ must bear the quasi-static limits as well. Head, face and neck bear nothing, and
 of a person who is lost or whose speed is unknown. A speed is permitted only together with every
 slower one.
 
-A body part may be clamped if a link can reach it, a fixture can (its zone comes that near), and the
-link may come nearer to the fixture than the part is thick (ISO 13854:2017, Table 1, or the part's
-capsule, if that is thicker).
+A body part may be clamped if a link can reach it, the part can reach a fixture (by itself, or
+pushed by the robot until it stands), and the link may come nearer to the fixture than the part is
+thick (ISO 13854:2017, Table 1, or the part's capsule, if that is thicker).
 
 The cost is bounded: beside more than ``MAX_BESIDE`` people within reach no contact is permitted.
 """
@@ -220,13 +220,15 @@ class ContactJudge:
             zones.b[people, :, segments],
             zones.radius[people, :, segments],
         )
-        beside = gaps(some, self._fixtures).min(1) < motion.clearance_m  # (n, F)
+        pushed = np.maximum(travel.max(1), 0.0)  # (V,)
+        reaches = motion.clearance_m + pushed[:, None, None]
+        beside = gaps(some, self._fixtures).min(1) < reaches  # (V, n, F)
         gap = gaps(motion.capsules, self._fixtures)  # (C, F)
         gap[~self._robot.model.moves] = np.inf
-        left = gap - np.maximum(travel.max(1), 0.0)[:, None, None]  # (V, C, F)
+        left = gap - pushed[:, None, None]  # (V, C, F)
         thick = self._thickness[segments] + motion.clearance_m  # (n,)
         narrow = left[:, None] < thick[:, None, None]  # (V, n, C, F)
-        pressed = narrow & beside[:, None] & touched[:, people, segments][..., None]
+        pressed = narrow & beside[:, :, None] & touched[:, people, segments][..., None]
         result[:, people, segments] = pressed.any(axis=(2, 3))
         return result
 

@@ -188,6 +188,17 @@ def test_a_hand_on_the_table_under_the_tip_bears_only_the_quasi_static_limit():
     assert found(hand, robot)[0][0].limit_m_s == 1.0
 
 
+def test_a_hand_that_the_robot_may_push_onto_the_table_bears_only_the_quasi_static_limit():
+    low = READY + np.array([0, 0.1, 0, 0, 0, 0])
+    tip = MODEL.capsules(low).a[-1]
+    robot = RobotNow(q=low, qd=np.zeros(6), speed_m_s=0.0)
+    hand = people({"l_hand": (tip[0], tip[1], 0.95)}, growth=0.0)  # 0.15 m above the table
+    limit = found(hand, robot, fixtures=True)[0][0].limit_m_s
+    assert found(hand, robot)[0][0].limit_m_s == 1.0
+    # slower, it stands before the hand is at the table
+    assert LIMITS.clamped_m_s[list(SEGMENTS).index("l_hand")] < limit < 1.0
+
+
 def test_a_head_that_reaches_a_robot_that_creeps_means_stop_though_a_fast_one_would_be_gone():
     """Found by sampling courses: the head's zone follows, and only a fast robot gets away."""
     qd = np.array([0.6, 0, 0, 0, 0, 0])
@@ -290,7 +301,8 @@ def permits(judge_motion, body, speed):
         grown = capsules.radius[0, 1 : len(judge_motion.times_s), s]
         for plane in fixtures:
             height = plane.point[2]
-            beside_it = (zones - height - grown).min() < judge_motion.clearance_m
+            # the robot may push the part towards the plane until it stands
+            beside_it = (zones - height - grown).min() < judge_motion.clearance_m + last
             narrow = link_z - height - last < thick[s] + judge_motion.clearance_m
             if c > 0 and beside_it and narrow:
                 pressed.add(s)
