@@ -74,7 +74,7 @@ class Levels:
             bodies: the bodies behind the findings.
             findings: see ``Separation``.
             remarks: for each robot, where it departs from its advice. A robot that was too fast is
-                no longer slowed: it runs or it stands.
+                no longer slowed: it runs or it stands, and it may touch nobody.
         """
         return tuple(
             self._advise(
@@ -126,8 +126,11 @@ class Levels:
         findings: Findings,
         remarks: Sequence[Reason],
     ) -> Advice:
-        demand, people = self._demand(robot, bodies, findings)
-        if Reason.ROBOT_TOO_FAST in remarks:
+        found, too_fast = findings.robots[robot], Reason.ROBOT_TOO_FAST in remarks
+        if too_fast:  # who may be touched at a limit that the robot does not keep?
+            found = replace(found, contact=None)
+        demand, people = self._demand(robot, found, bodies, findings.named)
+        if too_fast:
             demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
         causes = causes_now(snapshot, bodies.untrusted)
         machine = self._machines[robot]
@@ -165,16 +168,20 @@ class Levels:
         )
 
     def _demand(
-        self, robot: int, bodies: BodyZones, findings: Findings
+        self,
+        robot: int,
+        found: RobotFindings,
+        bodies: BodyZones,
+        named: Sequence[NamedZoneState],
     ) -> tuple[Demand, Finding | None]:
         """What this tick demands of a robot, and the finding about people that is the basis."""
-        constants, found = self._robots[robot], findings.robots[robot]
+        constants = self._robots[robot]
         demand, people = asked_of(constants, found, bodies)
         if found.unknown:
             return demand, people
         by_zones = [
             zone.demand(state, constants.name, constants.max_speed_m_s)
-            for zone, state in zip(self._named, findings.named, strict=True)
+            for zone, state in zip(self._named, named, strict=True)
         ]
         return combined([demand, *by_zones], constants.max_speed_m_s), people
 

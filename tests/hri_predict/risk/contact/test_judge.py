@@ -11,6 +11,7 @@ from hri_predict.errors import ConfigError, RobotError
 from hri_predict.files import data_path
 from hri_predict.geometry import Capsules, capsule_distance
 from hri_predict.link import LinkSettings
+from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.contact.fixtures import floor
@@ -18,7 +19,7 @@ from hri_predict.risk.contact.judge import MAX_BESIDE, RUNGS, ContactJudge, thic
 from hri_predict.risk.contact.judges import contact_judges, segment_limits
 from hri_predict.risk.contact.limits import FOLLOWS
 from hri_predict.risk.delay_budget import DelayBudget
-from hri_predict.risk.levels.advice import asked_of
+from hri_predict.risk.levels.advice import Levels, asked_of
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Separation
 from hri_predict.risk.separation.terms import travel_m
@@ -258,6 +259,49 @@ def test_a_present_speed_that_the_part_does_not_bear_is_a_stop():
     assert found(near, moving(0.3))[0][0].level is Level.SLOW
 
 
+def advised(bodies, remarks=(), captures=40):
+    """The advice after some captures of the same scene, at the robot's present remarks."""
+    constants, separation = stage()
+    levels = Levels(
+        settings=HYBRID,
+        robots=[constants],
+        named=[],
+        horizon_s=1.2,
+        segment_index=np.arange(len(SEGMENTS)),
+    )
+    joints = len(CANONICAL.joints)
+    advice = None
+    for k in range(captures):
+        now_ns = 10**9 + k * 40_000_000
+        snapshot = PeopleSnapshot(
+            now_ns=now_ns,
+            ids=bodies.zones.ids,
+            history=np.zeros((1, 2, joints, 3)),
+            observed=np.ones((1, 2, joints), bool),
+            capture_ns=np.array([now_ns]),
+            last_positions=np.zeros((1, joints, 3)),
+            joint_age_s=np.zeros((1, joints)),
+            lost=(),
+            reasons=(),
+            newest_capture_ns=now_ns,
+            captures=k,
+            counters={},
+        )
+        said = [remarks if k == captures - 1 else ()]
+        advice = levels(snapshot, bodies, separation(bodies, [standing()]), said)[0]
+    return advice
+
+
+def test_a_robot_that_does_not_keep_its_limit_may_touch_nobody():
+    hand = people({"l_hand": beside()})
+    obeys = advised(hand)
+    assert obeys.level is not Level.STOP
+    assert obeys.speed_limit_m_s > 0
+    ignores = advised(hand, [Reason.ROBOT_TOO_FAST])
+    assert ignores.level is Level.STOP
+    assert ignores.speed_limit_m_s == 0
+
+
 PLACES = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-0.4, 0.6))
 BODIES = st.dictionaries(
     st.sampled_from(["head", "thorax", "l_hand", "r_forearm", "l_shank"]), PLACES, min_size=1
@@ -354,6 +398,12 @@ def test_a_robot_that_hangs_needs_its_fixtures():
         contact_judges(
             settings=HYBRID, robots=[robot], segments=list(CANONICAL.segments), floor_m=0.0
         )
+
+
+def test_without_a_zone_for_the_head_nobody_may_be_touched():
+    legs_and_arms = [s for s in CANONICAL.segments if s.part != "torso"]
+    with pytest.raises(ConfigError, match="head"):
+        contact_judges(settings=HYBRID, robots=[CONSTANTS], segments=legs_and_arms, floor_m=0.0)
 
 
 def test_the_robot_file_must_say_what_a_person_feels(tmp_path):
