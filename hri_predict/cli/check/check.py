@@ -17,7 +17,12 @@ from hri_predict.cli.check.calibration import (
     calibration_notes,
     zones_text,
 )
-from hri_predict.cli.check.contact import contact_facts, contact_notes, contact_table
+from hri_predict.cli.check.contact import (
+    contact_facts,
+    contact_notes,
+    contact_table,
+    unseen_ends_note,
+)
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
@@ -81,7 +86,7 @@ def check(
     if as_json:
         print(json.dumps(found))
         return
-    console = Console()
+    console = Console(markup=False)  # names and sources are the user's, and may hold brackets
     console.print(_delay_table(found))
     if found["risk"]["robots"]:
         console.print(_risk_table(found["risk"]))
@@ -169,6 +174,7 @@ def examine(config: Config) -> dict[str, Any]:
             *_radius_note(risk),
             *calibration_notes(calibration),
             *contact_notes(*contact),
+            *unseen_ends_note(config.node.risk, assembly.source.joint_map.mapped),
         ],
     }
 
