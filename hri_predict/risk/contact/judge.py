@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.geometry import Capsules, axis_distance, norm
+from hri_predict.geometry import Capsules, axis_distance, capsule_distance, norm
 from hri_predict.risk.contact.fixtures import Fixture, gaps
 from hri_predict.risk.contact.limits import FOLLOWS, SegmentLimits
 from hri_predict.risk.robot_constants import RobotConstants
@@ -155,6 +155,15 @@ class ContactJudge:
             )
         slack = min(slack, _FREE_M)
         person, segment, link = self._deciding(found, rungs, limits[0], people)
+        now = bodies.zones.capsules
+        pair_m = capsule_distance(
+            Capsules(
+                now.a[person, 0, segment], now.b[person, 0, segment], now.radius[person, 0, segment]
+            ),
+            Capsules(
+                motion.capsules.a[link], motion.capsules.b[link], motion.capsules.radius[link]
+            ),
+        )
         return replace(
             people,
             slack_m=slack,
@@ -164,6 +173,7 @@ class ContactJudge:
             person=person,
             segment=segment,
             link=link,
+            pair_m=float(pair_m),
         )
 
     def _travel_m(self, motion: RobotMotion, speeds: Floats) -> Floats:

@@ -242,7 +242,11 @@ def _with_contact(
         return demand, contact
     if demand.level is Level.STOP:
         return demand, replace(
-            people, person=contact.person, segment=contact.segment, link=contact.link
+            people,
+            person=contact.person,
+            segment=contact.segment,
+            link=contact.link,
+            pair_m=contact.pair_m,
         )
     return demand, people
 
@@ -307,4 +311,5 @@ def where(robot: RobotConstants, people: Finding) -> str:
     if robot.risk.mode == "fixed":
         return f"{max(people.slack_m + robot.fixed_radius_m, 0.0):.2f} m from the base's axis"
     link = robot.model.capsule_names[people.link]
-    return f"{max(people.separation_m, 0.0):.2f} m from {link}"
+    distance_m = people.separation_m if people.pair_m is None else people.pair_m
+    return f"{max(distance_m, 0.0):.2f} m from {link}"

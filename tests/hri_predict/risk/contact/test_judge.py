@@ -1,5 +1,6 @@
 """What contact permits, against a plain reading of the rule, and by hand."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -290,6 +291,24 @@ def advised(bodies, remarks=(), captures=40):
         said = [remarks if k == captures - 1 else ()]
         advice = levels(snapshot, bodies, separation(bodies, [standing()]), said)[0]
     return advice
+
+
+@pytest.mark.parametrize("other", ["head", "thorax"])
+def test_the_distance_that_the_detail_tells_is_that_of_the_part_it_names(other):
+    there = TIP + np.array([-0.45, 0.0, 0.1])
+    advice = advised(people({"l_hand": beside(x=-0.2), other: tuple(there)}, growth=0.6))
+    part, distance, link = re.search(
+        r"person 7, (\w+), ([\d.]+) m from (\w+)", advice.detail
+    ).groups()
+    assert part == other
+    links = MODEL.capsules(READY)
+    c = MODEL.capsule_names.index(link)
+    true = capsule_distance(
+        Capsules(there, there, np.array(0.05)),
+        Capsules(links.a[c], links.b[c], links.radius[c]),
+    )
+    assert float(distance) == pytest.approx(float(true), abs=0.006)
+    assert advice.separation_m < true - 0.1  # the hand is nearer
 
 
 def test_a_robot_that_does_not_keep_its_limit_may_touch_nobody():
