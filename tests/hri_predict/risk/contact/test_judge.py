@@ -1,6 +1,5 @@
 """What contact permits, against a plain reading of the rule, and by hand."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,119 +10,39 @@ from hypothesis import strategies as st
 from hri_predict.errors import ConfigError, RobotError
 from hri_predict.files import data_path
 from hri_predict.geometry import Capsules, capsule_distance
-from hri_predict.link import LinkSettings
-from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.contact.fixtures import floor
 from hri_predict.risk.contact.judge import MAX_BESIDE, RUNGS, ContactJudge, thickness_m
-from hri_predict.risk.contact.judges import contact_judges, segment_limits
+from hri_predict.risk.contact.judges import contact_judges
 from hri_predict.risk.contact.limits import FOLLOWS
-from hri_predict.risk.delay_budget import DelayBudget
-from hri_predict.risk.levels.advice import Levels, asked_of
-from hri_predict.risk.robot_constants import RobotConstants
-from hri_predict.risk.separation.stage import Separation
 from hri_predict.risk.separation.terms import travel_m
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.risk.types import Zones
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.robots.model import RobotSettings, load_robot
-from hri_predict.robots.tracker import RobotNow, RobotTracker
+from hri_predict.robots.model import load_robot
+from hri_predict.robots.tracker import RobotNow
 from hri_predict.settings import Pose
 from hri_predict.skeleton import CANONICAL
-from tests.hri_predict.risk.people_speeds import speeds_of
+from tests.hri_predict.risk.contact.cell import (
+    CONSTANTS,
+    HYBRID,
+    LIMITS,
+    MODEL,
+    READY,
+    ROBOT,
+    SEGMENTS,
+    TIMES,
+    TIP,
+    beside,
+    found,
+    limit_of,
+    moving,
+    people,
+    rung_below,
+    stage,
+    standing,
+)
 
 MODEL_FILE = data_path("robots", "ur5e.yaml")
-READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
-ROBOT = RobotSettings(
-    name="arm",
-    model="ur5e",
-    room_from_robot=Pose(xyz=[0.0, 0.0, 0.75]),
-    payload_kg=2.0,
-    max_speed_m_s=1.0,
-    contact="allowed",
-)
-MODEL = load_robot(ROBOT, None)
-LINK = LinkSettings(name="bus", kind="can", delay_s=0.03, silence_timeout_s=0.1, reaction_s=0.1)
-BUDGET = DelayBudget.from_settings(25.0, [LINK], stale_s=0.12)
-TIMES = np.arange(31) / 25.0
-HYBRID = RiskSettings(mode="hybrid")
-CONSTANTS = RobotConstants.of(RobotTracker(ROBOT, MODEL), HYBRID, BUDGET, 1.2)
-SEGMENTS = {s.name: s for s in CANONICAL.segments}
-LIMITS = segment_limits(HYBRID, MODEL, list(SEGMENTS), None)
-TIP = MODEL.capsules(READY).a[-1]
-NOWHERE = (50.0, 0.0, 1.0)
-
-
-def limit_of(segment):
-    return float(LIMITS.transient_m_s[list(SEGMENTS).index(segment)] / FOLLOWS)
-
-
-def rung_below(speed):
-    return np.floor(speed * RUNGS + 1e-9) / RUNGS
-
-
-def people(*bodies, own=0.0, radius=0.05, growth=0.2):
-    """People of whom all segments but the named ones are far away: {segment: place} of each."""
-    centre = np.empty((len(bodies), len(TIMES), len(SEGMENTS), 3))
-    for p, body in enumerate(bodies):
-        for s, name in enumerate(SEGMENTS):
-            centre[p, :, s] = body.get(name, NOWHERE)
-    size = np.broadcast_to((radius + growth * TIMES)[:, None], centre.shape[:-1])
-    capsules = Capsules(centre, centre, size)
-    ids = tuple(range(7, 7 + len(bodies)))
-    return BodyZones(
-        zones=Zones(ids, tuple(SEGMENTS), TIMES, capsules),
-        paths=capsules,
-        lost=np.zeros(len(ids), bool),
-        age_s=0.05,
-        capture_ns=10**9,
-        speeds=speeds_of(*np.zeros(len(ids)), segments=len(SEGMENTS)),
-        segments_m_s=np.full((len(ids), len(SEGMENTS)), own),
-        as_assumed=np.zeros(len(ids), bool),
-    )
-
-
-def standing():
-    return RobotNow(q=READY, qd=np.zeros(6), speed_m_s=0.0)
-
-
-def moving(turn=0.3):
-    qd = np.array([turn, 0, 0, 0, 0, 0])
-    return RobotNow(q=READY, qd=qd, speed_m_s=float(MODEL.tip_speed(READY, qd)))
-
-
-def stage(risk=HYBRID, fixtures=False):
-    risk = (
-        risk
-        if fixtures
-        else risk.model_copy(update={"contact": risk.contact.model_copy(update={"fixtures": []})})
-    )
-    constants = replace(CONSTANTS, risk=risk)
-    judges = contact_judges(
-        settings=risk, robots=[constants], segments=list(CANONICAL.segments), floor_m=0.0
-    )
-    separation = Separation(
-        settings=risk,
-        robots=[constants],
-        named=[],
-        view=None,
-        times_s=TIMES,
-        horizon_s=1.2,
-        contact=judges,
-    )
-    return constants, separation
-
-
-def found(bodies, robot=None, **kwargs):
-    constants, separation = stage(**kwargs)
-    findings = separation(bodies, [robot or standing()])
-    return asked_of(constants, findings.robots[0], bodies), findings.robots[0]
-
-
-def beside(x=0.25, z=0.1):
-    """A place that the tip may reach, above the table."""
-    return tuple(TIP + np.array([x, 0.0, z]))
 
 
 def test_beside_a_hand_the_robot_may_be_as_fast_as_the_hand_bears():
@@ -258,67 +177,6 @@ def test_a_present_speed_that_the_part_does_not_bear_is_a_stop():
     assert moving(1.2).speed_m_s > limit_of("thorax")
     assert fast.level is Level.STOP
     assert found(near, moving(0.3))[0][0].level is Level.SLOW
-
-
-def advised(bodies, remarks=(), captures=40):
-    """The advice after some captures of the same scene, at the robot's present remarks."""
-    constants, separation = stage()
-    levels = Levels(
-        settings=HYBRID,
-        robots=[constants],
-        named=[],
-        horizon_s=1.2,
-        segment_index=np.arange(len(SEGMENTS)),
-    )
-    joints = len(CANONICAL.joints)
-    advice = None
-    for k in range(captures):
-        now_ns = 10**9 + k * 40_000_000
-        snapshot = PeopleSnapshot(
-            now_ns=now_ns,
-            ids=bodies.zones.ids,
-            history=np.zeros((1, 2, joints, 3)),
-            observed=np.ones((1, 2, joints), bool),
-            capture_ns=np.array([now_ns]),
-            last_positions=np.zeros((1, joints, 3)),
-            joint_age_s=np.zeros((1, joints)),
-            lost=(),
-            reasons=(),
-            newest_capture_ns=now_ns,
-            captures=k,
-            counters={},
-        )
-        said = [remarks if k == captures - 1 else ()]
-        advice = levels(snapshot, bodies, separation(bodies, [standing()]), said)[0]
-    return advice
-
-
-@pytest.mark.parametrize("other", ["head", "thorax"])
-def test_the_distance_that_the_detail_tells_is_that_of_the_part_it_names(other):
-    there = TIP + np.array([-0.45, 0.0, 0.1])
-    advice = advised(people({"l_hand": beside(x=-0.2), other: tuple(there)}, growth=0.6))
-    part, distance, link = re.search(
-        r"person 7, (\w+), ([\d.]+) m from (\w+)", advice.detail
-    ).groups()
-    assert part == other
-    links = MODEL.capsules(READY)
-    c = MODEL.capsule_names.index(link)
-    true = capsule_distance(
-        Capsules(there, there, np.array(0.05)),
-        Capsules(links.a[c], links.b[c], links.radius[c]),
-    )
-    assert float(distance) == pytest.approx(float(true), abs=0.006)
-    assert advice.separation_m < true - 0.1  # the hand is nearer
-
-
-def test_a_robot_that_does_not_keep_its_limit_may_touch_nobody():
-    hand = people({"l_hand": beside()})
-    obeys = advised(hand)
-    assert obeys.level is not Level.STOP
-    assert obeys.speed_limit_m_s > 0
-    ignores = advised(hand, [Reason.ROBOT_TOO_FAST])
-    assert ignores.level is Level.STOP
-    assert ignores.speed_limit_m_s == 0
 
 
 PLACES = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-0.4, 0.6))
