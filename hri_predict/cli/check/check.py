@@ -22,7 +22,12 @@ from hri_predict.cli.check.commissioned import (
     commissioning_lines,
     is_as_commissioned,
 )
-from hri_predict.cli.check.contact import contact_facts, contact_notes, contact_table
+from hri_predict.cli.check.contact import (
+    contact_facts,
+    contact_notes,
+    contact_table,
+    unseen_ends_note,
+)
 from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
@@ -96,7 +101,7 @@ def check(
 
 
 def _print(found: dict[str, Any]) -> None:
-    console = Console()
+    console = Console(markup=False)  # names and sources are the user's, and may hold brackets
     console.print(_delay_table(found))
     if found["risk"]["robots"]:
         console.print(_risk_table(found["risk"]))
@@ -200,6 +205,7 @@ def examine(config: Config) -> dict[str, Any]:
             *base_notes(config.node.robots),
             *calibration_notes(calibration),
             *contact_notes(*contact),
+            *unseen_ends_note(config.node.risk, assembly.source.joint_map.mapped),
         ],
     }
 

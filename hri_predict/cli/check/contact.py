@@ -6,13 +6,16 @@ from typing import Any
 
 from rich.table import Table
 
+from hri_predict.arrays import Bools
 from hri_predict.risk.contact.judges import fixtures_of, segment_limits
-from hri_predict.risk.contact.limits import FOLLOWS, load_table
+from hri_predict.risk.contact.limits import FOLLOWS, NEVER, ContactTable, load_table
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotModel, RobotSettings
 from hri_predict.skeleton import CANONICAL
 
 Robots = Sequence[tuple[RobotSettings, RobotModel]]
+_ABOVE_BASE_M = 0.1
+"""So far along the base's own z axis is surely within the robot, and not in what it stands on."""
 
 
 def contact_facts(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> dict[str, Any]:
@@ -55,7 +58,8 @@ def contact_notes(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> 
     names = ", ".join(robot.name for robot, _ in allowed)
     if risk.mode != "hybrid":
         return [f"contact: allowed of {names} has no effect: risk.mode is {risk.mode}, not hybrid"]
-    said = " ".join(load_table(risk.contact.table, base_dir).source.split())
+    table = load_table(risk.contact.table, base_dir)
+    said = " ".join(table.source.split())
     notes = [
         f"CONTACT IS ALLOWED: {names} may touch people. Measure force and pressure on the robot "
         f"before anybody works beside it (ISO 10218-2:2025); docs/guides/contact.md says how",
@@ -65,12 +69,69 @@ def contact_notes(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> 
         if model.contact is not None:
             source = " ".join(model.contact.source.split())
             notes.append(f"robot {robot.name}: mass and area of contact: {source}")
+        notes += _milder_than_shipped(table, robot.name, model)
+        notes += _around(risk, robot)
+    if risk.contact.own_speed == "left_out":
+        notes.append(
+            "risk.contact.own_speed left_out: who moves into the robot may meet it faster than the "
+            "limits say; the speed of a body part is not taken off"
+        )
     if risk.contact.fixtures is None:
         notes.append(
             "no risk.contact.fixtures: only the floor and the table that a robot stands on count "
             "as what it may clamp people against; list machines, walls and racks"
         )
     return notes
+
+
+def unseen_ends_note(risk: RiskSettings, mapped: Bools) -> list[str]:
+    """That the robot stops beside hands and feet that the tracker does not deliver.
+
+    Args:
+        risk: of the configuration.
+        mapped: (J,) which canonical joints the source's joint map gives.
+    """
+    ends = ("l_hand", "r_hand", "l_foot", "r_foot")
+    unseen = [name for name in ends if not mapped[CANONICAL.index(name)]]
+    if risk.mode != "hybrid" or risk.contact.own_speed == "left_out" or not unseen:
+        return []
+    return [
+        f"contact: {', '.join(unseen)} not delivered by the tracker, so nobody knows their speed: "
+        f"a robot stops that can reach them (risk.contact.own_speed left_out: it may go on)"
+    ]
+
+
+def _milder_than_shipped(table: ContactTable, robot: str, model: RobotModel) -> list[str]:
+    assert model.contact is not None  # the robot would not have been loaded
+    area, shipped = model.contact.area_cm2, load_table(None, None)
+    milder = [
+        region.replace("_", " ")
+        for region, limits in table.regions.items()
+        if region not in NEVER
+        and any(
+            limits.speed_m_s(model.effective_kg, area, clamped=clamped)
+            > shipped.regions[region].speed_m_s(model.effective_kg, area, clamped=clamped)
+            for clamped in (False, True)
+        )
+    ]
+    if not milder:
+        return []
+    return [
+        f"robot {robot}: risk.contact.table lets it touch {', '.join(milder)} faster than the "
+        f"shipped table (ISO/TS 15066) does"
+    ]
+
+
+def _around(risk: RiskSettings, robot: RobotSettings) -> list[str]:
+    """Fixtures that hold the robot itself: everything beside it would count as clamped."""
+    above = robot.room_from_robot.matrix()[:3] @ (0.0, 0.0, _ABOVE_BASE_M, 1.0)
+    return [
+        f"risk.contact.fixtures: robot {robot.name} stands in or behind {fixture.name}, so "
+        f"everybody beside it counts as clamped; turn a plane's normal to the free side, or make "
+        f"a box smaller"
+        for fixture in risk.contact.fixtures or ()
+        if fixture.distance(above) <= 0
+    ]
 
 
 def contact_table(name: str, facts: dict[str, Any]) -> Table:

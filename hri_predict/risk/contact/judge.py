@@ -8,9 +8,9 @@ must bear the quasi-static limits as well. Head, face and neck bear nothing, and
 of a person who is lost or whose speed is unknown. A speed is permitted only together with every
 slower one.
 
-A body part may be clamped if a link can reach it, a fixture can (its zone comes that near), and the
-link may come nearer to the fixture than the part is thick (ISO 13854:2017, Table 1, or the part's
-capsule, if that is thicker).
+A body part may be clamped if a link can reach it, the part can reach a fixture (by itself, or
+pushed by the robot until it stands), and the link may come nearer to the fixture than the part is
+thick (ISO 13854:2017, Table 1, or the part's capsule, if that is thicker).
 
 The cost is bounded: beside more than ``MAX_BESIDE`` people within reach no contact is permitted.
 """
@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.geometry import Capsules, axis_distance, norm
+from hri_predict.geometry import Capsules, axis_distance, capsule_distance, norm
 from hri_predict.risk.contact.fixtures import Fixture, gaps
 from hri_predict.risk.contact.limits import FOLLOWS, SegmentLimits
 from hri_predict.risk.robot_constants import RobotConstants
@@ -62,7 +62,8 @@ class _Reachable:
 
     Attributes:
         who: (N,) their indices.
-        near_m: (V, N, S, C) smallest distance of segment and link until the robot stands.
+        near_m: (V, N, S, C) smallest distance of segment and link until the robot stands. Of
+            the first speed, 0: while a robot that creeps would come to rest where it is.
         bears: (V, N, S) whether the segment bears a touch at this speed.
     """
 
@@ -72,7 +73,14 @@ class _Reachable:
 
     def least_m(self, speed: int) -> float:
         """The smallest distance of a segment that may not be touched at this speed."""
-        counted = np.where(self.bears[speed][..., None], np.inf, self.near_m[speed])
+        return self._least_m(speed, self.near_m[speed])
+
+    def creeping_m(self, speed: int) -> float:
+        """The same, of a robot that hardly moves."""
+        return self._least_m(speed, self.near_m[0])
+
+    def _least_m(self, speed: int, near_m: Floats) -> float:
+        counted = np.where(self.bears[speed][..., None], np.inf, near_m)
         return float(counted.min(initial=np.inf))
 
 
@@ -118,7 +126,7 @@ class ContactJudge:
             ``None``: too many people are within reach.
         """
         curve = self._robot.curve
-        rungs = curve.max_speed_m_s * np.arange(1, RUNGS + 1) / RUNGS
+        rungs = curve.max_speed_m_s * np.arange(RUNGS + 1) / RUNGS
         speeds = np.append(rungs, motion.speed_m_s)
         zones = _after_now(bodies.zones.capsules, len(motion.times_s))
         travel = self._travel_m(motion, speeds)
@@ -147,6 +155,15 @@ class ContactJudge:
             )
         slack = min(slack, _FREE_M)
         person, segment, link = self._deciding(found, rungs, limits[0], people)
+        now = bodies.zones.capsules
+        pair_m = capsule_distance(
+            Capsules(
+                now.a[person, 0, segment], now.b[person, 0, segment], now.radius[person, 0, segment]
+            ),
+            Capsules(
+                motion.capsules.a[link], motion.capsules.b[link], motion.capsules.radius[link]
+            ),
+        )
         return replace(
             people,
             slack_m=slack,
@@ -156,16 +173,18 @@ class ContactJudge:
             person=person,
             segment=segment,
             link=link,
+            pair_m=float(pair_m),
         )
 
     def _travel_m(self, motion: RobotMotion, speeds: Floats) -> Floats:
         """(V, K) how far any point may get by the end of each step; minus infinity once it stands.
 
-        The last speed is the present one.
+        The first speed is 0, of a robot that creeps; the last is the present one.
         """
         curve = self._robot.curve
         stopping_s = np.interp(speeds, curve.speed_m_s, curve.time_s)
         stopping_m = np.interp(speeds, curve.speed_m_s, curve.distance_m)
+        stopping_s[0] = curve.time_s[1]
         stopping_s[-1] = max(stopping_s[-1], motion.stopping_s)
         stopping_m[-1] = max(stopping_m[-1], motion.stopping_m)
         travel = travel_m(
@@ -211,13 +230,15 @@ class ContactJudge:
             zones.b[people, :, segments],
             zones.radius[people, :, segments],
         )
-        beside = gaps(some, self._fixtures).min(1) < motion.clearance_m  # (n, F)
+        pushed = np.maximum(travel.max(1), 0.0)  # (V,)
+        reaches = motion.clearance_m + pushed[:, None, None]
+        beside = gaps(some, self._fixtures).min(1) < reaches  # (V, n, F)
         gap = gaps(motion.capsules, self._fixtures)  # (C, F)
         gap[~motion.model.moves] = np.inf
-        left = gap - np.maximum(travel.max(1), 0.0)[:, None, None]  # (V, C, F)
+        left = gap - pushed[:, None, None]  # (V, C, F)
         thick = self._thickness[segments] + motion.clearance_m  # (n,)
         narrow = left[:, None] < thick[:, None, None]  # (V, n, C, F)
-        pressed = narrow & beside[:, None] & touched[:, people, segments][..., None]
+        pressed = narrow & beside[:, :, None] & touched[:, people, segments][..., None]
         result[:, people, segments] = pressed.any(axis=(2, 3))
         return result
 
@@ -232,15 +253,16 @@ class ContactJudge:
     ) -> tuple[list[float], float]:
         """Limits and slack where the robot goes on in its present direction, if that permits more.
 
-        A part that may be clamped on a way in any direction counts as such.
+        A part that may be clamped on a way in any direction counts as such. What a level may not
+        touch must also stay away from a robot that creeps: one that recedes may be slower than the
+        lowest level.
         """
         top = self._robot.curve.max_speed_m_s
         levels = speed_levels(top, min(limits)) if min(limits) < top else np.empty(0)
-        rows = [round(RUNGS * level / top) - 1 for level in levels]
-        tried, at = list(levels), list(rows)
+        tried, at = list(levels), [round(RUNGS * level / top) for level in levels]
         if slack < 0 and motion.speed_m_s > 0:
             tried.append(motion.speed_m_s)
-            at.append(RUNGS)
+            at.append(RUNGS + 1)
         if not tried:
             return limits, slack
         robot, until = motion.stopping_at(np.array(tried))
@@ -253,7 +275,8 @@ class ContactJudge:
             least[i] = _least_m(
                 zones, (people, segments, steps), _part(robot, i, steps), at_most=enough
             )
-        known = least[: len(levels)]
+        creeping = [found.creeping_m(row) for row in at[: len(levels)]]
+        known = np.minimum(least[: len(levels)], creeping)
         limits = [
             directed_limit(levels, known, motion.clearance_m + margin, limit)
             for margin, limit in zip(self._margins_m, limits, strict=True)

@@ -35,11 +35,17 @@ def contact_judges(
         base_dir: base of relative paths.
 
     Raises:
-        ConfigError: no robot has ``contact: allowed``, the table cannot be read, or fixtures are
-            missing for a robot that does not stand upright.
+        ConfigError: no robot has ``contact: allowed``, the zones leave out the head, the table
+            cannot be read, or fixtures are missing for a robot that does not stand upright.
     """
     if settings.mode != "hybrid":
         return {}
+    if "head" not in (s.name for s in segments):
+        raise ConfigError(
+            "risk.mode hybrid: nobody may be touched whose head has no zone; take torso out of "
+            "people.absent_parts, choose a predictor whose skeleton has a head, or use mode "
+            "predictive"
+        )
     judges = {}
     for index, robot in enumerate(robots):
         if robot.robot.contact is None:

@@ -77,7 +77,7 @@ class Levels:
             bodies: the bodies behind the findings.
             findings: see ``Separation``.
             remarks: for each robot, where it departs from its advice. A robot that was too fast is
-                no longer slowed: it runs or it stands.
+                no longer slowed: it runs or it stands, and it may touch nobody.
         """
         return tuple(
             self._advise(
@@ -136,10 +136,13 @@ class Levels:
         findings: Findings,
         remarks: Sequence[Reason],
     ) -> Advice:
-        natural, people = self._demand(robot, bodies, findings)
-        decision = self._decide(robot, natural, findings.robots[robot], snapshot.now_ns)
+        found, too_fast = findings.robots[robot], Reason.ROBOT_TOO_FAST in remarks
+        if too_fast:  # who may be touched at a limit that the robot does not keep?
+            found = replace(found, contact=None)
+        natural, people = self._demand(robot, found, bodies, findings.named)
+        decision = self._decide(robot, natural, found, snapshot.now_ns)
         demand = decision.demand
-        if Reason.ROBOT_TOO_FAST in remarks:
+        if too_fast:
             demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
         causes = causes_now(snapshot, bodies.untrusted)
         machine = self._machines[robot]
@@ -196,16 +199,20 @@ class Levels:
         return self._modes[robot].decide(situation, now_ns)
 
     def _demand(
-        self, robot: int, bodies: BodyZones, findings: Findings
+        self,
+        robot: int,
+        found: RobotFindings,
+        bodies: BodyZones,
+        named: Sequence[NamedZoneState],
     ) -> tuple[Demand, Finding | None]:
         """What this tick demands of a robot, and the finding about people that is the basis."""
-        constants, found = self._robots[robot], findings.robots[robot]
+        constants = self._robots[robot]
         demand, people = asked_of(constants, found, bodies)
         if found.unknown:
             return demand, people
         by_zones = [
             zone.demand(state, constants.name, constants.max_speed_m_s)
-            for zone, state in zip(self._named, findings.named, strict=True)
+            for zone, state in zip(self._named, named, strict=True)
         ]
         return combined([demand, *by_zones], constants.max_speed_m_s), people
 
@@ -266,7 +273,11 @@ def _with_contact(
         return demand, contact
     if demand.level is Level.STOP:
         return demand, replace(
-            people, person=contact.person, segment=contact.segment, link=contact.link
+            people,
+            person=contact.person,
+            segment=contact.segment,
+            link=contact.link,
+            pair_m=contact.pair_m,
         )
     return demand, people
 
@@ -334,4 +345,5 @@ def where(robot: RobotConstants, people: Finding) -> str:
     if robot.risk.mode == "fixed":
         return f"{max(people.slack_m + robot.fixed_radius_m, 0.0):.2f} m from the base's axis"
     link = robot.model.capsule_names[people.link]
-    return f"{max(people.separation_m, 0.0):.2f} m from {link}"
+    distance_m = people.separation_m if people.pair_m is None else people.pair_m
+    return f"{max(distance_m, 0.0):.2f} m from {link}"

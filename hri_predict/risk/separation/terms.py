@@ -153,6 +153,7 @@ class Finding:
         person: index of the deciding person; -1: nobody.
         segment: index (in the zones) of the deciding body segment.
         link: index of the deciding robot capsule.
+        pair_m: distance now of deciding segment and link, if others are nearer; else ``None``.
     """
 
     separation_m: float
@@ -164,6 +165,7 @@ class Finding:
     person: int = -1
     segment: int = -1
     link: int = -1
+    pair_m: float | None = None
 
 
 def closing_s(slack_m: float, speed_m_s: float) -> float:

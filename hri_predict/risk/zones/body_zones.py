@@ -51,7 +51,8 @@ class BodyZones:
         claimed: see ``JointSpheres``.
         speeds: of everybody, in the order of ``zones``.
         segments_m_s: (P, S) how fast each segment moves in the room as captured, at its faster end;
-            infinite if that is not known, as of a lost person.
+            infinite if that is not known, as of a lost person. An inferred hand or foot counts at
+            the physical limit: its tracker does not see how it turns.
         as_assumed: (P,) whether the standard's assumptions are known to hold for a person: here, of
             measured speed, not fast, and with a forecast that is neither widened nor out of
             distribution. For all others their zones alone decide in mode ``predictive``.
@@ -123,6 +124,7 @@ class ZoneBuilder:
         # (S, J): a sphere of this size about joint k holds the whole of segment s
         self._reach: Floats = np.maximum(skeleton.reach[self._a], skeleton.reach[self._b])
         self._speed_rule = SpeedRule(skeleton, limits)
+        self._ends: Bools = ~np.isin(np.arange(len(skeleton.joints)), skeleton.parents)
         self.times_s: Floats = np.arange(1 + (steps or horizon_steps)) / rate_hz
         self.joints = JointZones(
             skeleton=skeleton,
@@ -182,7 +184,7 @@ class ZoneBuilder:
             capture_ns=capture_ns,
             claimed=joints.claimed,
             speeds=joined_speeds([speeds, self._lost_speeds(snapshot)]),
-            segments_m_s=self._segment_speeds(moving, len(snapshot.lost)),
+            segments_m_s=self._segment_speeds(moving, snapshot.delivered, len(snapshot.lost)),
             as_assumed=np.append(
                 speeds.within_standard & _trusted(trust, len(snapshot.ids)),
                 np.zeros(len(snapshot.lost), np.bool_),
@@ -193,8 +195,11 @@ class ZoneBuilder:
         speeds_m_s = np.array([person.speed_m_s for person in snapshot.lost], dtype=np.float64)
         return self._speed_rule.lost(speeds_m_s, len(self.segment_names))
 
-    def _segment_speeds(self, moving: JointSpeeds, lost: int) -> Floats:
+    def _segment_speeds(self, moving: JointSpeeds, delivered: Bools, lost: int) -> Floats:
         joints = np.where(moving.measured, moving.speed, np.inf)
+        # an inferred hand follows its forearm, a true one may turn about its wrist
+        guessed = moving.measured & ~delivered & self._ends
+        joints = np.where(guessed, self._speed_rule.physical_m_s, joints)
         seen = np.maximum(joints[:, self._a], joints[:, self._b])
         return np.concatenate([seen, np.full((lost, len(self._a)), np.inf)])
 

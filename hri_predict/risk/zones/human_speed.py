@@ -150,6 +150,9 @@ class SpeedRule:
         skeleton: names the joints and their parts. In a skeleton without parts, every joint counts
             as the trunk.
         limits: see ``HumanLimits``.
+
+    Attributes:
+        physical_m_s: (J,) physical limit of each joint.
     """
 
     def __init__(self, skeleton: Skeleton, limits: HumanLimits) -> None:
@@ -163,7 +166,7 @@ class SpeedRule:
         self._leg: Bools = np.asarray(part == "leg")
         self._assumed = np.where(part == "arm", limits.arm_speed_m_s, limits.body_speed_m_s)
         self._body_m_s = limits.body_speed_m_s
-        self._physical = np.array([limits.reach[each].speed_m_s for each in part])
+        self.physical_m_s = np.array([limits.reach[each].speed_m_s for each in part])
         self._unknown_m_s = limits.reach["trunk"].speed_m_s
         self._growth_m_s = limits.physical_speed_m_s
 
@@ -217,4 +220,4 @@ class SpeedRule:
         of people whose speed is ``unknown`` (P,) grow at their physical limits.
         """
         present = np.maximum(speeds.speed, self._growth_m_s)
-        return np.where(unknown[:, None], self._physical, present)
+        return np.where(unknown[:, None], self.physical_m_s, present)

@@ -145,6 +145,17 @@ def test_an_inferred_joint_has_no_measured_speed_but_lets_its_zone_grow_with_it(
     assert grown > 3.0 * 10 / RATE_HZ  # as fast as the arm
 
 
+def test_an_inferred_hand_may_turn_as_fast_as_a_body_can():
+    built = builder(calibrated=False).build(seen_by(COCO), None)
+    own = dict(zip(built.zones.segments, built.segments_m_s[0], strict=True))
+    reach = HumanLimits().reach
+    assert own["l_hand"] == own["r_hand"] == reach["arm"].speed_m_s
+    assert own["l_foot"] == reach["leg"].speed_m_s
+    assert own["l_forearm"] == own["thorax"] == pytest.approx(0.0, abs=1e-9)
+    whole = builder(calibrated=False).build(seen_by(np.ones(len(JOINTS), bool)), None)
+    assert whole.segments_m_s == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_lost_person_s_inferred_joints_are_larger_by_what_is_uncertain():
     here = seen_by(COCO)
     unsure = here.inferred.within_m[0]
