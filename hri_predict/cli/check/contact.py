@@ -124,6 +124,8 @@ def _milder_than_shipped(table: ContactTable, robot: str, model: RobotModel) -> 
 
 def _around(risk: RiskSettings, robot: RobotSettings) -> list[str]:
     """Fixtures that hold the robot itself: everything beside it would count as clamped."""
+    if robot.room_from_robot is None:  # on a base that moves; refused elsewhere
+        return []
     above = robot.room_from_robot.matrix()[:3] @ (0.0, 0.0, _ABOVE_BASE_M, 1.0)
     return [
         f"risk.contact.fixtures: robot {robot.name} stands in or behind {fixture.name}, so "

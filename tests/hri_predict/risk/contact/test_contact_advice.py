@@ -61,9 +61,9 @@ def advised(bodies, remarks=(), captures=40):
 def test_the_distance_that_the_detail_tells_is_that_of_the_part_it_names(other):
     there = TIP + np.array([-0.45, 0.0, 0.1])
     advice = advised(people({"l_hand": beside(x=-0.2), other: tuple(there)}, growth=0.6))
-    part, distance, link = re.search(
-        r"person 7, (\w+), ([\d.]+) m from (\w+)", advice.detail
-    ).groups()
+    told = re.search(r"person 7, (\w+), ([\d.]+) m from (\w+)", advice.detail)
+    assert told is not None
+    part, distance, link = told.groups()
     assert part == other
     links = MODEL.capsules(READY)
     c = MODEL.capsule_names.index(link)
