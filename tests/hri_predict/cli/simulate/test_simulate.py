@@ -88,7 +88,7 @@ def test_a_mistake_is_one_line_and_status_2(cli, arguments, message, tmp_path, m
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--mode", "bogus"], "--mode bogus: unknown (iso, predictive, reactive, fixed)"),
+        (["--mode", "bogus"], "--mode bogus: unknown (iso, predictive, hybrid, reactive, fixed)"),
         (["--mode", "foreknown"], "--mode foreknown: unknown"),
         (["--rates", "0.01"], "rates"),
         (["--rates", "nan"], "rates"),
