@@ -1,9 +1,9 @@
 """What another version or configuration makes of the same recorded walk, and whether it is safer.
 
 *Less safe* means: permits more, at any tick, than what was validated, or sees less. So a milder
-level, a higher speed limit, a stop that is missing or comes later, nobody where somebody was, less
-of the floor seen, more people lost. Changes to the other side are named too, and count as no fault.
-Neither do stated separations: wider margins look farther ahead, and may state more or less.
+level, a higher speed limit, a stop that is missing or comes later, nobody seen where somebody was,
+less of the floor seen, more people lost. Changes to the other side are named too, and count as no
+fault. Neither do stated separations: wider margins look farther ahead, and may state more or less.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -93,8 +93,8 @@ def _advices(
     texts = {
         "level": ("a milder level", "a stricter level", ""),
         "limit": ("a higher speed limit", "a lower speed limit", "m/s"),
-        "separation": ("nobody where somebody was", "another separation", "m"),
-        "ahead": ("nobody predicted where somebody was", "another predicted separation", "m"),
+        "separation": ("nobody is seen where somebody was", "another separation", "m"),
+        "ahead": ("nobody is predicted where somebody was", "another predicted separation", "m"),
     }
     for name, both in changes.items():
         *words, unit = texts[name]

@@ -218,8 +218,8 @@ class RiskSettings(Settings):
     def _checked_contact(self) -> Self:
         if self.mode == "hybrid" and not self.coverage.self_check:
             raise ValueError(
-                "mode hybrid needs coverage.self_check: nobody may be touched on the word of"
-                " forecasts that are not checked"
+                "mode hybrid needs coverage.self_check: a robot may not touch people where its"
+                " forecasts are not checked"
             )
         return self
 

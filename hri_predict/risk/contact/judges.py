@@ -42,9 +42,9 @@ def contact_judges(
         return {}
     if "head" not in (s.name for s in segments):
         raise ConfigError(
-            "risk.mode hybrid: nobody may be touched whose head has no zone; take torso out of "
-            "people.absent_parts, choose a predictor whose skeleton has a head, or use mode "
-            "predictive"
+            "risk.mode hybrid: the zones leave out the head, so the robot may touch nobody; take "
+            "torso out of people.absent_parts, choose a predictor whose skeleton has a head, or "
+            "use mode predictive"
         )
     judges = {}
     for index, robot in enumerate(robots):

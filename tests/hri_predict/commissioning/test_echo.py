@@ -96,7 +96,7 @@ def test_several_echoes_of_one_state_are_paired_in_order():
     waited = {7: [10.0, 50.0], 8: [5.0]}
     heard = [(7, 13.0), (7, 54.0), (8, 6.0)]
     assert list(echo._on_link(heard, waited)) == [3.0, 4.0, 1.0]
-    lost = [(7, 54.0), (8, 6.0)]  # nobody knows which of the two was lost
+    lost = [(7, 54.0), (8, 6.0)]  # the record does not tell which of the two was lost
     assert list(echo._on_link(lost, waited)) == [44.0, 1.0]
 
 

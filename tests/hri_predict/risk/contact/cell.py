@@ -52,7 +52,7 @@ def rung_below(speed):
 
 
 def people(*bodies, own=0.0, radius=0.05, growth=0.2):
-    """People of whom all segments but the named ones are far away: {segment: place} of each."""
+    """People whose named segments are at the given places; all other segments are far away."""
     centre = np.empty((len(bodies), len(TIMES), len(SEGMENTS), 3))
     for p, body in enumerate(bodies):
         for s, name in enumerate(SEGMENTS):
