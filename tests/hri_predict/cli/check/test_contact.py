@@ -12,21 +12,12 @@ from hri_predict.cli.check.contact import (
 )
 from hri_predict.files import data_path
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.run import config as configuration
-from hri_predict.settings import Pose
 from hri_predict.skeleton import JOINTS
+from tests.hri_predict.risk.contact.cell import HYBRID, MODEL
+from tests.hri_predict.risk.contact.cell import ROBOT as ARM
 
-ARM = RobotSettings(
-    name="arm",
-    model="ur5e",
-    room_from_robot=Pose(xyz=[0, 0, 0.75]),
-    payload_kg=2.0,
-    max_speed_m_s=1.0,
-    contact="allowed",
-)
-ROBOTS = [(ARM, load_robot(ARM, None))]
-HYBRID = RiskSettings(mode="hybrid")
+ROBOTS = [(ARM, MODEL)]
 
 
 def test_limits_are_those_of_the_rule():
