@@ -7,6 +7,7 @@ Nothing in a file is ever executed, and no tensor is read before its size is kno
 """
 
 import json
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +17,7 @@ from pydantic import Field
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
+from torch.overrides import TorchFunctionMode
 
 from hri_predict import registry
 from hri_predict.errors import ConfigError, PredictorError
@@ -151,7 +153,7 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
     options = validated(network_class.options_model, header.options, f"weights {path}: options")
     shape = _shape(header.shape, horizon_steps, path)
     try:
-        with torch.device("meta"):  # nothing is allocated
+        with _LayersUnallocated():
             planned = network_class(shape, options)
         tensors = _tensors(path, planned)
         network = network_class(shape, options)
@@ -160,6 +162,25 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
         raise _broken(path, why) from error
     network.load_state_dict(tensors, strict=False)  # only the adversary is missing
     return LoadedWeights(network.eval().requires_grad_(False), header.method, header.card)
+
+
+class _LayersUnallocated(TorchFunctionMode):
+    """Layers that are built inside get weights without memory (torch's device "meta").
+
+    The device as a whole would be simpler, but its ``arange`` is written in Python and imports
+    torch's compiler: two seconds.
+    """
+
+    def __torch_function__(
+        self,
+        func: Callable[..., Any],
+        types: Iterable[type],
+        args: tuple[Any, ...] = (),
+        kwargs: dict[str, Any] | None = None,
+    ) -> Any:
+        if func is torch.empty:  # as torch.nn's layers make their weights
+            return func(*args, **{**(kwargs or {}), "device": "meta"})
+        return func(*args, **(kwargs or {}))
 
 
 def _check_file(path: Path) -> None:

@@ -297,6 +297,21 @@ def test_torch_is_not_imported_for_what_does_not_need_it(tmp_path):
     assert done.returncode == 0
 
 
+def test_loading_weights_does_not_import_the_compiler_of_torch():
+    """It takes two seconds of each start."""
+    script = (
+        "import sys; from pathlib import Path;"
+        "from hri_predict.predictors.neural.weights import load_weights;"
+        "[load_weights(Path(path)) for path in sys.argv[1:]];"
+        "print([name for name in ('torch._dynamo', 'sympy') if name in sys.modules])"
+    )
+    files = sorted(map(str, shipped_weights("sinn").parent.glob("*.safetensors")))
+    assert len(files) >= 6
+    command = [sys.executable, "-c", script, *files]
+    done = subprocess.run(command, timeout=120, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("[]\n", "")
+
+
 def test_what_shipped_weights_say_is_listed(weights, monkeypatch, tmp_path):
     monkeypatch.setattr(neural, "shipped_weights", lambda _: weights)
     row = listing._predictor_row("drift")
