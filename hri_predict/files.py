@@ -12,6 +12,8 @@ import errno
 import os
 import stat
 from collections.abc import Iterator
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +135,12 @@ def load_yaml(text: str) -> Any:
             character or does not match its form or tag.
         RecursionError: nested too deeply.
     """
+    return deepcopy(_parsed(text))
+
+
+@lru_cache(maxsize=32)
+def _parsed(text: str) -> Any:
+    """A cell names the same robot file at many places, and parsing takes 10 to 20 ms."""
     return yaml.load(text, Loader=_Loader)  # derived from the safe loader
 
 

@@ -7,7 +7,9 @@ for the parts that anybody may bring, ``peers`` for what ``hri_sim`` brings.
 """
 
 import contextlib
+import sys
 from collections.abc import Iterator
+from functools import lru_cache
 from importlib import metadata
 from typing import Any, Literal, overload
 
@@ -26,6 +28,12 @@ _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links"
 
 
 def _entry_points(kind: Kind) -> dict[str, metadata.EntryPoint]:
+    return _scanned(kind, tuple(sys.path))
+
+
+@lru_cache
+def _scanned(kind: Kind, _path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
+    """What the packages on the path register: each scan reads all of their files."""
     return {e.name: e for e in metadata.entry_points(group=f"hri_predict.{kind}")}
 
 

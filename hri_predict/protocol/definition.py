@@ -312,17 +312,20 @@ def _asked(definition: Definition) -> tuple[tuple[int, int, int, int], ...]:
 
 
 _ASKED = {d.type: _asked(d) for d in DEFINITIONS}
+_ALWAYS = {d.type: frozenset(range(d.always)) for d in DEFINITIONS}
 
 
 def needed_parts(definition: Definition, head: bytes) -> frozenset[int]:
     """Parts that a message has on classic CAN; ``head`` is its part 0 or its whole payload."""
+    if not definition.extra:
+        return _ALWAYS[definition.type]
     bits = int.from_bytes(head[:PART_BYTES], "little")
     asked = {
         part
         for part, shift, mask, least in _ASKED[definition.type]
         if (bits >> shift & mask) >= least
     }
-    return frozenset(asked.union(range(definition.always)))
+    return _ALWAYS[definition.type] | asked
 
 
 def needed_bytes(definition: Definition, payload: bytes) -> int:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Literal
 
 from hri_predict.protocol.messages import Message
@@ -90,7 +91,7 @@ class Extra:
     least: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Definition:
     """One message.
 
@@ -127,27 +128,27 @@ class Definition:
         """Name of the message."""
         return self.type.__name__
 
-    @property
+    @cached_property
     def fixed_bytes(self) -> int:
         """Bytes of payload before the items."""
         return sum(f.bits for f in self.fields) // 8
 
-    @property
+    @cached_property
     def item_bytes(self) -> int:
         """Bytes of one item."""
         return sum(f.bits for f in self.item) // 8
 
-    @property
+    @cached_property
     def max_bytes(self) -> int:
         """Longest payload of one frame on a wide link."""
         return self.fixed_bytes + self.items_per_frame * self.item_bytes
 
-    @property
+    @cached_property
     def parts(self) -> int:
         """Number of frames of the message on classic CAN, those included that few need."""
         return self.fixed_bytes // PART_BYTES
 
-    @property
+    @cached_property
     def always(self) -> int:
         """Number of the parts that every such message has."""
         return self.parts - len(self.extra)

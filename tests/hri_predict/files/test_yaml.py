@@ -68,3 +68,8 @@ def test_an_echoed_value_is_short(value):
     with pytest.raises(ConfigError) as caught:
         validated(One, {"x": value}, "cell.yaml")
     assert len(str(caught.value)) < 200
+
+
+def test_what_a_reader_changes_nobody_else_reads():
+    load_yaml("a: [1]")["a"].append(2)
+    assert load_yaml("a: [1]") == {"a": [1]}
