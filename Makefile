@@ -35,8 +35,7 @@ pytest: $(VENV)/.dev
 	$(BIN)/python -m pytest -m "realtime and not long"
 
 pytest-long: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "long and not realtime"
-	$(BIN)/python -m pytest -m "long and realtime"
+	$(BIN)/python -m tests.long $(JOBS)
 
 # The wheel's files, with the packages of .venv but without the working tree's, check the demo's
 # configuration from an empty folder.
