@@ -43,6 +43,11 @@ class Segment:
     radius: float
     part: str
 
+    @property
+    def region(self) -> str:
+        """The name without its side: both hands are ``hand``."""
+        return self.name.removeprefix("l_").removeprefix("r_")
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Skeleton:

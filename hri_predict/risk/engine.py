@@ -131,6 +131,7 @@ class RiskEngine:
             if calibration is None
             else Radii(calibration, settings.coverage, skeleton, horizon_steps),
             with_paths=bool(named),
+            margins_m=settings.region_margins_m,
         )
         self._separation = Separation(
             settings=settings,

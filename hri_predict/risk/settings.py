@@ -1,6 +1,6 @@
 """Settings of the risk stage (``risk:`` in the configuration)."""
 
-from typing import Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, field_validator, model_validator
 
@@ -163,6 +163,11 @@ class RiskSettings(Settings):
         0.05, ge=0, le=1, description="Z_d: of a person's sensed position"
     )
     robot_uncertainty_m: float = Field(0.01, ge=0, le=1, description="Z_r: of the robot's position")
+    region_margins_m: dict[str, Annotated[float, Field(ge=0, le=1)]] = Field(
+        {},
+        description="distance kept from some body segments beyond C + Z_d + Z_r, by name (head,"
+        " hand): they count as that much thicker, in zones, too",
+    )
     band_m: float = Field(
         0.1, ge=0, le=2, description="a level is released only this far beyond its threshold"
     )

@@ -244,6 +244,9 @@ def _notes(config: Config) -> list[str]:
         notes.append(f"people.posture_unchecked: no check against gravity and the floor: {reason}")
     if config.node.risk.intrusion_m == 0:
         notes.append("risk.intrusion_m (C) is 0: valid only if the sensor sees even fingers")
+    if margins := config.node.risk.region_margins_m:
+        named = ", ".join(f"{region} {margin:g} m" for region, margin in margins.items())
+        notes.append(f"risk.region_margins_m, beyond C + Z_d + Z_r: {named}")
     if config.node.risk.latch and config.node.state is None:
         notes.append("risk.latch without 'state': a restart of the node forgets what is latched")
     if "restart" in config.node.risk.latch and config.node.state is None:

@@ -282,7 +282,12 @@ class Separation:
         if self._settings.judges_over_time:
             judging = self._time_by_time(robot, motion)
         return beside_view(
-            self._constants(robot, motion), motion, self._view, age_s=bodies.age_s, judging=judging
+            self._constants(robot, motion),
+            motion,
+            self._view,
+            age_s=bodies.age_s,
+            judging=judging,
+            margin_m=max(self._settings.region_margins_m.values(), default=0.0),
         )
 
     def _time_by_time(self, robot: int, motion: RobotMotion) -> TimeByTime:

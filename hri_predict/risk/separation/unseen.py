@@ -19,6 +19,7 @@ def beside_view(
     *,
     age_s: float,
     judging: TimeByTime | None = None,
+    margin_m: float = 0.0,
 ) -> Finding:
     """The finding about a person who may stand just outside the field of view since the capture.
 
@@ -27,15 +28,17 @@ def beside_view(
         view: what the sensor sees.
         age_s: of that capture.
         judging: how distances over time are judged; ``None``: only the distance now counts.
+        margin_m: distance to keep beyond C + Z_d + Z_r.
     """
-    distance_m = float(view.distance_outside(motion.capsules).min())
+    distance_m = float(view.distance_outside(motion.capsules).min()) - margin_m
     if judging is None:
         return at_distance(robot, motion, distance_m, age_s)
     come_m = approach_m(motion.times_s[1:] + age_s)
+    come_ahead_m = come_m + margin_m
 
     def at_speeds(speeds_m_s: Floats, enough_m: Floats) -> NearestInTime:
         capsules, until = motion.stopping_at(speeds_m_s)
-        outside = view.distance_outside(capsules).min(-1)[:, 1:] - come_m
+        outside = view.distance_outside(capsules).min(-1)[:, 1:] - come_ahead_m
         counts = np.arange(1, len(come_m) + 1) <= until[:, None]
         return _nobody(np.minimum(np.where(counts, outside, np.inf).min(1), enough_m))
 

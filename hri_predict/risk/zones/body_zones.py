@@ -7,13 +7,13 @@ from the nearest observed joint bounds a segment that was neither observed nor i
 Zones do not contain the position uncertainty Z_d: ``separation`` adds it, once.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, nearest
 from hri_predict.geometry import Capsules
 from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
 from hri_predict.predictors.base import Forecast
@@ -84,13 +84,15 @@ class ZoneBuilder:
         steps: number of steps of zones after now; defaults to ``horizon_steps``.
         radii: calibrated radii; ``None``: the predictor is not calibrated.
         with_paths: whether to build ``paths``; otherwise they are the zones.
+        margins_m: what segments count thicker by, by region (``head``, ``hand``). Where nobody
+            knows which segment is where, the largest counts.
 
     Attributes:
         joints: see ``JointZones``.
         times_s: (K+1,) the zones' times, see ``Zones``.
 
     Raises:
-        ConfigError: an absent part is unknown, or nothing is left.
+        ConfigError: an absent part or a region is unknown, or nothing is left.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class ZoneBuilder:
         steps: int | None = None,
         radii: Radii | None = None,
         with_paths: bool = True,
+        margins_m: Mapping[str, float] | None = None,
     ) -> None:
         self._skeleton = skeleton
         self._rate_hz = rate_hz
@@ -120,7 +123,9 @@ class ZoneBuilder:
         self.segment_names = tuple(s.name for s in segments)
         self._a: Ints = np.array([s.joint_a for s in segments], dtype=np.intp)
         self._b: Ints = np.array([s.joint_b for s in segments], dtype=np.intp)
-        self._radius: Floats = np.array([s.radius for s in segments])
+        margins = _margins(margins_m or {}, skeleton)
+        self._radius: Floats = np.array([s.radius + margins.get(s.region, 0.0) for s in segments])
+        self._largest_margin_m = max(margins.values(), default=0.0)
         # (S, J): a sphere of this size about joint k holds the whole of segment s
         self._reach: Floats = np.maximum(skeleton.reach[self._a], skeleton.reach[self._b])
         self._speed_rule = SpeedRule(skeleton, limits)
@@ -214,7 +219,8 @@ class ZoneBuilder:
             until = (snapshot.now_ns - person.places_ns) * 1e-9 + self.times_s
             until[0] = (reference - person.places_ns) * 1e-9
             own = anywhere_in(person, np.maximum(until, 0.0), zones.radius.shape[-1])
-            zones.a[i], zones.b[i], zones.radius[i] = own.a, own.b, own.radius
+            zones.a[i], zones.b[i] = own.a, own.b
+            zones.radius[i] = own.radius + self._largest_margin_m
         return zones
 
     def _segments(self, mid: Floats, around: Floats, joint_age: Floats) -> Capsules:
@@ -235,6 +241,17 @@ class ZoneBuilder:
             b = np.where(bounded[..., None], centre, b)
             radius = np.where(bounded, about + reach, radius)
         return Capsules(a, b, radius + self._radius)
+
+
+def _margins(margins_m: Mapping[str, float], skeleton: Skeleton) -> Mapping[str, float]:
+    known = list(dict.fromkeys(segment.region for segment in skeleton.segments))
+    for region in margins_m:
+        if region not in known:
+            raise ConfigError(
+                f"risk.region_margins_m: unknown body segment '{region}'{nearest(region, known)} "
+                f"(known: {', '.join(known)})"
+            )
+    return margins_m
 
 
 def _trusted(trust: Trust | None, people: int) -> Bools:

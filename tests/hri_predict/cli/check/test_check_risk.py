@@ -51,6 +51,12 @@ def test_nothing_for_what_reaches_in_unseen_is_noted(checked):
     assert not any("intrusion_m" in note for note in found["notes"])
 
 
+def test_margins_by_region_are_noted(checked):
+    found = checked("  mode: iso\n  region_margins_m: {head: 0.1, hand: 0.05}\n")
+    said = "risk.region_margins_m, beyond C + Z_d + Z_r: head 0.1 m, hand 0.05 m"
+    assert said in found["notes"]
+
+
 def test_a_circle_that_is_too_small_is_noted(checked):
     small = checked("  mode: fixed\n  fixed_radius_m: 2.0\n")
     assert small["risk"]["robots"]["arm"]["fixed_radius_m"] == 2.0

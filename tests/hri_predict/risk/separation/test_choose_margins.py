@@ -18,9 +18,9 @@ V = {name: float(value) for name, value in ROWS}
 
 
 def test_the_lines_follow_from_the_table():
-    (block,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    block, regions = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
     lines = yaml.safe_load(block)["risk"]
-    RiskSettings.model_validate(lines)
+    RiskSettings.model_validate(lines | yaml.safe_load(regions)["risk"])
     pixel_mm = 2000 * V["distance"] * math.tan(math.radians(V["angle"] / 2)) / V["pixels"]
     capability_mm = V["across"] * pixel_mm
     assert capability_mm <= 40  # the formula's range
