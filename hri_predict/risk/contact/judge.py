@@ -3,14 +3,9 @@
 A speed is permitted if, until the robot stands, it can reach no part of a body that does not bear a
 touch at this speed. For each part, that means: its zone stays away from the stopping robot, as in
 mode ``predictive``; or the speed is at most what the part bears (``limits``), less the part's own
-speed unless ``own_speed`` leaves it out. A part that may be clamped between a link and a fixture
-must bear the quasi-static limits as well. Head, face and neck bear nothing, and so does everything
-of a person who is lost or whose speed is unknown. A speed is permitted only together with every
-slower one.
-
-A body part may be clamped if a link can reach it, the part can reach a fixture (by itself, or
-pushed by the robot until it stands), and the link may come nearer to the fixture than the part is
-thick (ISO 13854:2017, Table 1, or the part's capsule, if that is thicker).
+speed unless ``own_speed`` leaves it out. A part that may be clamped must bear the quasi-static
+limits as well (``clamping``). Head, face and neck bear nothing, and so does everything of a person
+who is lost or whose speed is unknown. A speed is permitted only together with every slower one.
 
 The cost is bounded: beside more than ``MAX_BESIDE`` people within reach no contact is permitted.
 """
@@ -22,7 +17,7 @@ import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.geometry import Capsules, axis_distance, capsule_distance, norm
-from hri_predict.risk.contact.fixtures import Fixture, gaps
+from hri_predict.risk.contact.clamping import Clamping
 from hri_predict.risk.contact.limits import FOLLOWS, SegmentLimits
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.terms import (
@@ -41,19 +36,6 @@ RUNGS = 5 * SPEED_LEVELS
 """Number of speeds to try in any direction; among them those tried in the present direction."""
 _FREE_M = 1e3
 """Slack if nothing within reach is in danger."""
-
-THICKNESS_M = {
-    "head": 0.3, "shoulders": 0.5, "thorax": 0.5, "abdomen": 0.5, "pelvis": 0.5,
-    "upper_arm": 0.12, "forearm": 0.12, "hand": 0.1, "thigh": 0.18, "shank": 0.18, "foot": 0.12,
-}  # fmt: skip
-"""Gaps in which nothing is crushed (ISO 13854:2017, Table 1: head, body, arm, hand, leg, foot)."""
-
-
-def thickness_m(segments: Sequence[str], radii_m: Floats) -> Floats:
-    """(S,) a link that stays so far from a fixture cannot clamp the segment."""
-    names = [s.removeprefix("l_").removeprefix("r_") for s in segments]
-    crushed = np.array([THICKNESS_M.get(name, max(THICKNESS_M.values())) for name in names])
-    return np.maximum(crushed, 2 * radii_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,22 +72,19 @@ class ContactJudge:
     Args:
         robot: the robot.
         limits: how fast it may touch each of the S segments of the zones.
-        thickness_m: (S,) of each; see ``thickness_m``.
-        fixtures: against which it may clamp somebody.
+        clamping: what it may clamp somebody against.
     """
 
     def __init__(
         self,
         robot: RobotConstants,
         limits: SegmentLimits,
-        thickness_m: Floats,
-        fixtures: Sequence[Fixture],
+        clamping: Clamping,
     ) -> None:
         self._robot = robot
         self._free = limits.transient_m_s / FOLLOWS
         self._clamped = limits.clamped_m_s / FOLLOWS
-        self._thickness = thickness_m
-        self._fixtures = fixtures
+        self._clamping = clamping
         slow = robot.risk.contact.slow_margin_m
         self._margins_m = slow, slow + robot.risk.band_m
 
@@ -113,13 +92,20 @@ class ContactJudge:
         """Take another stopping curve."""
         self._robot = robot
 
-    def __call__(self, motion: RobotMotion, bodies: BodyZones, people: Finding) -> Finding | None:
+    def __call__(
+        self,
+        motion: RobotMotion,
+        bodies: BodyZones,
+        people: Finding,
+        others: Sequence[Capsules | None] = (),
+    ) -> Finding | None:
         """What contact permits.
 
         Args:
             motion: of the robot.
             bodies: everybody.
             people: the finding of the zones; the result has its distances.
+            others: where each other robot may be until this one stands; ``None``: anywhere.
 
         Returns:
             Its slack says whether the present speed is permitted, its limits which are.
@@ -136,15 +122,14 @@ class ContactJudge:
             return None
         zones = Capsules(zones.a[who], zones.b[who], zones.radius[who])
         near = _near_m(zones, motion.capsules, travel, needed[-1])
-        bears = self._bears(
+        clamps = self._clamping.clamps(
             motion=motion,
-            bodies=bodies,
             zones=zones,
-            who=who,
-            near=near,
+            touched=near < needed[-1],
             travel=travel,
-            speeds=speeds,
+            others=others,
         )
+        bears = self._bears(bodies, who, speeds, clamps)
         found = _Reachable(who, near, bears)
         least = np.array([found.least_m(i) for i in range(len(speeds))])
         limits = [_limit(rungs, least[:-1], m) for m in needed]
@@ -197,17 +182,7 @@ class ContactJudge:
         stands_s = motion.until_braking_s + stopping_s
         return np.where(motion.times_s[:-1] <= stands_s[:, None], travel, -np.inf)
 
-    def _bears(
-        self,
-        *,
-        motion: RobotMotion,
-        bodies: BodyZones,
-        zones: Capsules,
-        who: Ints,
-        near: Floats,
-        travel: Floats,
-        speeds: Floats,
-    ) -> Bools:
+    def _bears(self, bodies: BodyZones, who: Ints, speeds: Floats, clamps: Bools) -> Bools:
         """(V, N, S) whether each segment bears a touch at each speed."""
         own = np.where(bodies.speeds.unknown[who][:, None], np.inf, bodies.segments_m_s[who])
         if self._robot.risk.contact.own_speed == "left_out":
@@ -216,31 +191,7 @@ class ContactJudge:
         free = np.where(self._free > 0, free, -np.inf)
         bears = free >= speeds[:, None, None]
         slow = self._clamped >= speeds[:, None]  # (V, S)
-        return bears & (slow[:, None] | ~self._clamps(motion, zones, near, travel))
-
-    def _clamps(self, motion: RobotMotion, zones: Capsules, near: Floats, travel: Floats) -> Bools:
-        """(V, N, S) whether a link may press a segment against a fixture."""
-        touched = near < motion.clearance_m + self._margins_m[-1]  # (V, N, S, C)
-        result = np.zeros(touched.shape[:3], np.bool_)
-        people, segments = np.nonzero(touched.any(axis=(0, 3)))
-        if not (self._fixtures and people.size):
-            return result
-        some = Capsules(
-            zones.a[people, :, segments],
-            zones.b[people, :, segments],
-            zones.radius[people, :, segments],
-        )
-        pushed = np.maximum(travel.max(1), 0.0)  # (V,)
-        reaches = motion.clearance_m + pushed[:, None, None]
-        beside = gaps(some, self._fixtures).min(1) < reaches  # (V, n, F)
-        gap = gaps(motion.capsules, self._fixtures)  # (C, F)
-        gap[~motion.model.moves] = np.inf
-        left = gap - pushed[:, None, None]  # (V, C, F)
-        thick = self._thickness[segments] + motion.clearance_m  # (n,)
-        narrow = left[:, None] < thick[:, None, None]  # (V, n, C, F)
-        pressed = narrow & beside[:, :, None] & touched[:, people, segments][..., None]
-        result[:, people, segments] = pressed.any(axis=(2, 3))
-        return result
+        return bears & (slow[:, None] | ~clamps)
 
     def _ahead(
         self,

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from hri_predict.errors import ConfigError
+from hri_predict.risk.contact.clamping import Clamping, thickness_m
 from hri_predict.risk.contact.fixtures import Fixture, floor
-from hri_predict.risk.contact.judge import ContactJudge, thickness_m
+from hri_predict.risk.contact.judge import ContactJudge
 from hri_predict.risk.contact.limits import SegmentLimits, load_table
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.settings import RiskSettings
@@ -55,8 +56,10 @@ def contact_judges(
         judges[index] = ContactJudge(
             robot,
             segment_limits(settings, robot.model, names, base_dir),
-            thickness_m(names, radii),
-            [floor(floor_m, "floor"), *fixtures_of(settings, robot.robot)],
+            Clamping(
+                [floor(floor_m, "floor"), *fixtures_of(settings, robot.robot)],
+                thickness_m(names, radii),
+            ),
         )
     if not judges:
         raise ConfigError(

@@ -14,6 +14,7 @@ from hri_predict.geometry import Capsules
 from hri_predict.protocol.messages import OperatingMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone
+from hri_predict.risk.contact.clamping import anywhere_until
 from hri_predict.risk.contact.judge import ContactJudge
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.backing_out import why_not_backing_out
@@ -232,9 +233,22 @@ class Separation:
                     robot=i, motion=motion, judging=judge, bodies=bodies, outlook=outlook
                 )
                 if i in self._contact:
-                    contact = self._contact[i](motion, bodies, outlook.finding)
+                    others = self._others(i, motions, float(motion.times_s[-1]))
+                    contact = self._contact[i](motion, bodies, outlook.finding, others)
             result.append((outlook.finding, standard, contact))
         return result
+
+    def _others(
+        self, robot: int, motions: Mapping[int, RobotMotion], until_s: float
+    ) -> list[Capsules | None]:
+        """Where each other robot may be until then; ``None``: nobody knows."""
+        return [
+            anywhere_until(motions[i], self._constants(i, motions[i]).max_speed_m_s, until_s)
+            if i in motions
+            else None
+            for i in range(len(self._robots))
+            if i != robot
+        ]
 
     def _milder(
         self,

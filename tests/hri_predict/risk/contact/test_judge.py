@@ -12,8 +12,9 @@ from hri_predict.files import data_path
 from hri_predict.geometry import Capsules, capsule_distance
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.contact.clamping import thickness_m
 from hri_predict.risk.contact.fixtures import floor
-from hri_predict.risk.contact.judge import MAX_BESIDE, RUNGS, ContactJudge, thickness_m
+from hri_predict.risk.contact.judge import MAX_BESIDE, RUNGS, ContactJudge
 from hri_predict.risk.contact.judges import contact_judges
 from hri_predict.risk.contact.limits import FOLLOWS
 from hri_predict.risk.separation.terms import travel_m
