@@ -73,8 +73,9 @@ def build_network(config: TrainingConfig, source: SampleSource) -> Network:
 def _start_from(network: Network, path: Path) -> None:
     """Copy the weights in ``path``, their rest pose included, into ``network``."""
     given = load_weights(path).network
-    if (type(given), given.shape) != (type(network), network.shape) or not _continues(
-        given.options, network.options
+    same_task = _described(given.shape) == _described(network.shape)
+    if type(given) is not type(network) or not (
+        same_task and _continues(given.options, network.options)
     ):
         raise ConfigError(
             f"initial_weights {path}: have another network, shape or options; train with the "
@@ -88,6 +89,21 @@ def _start_from(network: Network, path: Path) -> None:
     for name in missing:  # an adversary is not shipped; it starts with fresh weights
         if id(network.get_parameter(name)) not in critic and not grows:
             raise ConfigError(f"initial_weights {path}: lacks '{name}'; train anew without it")
+
+
+def _described(shape: Shape) -> tuple[object, ...]:
+    """What makes two shapes equal; a skeleton without a name in the project is built anew."""
+    skeleton = shape.skeleton
+    return (
+        skeleton.joints,
+        skeleton.parents,
+        skeleton.left_right_pairs,
+        skeleton.parts,
+        shape.history_steps,
+        shape.horizon_steps,
+        shape.rate_hz,
+        shape.framed,
+    )
 
 
 def _continues(given: NetworkOptions, ours: NetworkOptions) -> bool:

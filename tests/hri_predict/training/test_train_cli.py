@@ -5,6 +5,8 @@ import shutil
 import signal
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -18,6 +20,8 @@ from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, network_class_of
 from hri_predict.predictors.neural.weights import load_weights, save_weights
 from hri_predict.predictors.sinn.model import SINN, SINNOptions
+from hri_predict.predictors.trajectorycnn import TrajectoryCNN, TrajectoryCNNOptions
+from hri_predict.skeleton import make_skeleton
 from hri_predict.training import building
 from hri_predict.training.building import build_network, open_samples
 from hri_predict.training.config import TrainingConfig, load_training_config
@@ -145,6 +149,26 @@ def test_weights_without_an_added_part_start_a_network_with_it(tmp_path):
             torch.testing.assert_close(new[name], value)
     with pytest.raises(ConfigError, match="have another network, shape or options"):
         built(pose="none")
+
+
+def test_weights_of_a_skeleton_of_its_own_start_a_network(tmp_path):
+    """The benchmark's skeleton is built anew from each file."""
+    parts = {"left_arm": (0, 1), "right_arm": (2,)}
+    own = make_skeleton("own", ["a", "b", "c"], [-1, 0, -1], parts=parts)
+    shape = Shape(skeleton=own, history_steps=8, horizon_steps=5, rate_hz=25.0)
+    options = {"channels": 4, "blocks": 1}
+    given = tmp_path / "trajectorycnn.safetensors"
+    network = TrajectoryCNN(shape, TrajectoryCNNOptions.model_validate(options))
+    save_weights(given, "trajectorycnn", network, {})
+    config = TrainingConfig.model_validate({
+        "predictor": "trajectorycnn", "judgement": "benchmark", "out": tmp_path / "run",
+        "shape": {"history_steps": 8, "horizon_steps": 5}, "options": options,
+        "initial_weights": given,
+    })  # fmt: skip
+    source = SimpleNamespace(shape=shape, rest=lambda: torch.zeros(3, 3))
+    started = build_network(config, cast(Any, source)).state_dict()
+    for name, value in load_weights(given).network.state_dict().items():
+        torch.testing.assert_close(started[name], value)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
