@@ -30,10 +30,10 @@ def evidence(
 
     Exit status 1: a line or a file was changed or is missing.
     """
-    if not (folder / chain.LOG).exists():
+    if not chain.exists(folder):
         raise ConfigError(f"{folder}: has no {chain.LOG}; name the folder of evidence.folder")
     lines = list(chain.read(folder))
-    wrong = [f"line {line.number}: {_text(line.wrong)}" for line in lines if line.wrong]
+    wrong = [f"{line.log}, line {line.number}: {_text(line.wrong)}" for line in lines if line.wrong]
     hashes = [str(line.data.get("hash")) for line in lines if not line.wrong]
     wrong += [
         f"{_text(path.name)} is an earlier log that was broken; move it away when it is explained"

@@ -4,6 +4,9 @@ Whoever changes, removes or inserts a line, or changes a file that a line names,
 from there on. Lines cut off at the end leave a chain that is whole but shorter: so note the newest
 hash elsewhere, as the node does when it ends. The chain has no key: it shows damage and careless
 editing, not a forger who writes all of it anew.
+
+A log that is full gets a number, and the chain goes on in a new one, whose first line names it. So
+a node starts as fast after years as on its first day.
 """
 
 import errno
@@ -12,7 +15,7 @@ import json
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -23,13 +26,18 @@ LOG = "evidence.jsonl"
 START = "0" * 64
 """What the first line has instead of the hash of a line before."""
 MAX_LINE = 100_000
+FULL_BYTES = 10_000_000
+"""A log of so many bytes takes no more lines."""
 _CHUNK = 1 << 20
+_NUMBERED = re.compile(r"evidence-[0-9]{6}\.jsonl")
+_KEPT = re.compile(r"[0-9]{8}T[0-9]{6}\.[0-9]{3}Z-[A-Za-z0-9_-]+\.mcap")
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line of the log: its number from 1, its data, and what is wrong with it or its file."""
+    """A line: its log, its number there from 1, its data, and what is wrong with it or its file."""
 
+    log: str
     number: int
     data: dict[str, Any]
     wrong: str = ""
@@ -61,7 +69,7 @@ def append(folder: Path, entry: dict[str, Any], previous: str) -> str:
     Raises:
         OSError: the log cannot be written.
     """
-    linked = {**entry, "previous": previous}
+    linked = {**entry, **_continued(folder), "previous": previous}
     linked["hash"] = hash_of(linked)
     data = (json.dumps(linked) + "\n").encode()
     with (folder / LOG).open("ab", buffering=0) as file:
@@ -76,23 +84,44 @@ def append(folder: Path, entry: dict[str, Any], previous: str) -> str:
     return str(linked["hash"])
 
 
+def exists(folder: Path) -> bool:
+    """Whether the folder has a log."""
+    return (folder / LOG).exists() or bool(_older(folder))
+
+
+def _continued(folder: Path) -> dict[str, str]:
+    """Number a full log; what the first line of a new one says about the log before it."""
+    path, older = folder / LOG, _older(folder)
+    if path.exists() and path.stat().st_size >= FULL_BYTES:
+        number = 1 + (int(older[-1].stem.rpartition("-")[2]) if older else 0)
+        older.append(path.rename(folder / f"evidence-{number:06d}.jsonl"))
+    return {} if path.exists() or not older else {"continues": older[-1].name}
+
+
+def _older(folder: Path) -> list[Path]:
+    """The logs that are full, the oldest first."""
+    return sorted(p for p in folder.glob("evidence-*.jsonl") if _NUMBERED.fullmatch(p.name))
+
+
 def sizes(folder: Path) -> dict[str, int]:
-    """Name -> bytes of each file that the log names and that is there, the oldest first."""
-    named = [line.data.get("file") for line in read(folder, files=False) if not line.wrong]
-    paths = {name: folder / name for name in named if _is_plain(name)}
-    return {n: p.stat().st_size for n, p in paths.items() if p.is_file() and not p.is_symlink()}
+    """Name -> bytes of each file that a node kept there, the oldest first."""
+    paths = sorted(path for path in folder.glob("*.mcap") if _KEPT.fullmatch(path.name))
+    return {p.name: p.stat().st_size for p in paths if p.is_file() and not p.is_symlink()}
 
 
 def newest(folder: Path) -> str:
     """The hash to continue with: that of the last line; ``START`` without a log.
 
+    Only the newest log is looked at.
+
     Raises:
-        RecordingError: the log is broken; says where.
+        RecordingError: it is broken; says where.
     """
+    logs = [path for path in (*_older(folder), folder / LOG) if path.exists()]
     last = START
-    for line in read(folder, files=False):
+    for line in _lines(logs[-1]) if logs else ():
         if line.wrong:
-            raise RecordingError(f"evidence {folder / LOG}, line {line.number}: {line.wrong}")
+            raise RecordingError(f"evidence {logs[-1]}, line {line.number}: {line.wrong}")
         last = line.data["hash"]
     return last
 
@@ -108,35 +137,56 @@ def set_aside(folder: Path, now: datetime) -> str:
     return name
 
 
-def read(folder: Path, *, files: bool = True) -> Iterator[Line]:
-    """All lines, each compared with the one before and, if ``files``, with its file.
+def read(folder: Path) -> Iterator[Line]:
+    """All lines of all logs, each compared with the one before and with its file.
 
     A file that a later line says was removed to make room need not be there.
 
     Raises:
-        RecordingError: the log cannot be read.
+        RecordingError: a log cannot be read.
+    """
+    lines, last, before = [], START, ""
+    for path in (*_older(folder), folder / LOG):
+        for line in _lines(path, last, before):
+            lines.append(line)
+            last = str(line.data.get("hash"))
+        before = path.name
+    removed = {name for line in lines for name in _removed(line.data)}
+    for line in lines:
+        yield line if line.wrong else replace(line, wrong=_wrong_file(folder, line.data, removed))
+
+
+def _lines(path: Path, expected: str | None = None, before: str | None = None) -> Iterator[Line]:
+    """The lines of one log.
+
+    Args:
+        path: the log.
+        expected: hash of the line before; ``None``: whatever the first line says.
+        before: name of the log before, "" if there is none; ``None``: whatever the first line says.
     """
     try:
-        with (folder / LOG).open("rb") as file:
-            raw = file.read().split(b"\n")
+        raw = path.read_bytes().split(b"\n")
     except FileNotFoundError:
         return
     except OSError as error:
-        raise RecordingError(f"evidence {folder / LOG}: {error.strerror}") from error
+        raise RecordingError(f"evidence {path}: {error.strerror}") from error
     if raw and not raw[-1]:
         raw.pop()
-    entries = [_parsed(text) for text in raw]
-    removed = {name for e in entries if e is not None for name in _removed(e)}
-    expected = START
-    for number, entry in enumerate(entries, 1):
+    for number, text in enumerate(raw, 1):
+        entry = _parsed(text)
         if entry is None:
-            yield Line(number, {}, "is not an entry of this log")
-            expected = ""
+            yield Line(path.name, number, {}, "is not an entry of this log")
+            expected = ""  # what no line says
             continue
+        continues = str(entry.get("continues", ""))
+        if expected is None:
+            expected = str(entry.get("previous")) if continues else START
         wrong = _wrong(entry, expected)
-        if files and not wrong:
-            wrong = _wrong_file(folder, entry, removed)
-        yield Line(number, entry, wrong)
+        if number == 1 and before is not None and continues != before:
+            wrong = (
+                f"continues {continues or 'no log'}, where {before or 'no log'} is the one before"
+            )
+        yield Line(path.name, number, entry, wrong)
         expected = str(entry.get("hash"))
 
 

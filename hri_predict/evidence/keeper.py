@@ -50,6 +50,7 @@ class _Open:
     at: datetime
     began_ns: int
     end_ns: int
+    before_s: float
     also: list[dict[str, Any]] = field(default_factory=list)
     more: int = 0
     path: Path = Path()
@@ -173,7 +174,7 @@ class Evidence(Items):
             except RecordingError as error:  # as after a power failure: nothing of it is lost
                 start["broken"] = chain.set_aside(self.folder, self._wall())
                 log.warning("%s; it is kept as %s", error, start["broken"])
-                last = chain.START
+                last = _newest_left(self.folder)
             self._sizes = chain.sizes(self.folder)
             return chain.append(self.folder, start, last)
         except OSError as error:
@@ -192,8 +193,12 @@ class Evidence(Items):
                 latest_ns = there.began_ns + LONGEST_NS
                 there.end_ns = min(event.now_ns + self._after_ns, latest_ns)
                 return
-            self._open = _Open(event, self._wall(), event.now_ns, event.now_ns + self._after_ns)
-            self._hand((self._open, list(self._ring)))
+            before = list(self._ring)
+            held_s = (event.now_ns - before[0].log_ns) * 1e-9 if before else 0.0
+            self._open = _Open(
+                event, self._wall(), event.now_ns, event.now_ns + self._after_ns, held_s
+            )
+            self._hand((self._open, before))
 
     def _hand(self, job: _Job) -> None:
         if self._thread is None:
@@ -243,7 +248,8 @@ class Evidence(Items):
             recorder.close()
             path = event.path
             self.dropped += recorder.dropped
-            entry |= {"file": path.name, "messages": recorder.written, "lost": recorder.dropped}
+            entry |= {"file": path.name, "before_s": round(event.before_s, 3)}
+            entry |= {"messages": recorder.written, "lost": recorder.dropped}
             entry["sha256"] = chain.file_hash(path)
             self._sizes[path.name] = path.stat().st_size
             if recorder.error is None:
@@ -311,6 +317,14 @@ class Evidence(Items):
 
     def _now(self) -> str:
         return self._wall().isoformat(timespec="milliseconds")
+
+
+def _newest_left(folder: Path) -> str:
+    """The hash to continue with after a broken log was set aside."""
+    try:
+        return chain.newest(folder)
+    except RecordingError:  # the log before it is broken, too
+        return chain.START
 
 
 def _alone(folder: Path) -> IO[str]:

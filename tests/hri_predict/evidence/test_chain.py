@@ -156,3 +156,47 @@ def test_half_a_line_on_a_full_disk_is_taken_back(tmp_path):
     assert (tmp_path / chain.LOG).stat().st_size == whole
     chain.append(tmp_path, {"kind": "stop"}, last)
     assert wrongs(tmp_path) == []
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Logs that are full after two lines."""
+    monkeypatch.setattr(chain, "FULL_BYTES", 500)
+
+
+def test_a_full_log_is_numbered_and_the_chain_goes_on(tmp_path, small):
+    last = written(tmp_path, 7)
+    logs = sorted(path.name for path in tmp_path.glob("*.jsonl"))
+    assert logs == ["evidence-000001.jsonl", "evidence-000002.jsonl", "evidence-000003.jsonl",
+                    "evidence.jsonl"]  # fmt: skip
+    found = list(chain.read(tmp_path))
+    assert [line.data["n"] for line in found] == list(range(7))
+    assert [line.data.get("continues") for line in found[::2]] == [None, *logs[:3]]
+    assert wrongs(tmp_path) == []
+    assert chain.newest(tmp_path) == last
+
+
+def test_a_node_that_died_before_the_first_line_of_a_new_log_goes_on(tmp_path, small):
+    last = written(tmp_path)
+    (tmp_path / chain.LOG).rename(tmp_path / "evidence-000002.jsonl")
+    assert chain.newest(tmp_path) == last
+    chain.append(tmp_path, {"kind": "start"}, last)
+    assert wrongs(tmp_path) == []
+    assert list(chain.read(tmp_path))[-1].data["continues"] == "evidence-000002.jsonl"
+
+
+@pytest.mark.parametrize("gone", [0, 1])
+def test_a_log_that_was_removed_is_found(tmp_path, small, gone):
+    written(tmp_path, 7)
+    (tmp_path / f"evidence-{gone + 1:06d}.jsonl").unlink()
+    ((number, wrong),) = wrongs(tmp_path)
+    assert number == 1
+    assert f"continues evidence-{gone + 1:06d}.jsonl, where" in wrong
+
+
+def test_a_changed_line_of_an_older_log_is_found(tmp_path, small):
+    written(tmp_path, 7)
+    older = tmp_path / "evidence-000001.jsonl"
+    older.write_text(older.read_text().replace("stop", "fall", 1))
+    (line,) = [line for line in chain.read(tmp_path) if line.wrong]
+    assert (line.log, line.number) == ("evidence-000001.jsonl", 1)

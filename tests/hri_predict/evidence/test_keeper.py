@@ -129,6 +129,23 @@ def test_a_torn_log_is_set_aside_and_the_node_starts(tmp_path):
     assert not wrong(tmp_path)
 
 
+def test_a_broken_log_after_a_full_one_still_continues_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(chain, "FULL_BYTES", 100)
+    Run(tmp_path).go(1.0).close()
+    log = tmp_path / "kept" / chain.LOG
+    log.write_bytes(log.read_bytes()[:-9])
+    Run(tmp_path).close()
+    assert not wrong(tmp_path)
+    continued = [line.data.get("continues") for line in chain.read(tmp_path / "kept")]
+    assert continued == [None, "evidence-000001.jsonl", "evidence-000002.jsonl"]
+
+
+def test_a_line_says_how_long_before_the_event_its_file_begins(tmp_path):
+    Run(tmp_path, before_s=5.0).go(1.0).go(0.04, STOP).go(9.0).go(0.04, STOP).close()
+    stops = [each.data for each in chain.read(tmp_path / "kept") if each.data["kind"] == "stop"]
+    assert [each["before_s"] for each in stops] == pytest.approx([1.0, 5.0], abs=0.08)
+
+
 def test_the_oldest_give_way_and_the_log_says_so(tmp_path):
     noise = np.random.default_rng(0)
     run = Run(tmp_path, max_mb=1.0, after_s=0.0)
