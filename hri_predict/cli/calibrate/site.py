@@ -162,7 +162,7 @@ def _page(predictor: str, notes: list[str], tables: Any) -> str:
 def _written(folder: Path, text: str, report: dict[str, Any]) -> list[Path]:
     from hri_predict.files import atomic_write
 
-    page, numbers = folder / "commissioning.md", folder / "commissioning.json"
+    page, numbers = folder / "site.md", folder / "site.json"
     try:
         atomic_write(page, text.encode())
         atomic_write(numbers, (json.dumps(report, indent=1) + "\n").encode())

@@ -60,11 +60,11 @@ def test_a_calibration_is_moved_and_says_what_it_gained(place, tmp_path, capsys)
     where = ["--data", place / "site", "--onto", place / "base.json"]
     assert run(*CV, *where, "--out", out, "--report", report, "--json") == 0
     told = json.loads(capsys.readouterr().out)
-    assert told == json.loads((report / "commissioning.json").read_text())
+    assert told == json.loads((report / "site.json").read_text())
     assert told["parts"] == 3
     assert {m["when"] for m in told["measured"]} == {"before", "after"}
     assert all(0 <= share <= 1 for m in told["measured"] for share in m["held"])
-    assert (report / "commissioning.md").read_text().startswith("# Zones of constant_velocity")
+    assert (report / "site.md").read_text().startswith("# Zones of constant_velocity")
     base, made = load_calibration(place / "base.json"), load_calibration(out)
     assert made.recordings == base.recordings
     assert made.scale.to_json() == base.scale.to_json()
