@@ -10,7 +10,15 @@ from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
@@ -19,11 +27,33 @@ from hri_predict.geometry import in_polygon
 
 
 class Settings(BaseModel):
-    """Base of every settings model: unknown keys are refused, values are immutable and finite."""
+    """Base of every settings model: unknown keys are refused, values are immutable and finite.
+
+    Truth is no number: YAML reads ``yes`` as true, and pydantic would take that for 1.
+    """
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True
     )
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _truth_is_no_number(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        result = handler(data)
+        for key in data if isinstance(data, dict) else ():
+            if _took_truth_for_a_number(data[key], getattr(result, key, None)):
+                raise ValueError(f"{key}: true and false (yes, no, on, off in YAML) are no numbers")
+        return result
+
+
+def _took_truth_for_a_number(given: Any, taken: Any) -> bool:
+    if isinstance(given, bool):
+        return isinstance(taken, int | float) and not isinstance(taken, bool)
+    if isinstance(given, dict) and isinstance(taken, dict):
+        return any(_took_truth_for_a_number(given.get(key), taken[key]) for key in taken)
+    if isinstance(given, list | tuple) and isinstance(taken, list | tuple):
+        return any(map(_took_truth_for_a_number, given, taken))
+    return False
 
 
 S = TypeVar("S", bound=Settings)

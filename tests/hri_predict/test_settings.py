@@ -3,9 +3,9 @@ import pytest
 from pydantic import Field
 
 from hri_predict.errors import ConfigError
-from hri_predict.files import read_yaml
+from hri_predict.files import load_yaml, read_yaml
 from hri_predict.geometry import transform
-from hri_predict.settings import Pose, Region, Settings, validated
+from hri_predict.settings import Pose, Region, Settings, Vector3, validated
 
 
 class Inner(Settings):
@@ -121,3 +121,27 @@ def test_a_polygon_that_crosses_itself_is_refused(corners, fine):
         return
     with pytest.raises(ConfigError, match="crosses itself"):
         validated(Region, {"polygon": corners}, "here")
+
+
+class Numbers(Settings):
+    count: int = 1
+    share: float | None = None
+    place: Vector3 = [0.0, 0.0, 0.0]
+    margins: dict[str, float] = {}
+    active: bool = False
+    flags: list[bool] = []
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["count: yes", "share: true", "share: off", "place: [0, 0, no]", "margins: {head: true}"],
+)
+def test_truth_is_no_number(text):
+    key = text.split(":")[0]
+    with pytest.raises(ConfigError, match=f"here: {key}: true and false .* are no numbers"):
+        validated(Numbers, load_yaml(text), "here")
+
+
+def test_truth_is_truth():
+    found = validated(Numbers, load_yaml("{active: yes, flags: [true, no], count: 3}"), "here")
+    assert (found.active, found.flags, found.count) == (True, [True, False], 3)
