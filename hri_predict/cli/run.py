@@ -10,6 +10,11 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from hri_predict.cli.check.commissioned import (
+    commissioning_facts,
+    commissioning_lines,
+    is_as_commissioned,
+)
 from hri_predict.cli.common import JointMapOption, map_path
 from hri_predict.cli.terminal_view import TerminalView
 from hri_predict.errors import ConfigError
@@ -76,7 +81,11 @@ def run(
     options = Options(
         duration_s=duration, record=record, shadow=shadow, keep_state=True, state=state
     )
-    _go(configuration.load(config), options, as_json)
+    loaded = configuration.load(config)
+    facts = commissioning_facts(loaded)
+    if not is_as_commissioned(facts):
+        print(f"warning: {commissioning_lines(facts)[0]}; see hri-predict check", file=sys.stderr)
+    _go(loaded, options, as_json)
 
 
 def replay(

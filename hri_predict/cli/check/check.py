@@ -78,7 +78,7 @@ def check(
     the floor. Exit status 1, with the axes that would be right, if they lie in
     the air, hang upside down or have left and right swapped.
 
-    Exit status 1, too, if the cell is not as commissioned (commissioning.report).
+    Exit status 1, too, if the cell is not as commissioned, or its commissioning failed.
 
     Example: hri-predict check cell.yaml --touched 0.5,-0.2,0.9
     """

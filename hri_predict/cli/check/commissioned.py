@@ -50,12 +50,15 @@ def commissioning_lines(facts: dict[str, Any] | None) -> list[str]:
     head = f"commissioning: {facts['outcome']} on {day}, hash {facts['hash'][:16]}"
     if wrong:
         return [f"{head}; NOT THIS CELL ANY MORE: commission it again ({AGAIN})", *wrong]
+    if facts["outcome"] == "failed":
+        head = f"{head}; NOT FIT TO BE SWITCHED ON: mend what failed, and go on ({AGAIN})"
+        return [head, *(f"  {note}" for note in facts["notes"])]
     return [f"{head}; the cell is as it was", *(f"  {note}" for note in facts["notes"])]
 
 
 def is_as_commissioned(facts: dict[str, Any] | None) -> bool:
-    """Whether nothing speaks against the report; true without one."""
-    return facts is None or not facts["wrong"]
+    """Whether the report is of this cell and nothing failed in it; true without a report."""
+    return facts is None or (not facts["wrong"] and facts["outcome"] != "failed")
 
 
 def _damaged(folder: Path, report: Report) -> list[str]:

@@ -68,13 +68,16 @@ def _whole(folder: Path, name: str, digest: str) -> Path:
     return path
 
 
+_CANNOT_TELL = "the recording cannot show this"
+
+
 def _is_of_recording(key: str) -> bool:
     plain = key.removeprefix("file of ").partition(" ")[0]
     return any(plain == own or plain.startswith(f"{own}.") for own in OF_THE_RECORDING)
 
 
 def _stale(change: Difference) -> str:
-    return f"{change}: the recording was made with the old value and cannot show this; walk again"
+    return f"{change}: {_CANNOT_TELL}, it was made with the old value; walk again"
 
 
 def _show(config: Config, changed: list[Difference], found: Comparison, as_json: bool) -> None:
@@ -87,7 +90,7 @@ def _show(config: Config, changed: list[Difference], found: Comparison, as_json:
     for line in found.other:
         print(f"differs: {line}")
     for line in found.worse:
-        print(f"LESS SAFE: {line}")
+        print(f"{'CANNOT TELL' if _CANNOT_TELL in line else 'LESS SAFE'}: {line}")
     if not found.worse and not found.other:
         print("the recorded walk gives the same advice, tick by tick")
     elif not found.worse:

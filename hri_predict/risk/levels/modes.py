@@ -20,6 +20,8 @@ from hri_predict.robots.tracker import RobotNow
 log = logging.getLogger(__name__)
 
 REFUSED_EVERY_NS = 1_000_000_000
+SETTLED_NS = 200_000_000
+"""A reason that does not last so long is not logged: two controllers never ask at the same time."""
 """Refusals are logged so often at most: a controller must not fill the log."""
 _KEYS = {
     OperatingMode.TEACH: "teach",
@@ -109,6 +111,7 @@ class Modes:
         self._spent = _NOT_RELEASED  # why muting may not begin; "" if it may
         self._until_ns = 0  # of muting
         self._refused: tuple[OperatingMode, str] | None = None
+        self._refused_ns, self._is_news = 0, False
         self._told_ns: int | None = None
 
     def decide(self, situation: Situation, now_ns: int) -> Decision:
@@ -217,14 +220,14 @@ class Modes:
     def _refuse(self, request: OperatingMode, why: str, now_ns: int) -> None:
         """Count a refusal, and log it if it is news."""
         refused = (request, why) if why else None
-        if refused == self._refused:
-            return
-        self._refused = refused
-        if refused is None:
-            return
-        self.counters["refused"] += 1
-        if self._told_ns is None or now_ns - self._told_ns >= REFUSED_EVERY_NS:
-            self._told_ns = now_ns
+        if refused != self._refused:
+            self._refused, self._refused_ns = refused, now_ns
+            self._is_news = refused is not None
+            self.counters["refused"] += self._is_news
+        lasts = now_ns - self._refused_ns >= SETTLED_NS
+        due = self._told_ns is None or now_ns - self._told_ns >= REFUSED_EVERY_NS
+        if self._is_news and lasts and due:
+            self._is_news, self._told_ns = False, now_ns
             log.warning("robot %s: %s refused: %s", self._name, _word(request), why)
 
     def _note(self, mode: OperatingMode, request: OperatingMode, why: str, now_ns: int) -> str:

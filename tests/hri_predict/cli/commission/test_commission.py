@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from hri_predict.cli import main
-from hri_predict.commissioning.report import read_report
+from hri_predict.commissioning.report import read_report, to_data
 from tests.hri_predict.commissioning.cells import cell_data, write_cell
 
 ANSWERS = {
@@ -176,6 +176,33 @@ def test_check_says_whether_the_cell_is_as_commissioned(folder, cli):
     status, out, _ = cli("check", folder / "cell.yaml")
     assert status == 1
     assert "no longer matches: risk.intrusion_m: 0.0 -> 0.1" in out
+    assert "valid, but not as commissioned" in out
+
+
+@pytest.mark.realtime
+def test_run_warns_where_the_cell_is_not_as_commissioned(folder, cli):
+    (folder / "cell.yaml").open("a").write("commissioning: out\n")
+    status, _, err = cli("run", folder / "cell.yaml", "--duration", "0.2")
+    assert (status, "commissioning" in err) == (0, False)
+    change(folder, "intrusion_m", 0.1)
+    status, _, err = cli("run", folder / "cell.yaml", "--duration", "0.2")
+    assert status == 0
+    assert "NOT THIS CELL ANY MORE: commission it again" in err
+
+
+def test_check_does_not_pass_a_commissioning_that_failed(folder, cli):
+    report, _ = read_report(folder / "out" / "report.json")
+    walk = report.steps.walk
+    assert walk is not None
+    failed = walk.model_copy(update={"outcome": "failed", "why": ["somebody vanished"]})
+    steps = report.steps.model_copy(update={"walk": failed})
+    data = to_data(report.model_copy(update={"steps": steps}))
+    (folder / "out" / "report.json").write_text(json.dumps(data))
+    (folder / "cell.yaml").open("a").write("commissioning: out\n")
+    status, out, _ = cli("check", folder / "cell.yaml")
+    assert status == 1
+    assert "NOT FIT TO BE SWITCHED ON" in out
+    assert "walk: failed: somebody vanished" in out
     assert "valid, but not as commissioned" in out
 
 

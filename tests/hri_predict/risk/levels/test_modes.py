@@ -211,6 +211,27 @@ def test_recovery_goes_on_within_the_band_and_ends_beyond_it() -> None:
     assert robot.tick(ASKED[RECOVERY], demand=beyond).demand == beyond
 
 
+def test_the_reason_that_lasts_is_logged_and_not_a_short_one_before_it(caplog: Any) -> None:
+    robot = Robot().ready()
+    with caplog.at_level(logging.WARNING):
+        robot.tick(replace(ASKED[RECOVERY], agreed=False))
+        for _ in range(20):
+            robot.tick(ASKED[RECOVERY], not_backing_out="it does not go back")
+    assert caplog.messages == ["robot arm: recovery refused: it does not go back"]
+
+
+def test_a_reason_that_comes_soon_after_another_is_logged_later(caplog: Any) -> None:
+    robot = Robot().ready()
+    with caplog.at_level(logging.WARNING):
+        for why in ("it does not go back", "somebody is lost"):
+            for _ in range(8):
+                robot.tick(ASKED[RECOVERY], not_backing_out=why)
+        assert len(caplog.messages) == 1
+        for _ in range(20):
+            robot.tick(ASKED[RECOVERY], not_backing_out="somebody is lost")
+    assert caplog.messages[1:] == ["robot arm: recovery refused: somebody is lost"]
+
+
 def test_a_controller_that_flickers_does_not_fill_the_log(caplog: Any) -> None:
     robot = Robot(ModeSettings()).ready()
     with caplog.at_level(logging.WARNING):
