@@ -32,10 +32,13 @@ def thickness_m(segments: Sequence[str], radii_m: Floats) -> Floats:
     return np.maximum(crushed, 2 * radii_m)
 
 
-def anywhere_until(motion: RobotMotion, max_speed_m_s: float, until_s: float) -> Capsules:
-    """(C,) capsules that hold a robot, however it moves until then."""
+def anywhere_until(
+    motion: RobotMotion, max_speed_m_s: float, until_s: float, uncertainty_m: float
+) -> Capsules:
+    """(C,) capsules that hold a robot, however it moves until then; it may stand elsewhere by Z_r
+    and by what happened since it reported (``uncertainty_m``)."""
     now = motion.capsules
-    return Capsules(now.a, now.b, now.radius + max_speed_m_s * until_s)
+    return Capsules(now.a, now.b, now.radius + max_speed_m_s * until_s + uncertainty_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -242,13 +242,16 @@ class Separation:
         self, robot: int, motions: Mapping[int, RobotMotion], until_s: float
     ) -> list[Capsules | None]:
         """Where each other robot may be until then; ``None``: nobody knows."""
-        return [
-            anywhere_until(motions[i], self._constants(i, motions[i]).max_speed_m_s, until_s)
-            if i in motions
-            else None
-            for i in range(len(self._robots))
-            if i != robot
-        ]
+        result: list[Capsules | None] = []
+        for i in range(len(self._robots)):
+            if i in motions and i != robot:
+                other, known = self._constants(i, motions[i]), motions[i]
+                moved_m = known.clearance_m - self._settings.clearance_m
+                uncertain_m = moved_m + self._settings.robot_uncertainty_m
+                result.append(anywhere_until(known, other.max_speed_m_s, until_s, uncertain_m))
+            elif i != robot:
+                result.append(None)
+        return result
 
     def _milder(
         self,
