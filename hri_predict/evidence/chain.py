@@ -14,7 +14,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -29,8 +29,8 @@ MAX_LINE = 100_000
 FULL_BYTES = 10_000_000
 """A log of so many bytes takes no more lines."""
 _CHUNK = 1 << 20
-_NUMBERED = re.compile(r"evidence-[0-9]{6}\.jsonl")
-_KEPT = re.compile(r"[0-9]{8}T[0-9]{6}\.[0-9]{3}Z-[A-Za-z0-9_-]+\.mcap")
+_NUMBERED = re.compile(r"evidence-([0-9]{6,9})\.jsonl")
+_STAMP = r"[0-9]{8}T[0-9]{6}\.[0-9]{3}Z"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,20 +92,32 @@ def exists(folder: Path) -> bool:
 def _continued(folder: Path) -> dict[str, str]:
     """Number a full log; what the first line of a new one says about the log before it."""
     path, older = folder / LOG, _older(folder)
-    if path.exists() and path.stat().st_size >= FULL_BYTES:
-        number = 1 + (int(older[-1].stem.rpartition("-")[2]) if older else 0)
+    if _bytes_of(path) >= FULL_BYTES:
+        number = 1 + (_number(older[-1]) if older else 0)
         older.append(path.rename(folder / f"evidence-{number:06d}.jsonl"))
-    return {} if path.exists() or not older else {"continues": older[-1].name}
+    return {} if _bytes_of(path) or not older else {"continues": older[-1].name}
+
+
+def _bytes_of(path: Path) -> int:
+    """0 without a file; an empty log is none: the node died, or the disk was full."""
+    return path.stat().st_size if path.exists() else 0
 
 
 def _older(folder: Path) -> list[Path]:
     """The logs that are full, the oldest first."""
-    return sorted(p for p in folder.glob("evidence-*.jsonl") if _NUMBERED.fullmatch(p.name))
+    found = (p for p in folder.glob("evidence-*.jsonl") if _NUMBERED.fullmatch(p.name))
+    return sorted((p for p in found if p.is_file() and not p.is_symlink()), key=_number)
 
 
-def sizes(folder: Path) -> dict[str, int]:
-    """Name -> bytes of each file that a node kept there, the oldest first."""
-    paths = sorted(path for path in folder.glob("*.mcap") if _KEPT.fullmatch(path.name))
+def _number(log: Path) -> int:
+    return int(log.stem.rpartition("-")[2])
+
+
+def sizes(folder: Path, robots: Sequence[str]) -> dict[str, int]:
+    """Name -> bytes of each file that a node kept there of robots so named, the oldest first."""
+    named = "|".join(map(re.escape, robots))
+    kept = re.compile(rf"{_STAMP}-({named})-(stop|near_miss|fault)(-[0-9]+)?\.mcap")
+    paths = sorted(path for path in folder.glob("*.mcap") if kept.fullmatch(path.name))
     return {p.name: p.stat().st_size for p in paths if p.is_file() and not p.is_symlink()}
 
 
@@ -117,7 +129,7 @@ def newest(folder: Path) -> str:
     Raises:
         RecordingError: it is broken; says where.
     """
-    logs = [path for path in (*_older(folder), folder / LOG) if path.exists()]
+    logs = [path for path in (*_older(folder), folder / LOG) if _bytes_of(path)]
     last = START
     for line in _lines(logs[-1]) if logs else ():
         if line.wrong:
@@ -129,9 +141,13 @@ def newest(folder: Path) -> str:
 def set_aside(folder: Path, now: datetime) -> str:
     """Give a broken log another name, which is returned, so that a new one can begin.
 
+    A full one keeps its name: the new log's first line then does not follow it, as it should show.
+
     Raises:
         OSError: it cannot be renamed.
     """
+    if not (folder / LOG).exists():
+        return _older(folder)[-1].name
     name = f"evidence-{now:%Y%m%dT%H%M%S}Z.broken.jsonl"
     (folder / LOG).rename(folder / name)
     return name

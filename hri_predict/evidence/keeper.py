@@ -175,7 +175,7 @@ class Evidence(Items):
                 start["broken"] = chain.set_aside(self.folder, self._wall())
                 log.warning("%s; it is kept as %s", error, start["broken"])
                 last = _newest_left(self.folder)
-            self._sizes = chain.sizes(self.folder)
+            self._sizes = chain.sizes(self.folder, [_plain(name) for name in self._robots])
             return chain.append(self.folder, start, last)
         except OSError as error:
             raise ConfigError(
@@ -288,7 +288,7 @@ class Evidence(Items):
         return found
 
     def _path(self, event: _Open) -> Path:
-        robot = re.sub(r"[^A-Za-z0-9_-]", "_", self._robots[event.first.robot])
+        robot = _plain(self._robots[event.first.robot])
         stamp = f"{event.at:%Y%m%dT%H%M%S}.{event.at.microsecond // 1000:03d}Z"
         name = f"{stamp}-{robot}-{event.first.kind}"
         path, number = self.folder / f"{name}.mcap", 1
@@ -317,6 +317,11 @@ class Evidence(Items):
 
     def _now(self) -> str:
         return self._wall().isoformat(timespec="milliseconds")
+
+
+def _plain(robot: str) -> str:
+    """A robot's name as it stands in names of files."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", robot)
 
 
 def _newest_left(folder: Path) -> str:

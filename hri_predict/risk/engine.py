@@ -352,7 +352,8 @@ def _check_door(key: str, door: Region, robots: Sequence[RobotConstants]) -> Non
                 f"out: who vanishes there then stays lost until an Acknowledge"
             )
         distance_m = floor_distance(door, robot.model.base)
-        reach_m, needed_m = robot.model.reach_m, robot.needed_m()
+        margin_m = max(robot.risk.region_margins_m.values(), default=0.0)
+        reach_m, needed_m = robot.model.reach_m, robot.needed_m() + margin_m
         if distance_m < reach_m + needed_m:
             raise ConfigError(
                 f"{key}: {reach_m + needed_m - distance_m:.2f} m too close to robot {robot.name}: "

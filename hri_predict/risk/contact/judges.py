@@ -52,7 +52,8 @@ def contact_judges(
         if robot.robot.contact is None:
             continue
         names = [s.name for s in segments]
-        radii = np.array([s.radius for s in segments])
+        margins = settings.region_margins_m
+        radii = np.array([s.radius + margins.get(s.region, 0.0) for s in segments])
         judges[index] = ContactJudge(
             robot,
             segment_limits(settings, robot.model, names, base_dir),

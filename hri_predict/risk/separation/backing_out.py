@@ -6,7 +6,6 @@ it creep until its direction shows would let it creep at somebody. So only the w
 counts: back along its plan, from the place where its joints are.
 """
 
-from hri_predict.geometry import Capsules
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.receding import link_distances
 from hri_predict.risk.zones.body_zones import BodyZones
@@ -45,10 +44,8 @@ def why_not_backing_out(
     stops_s = robot.model.stopping(recovery.speed_m_s)[0]
     moves_s = robot.reaction_s(bodies.age_s) + stops_s
     places = robot.plan.back_from(now.place_s, recovery.speed_m_s, moves_s, STEPS)
-    zones = bodies.zones.capsules
-    people = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
     way = robot.model.capsules(robot.plan.trajectory.at(places)[0])
-    distance = link_distances(people, way)
+    distance = link_distances(bodies.captured, way)
     if not (distance >= distance[0] - NEARER_M).all():
         return "a link would come nearer to somebody on the way back"
     return ""

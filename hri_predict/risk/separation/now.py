@@ -266,8 +266,7 @@ def _receding(
     is_free = found.slack_m >= 0 and min(found.limits[:2]) >= robot.max_speed_m_s
     if is_free or not motion.is_foreseen or not motion.is_one_path:
         return found
-    zones = bodies.zones.capsules
-    people = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
+    people = bodies.captured
 
     def recedes(speeds_m_s: Floats) -> Bools:
         ends = motion.ends_at(speeds_m_s)

@@ -16,6 +16,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone
 from hri_predict.risk.contact.clamping import anywhere_until
 from hri_predict.risk.contact.judge import ContactJudge
+from hri_predict.risk.contact.limits import FOLLOWS
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.backing_out import why_not_backing_out
 from hri_predict.risk.separation.in_time import TimeByTime, farthest
@@ -241,15 +242,19 @@ class Separation:
     def _others(
         self, robot: int, motions: Mapping[int, RobotMotion], until_s: float
     ) -> list[Capsules | None]:
-        """Where each other robot may be until then; ``None``: nobody knows."""
+        """Where each other robot may be until then; ``None``: nobody knows, or it is too fast."""
         result: list[Capsules | None] = []
         for i in range(len(self._robots)):
-            if i in motions and i != robot:
-                other, known = self._constants(i, motions[i]), motions[i]
+            if i == robot:
+                continue
+            other = self._constants(i, motions[i]) if i in motions else None
+            if other is not None and motions[i].speed_m_s <= FOLLOWS * other.max_speed_m_s:
+                known = motions[i]
                 moved_m = known.clearance_m - self._settings.clearance_m
                 uncertain_m = moved_m + self._settings.robot_uncertainty_m
-                result.append(anywhere_until(known, other.max_speed_m_s, until_s, uncertain_m))
-            elif i != robot:
+                fastest_m_s = max(other.max_speed_m_s, known.speed_m_s)
+                result.append(anywhere_until(known, fastest_m_s, until_s, uncertain_m))
+            else:
                 result.append(None)
         return result
 

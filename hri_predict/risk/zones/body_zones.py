@@ -57,6 +57,7 @@ class BodyZones:
             measured speed, not fast, and with a forecast that is neither widened nor out of
             distribution. For all others their zones alone decide in mode ``predictive``.
         untrusted: why the scene cannot be trusted; the zones then mean nothing.
+        margins_m: (S,) what each segment of ``zones`` counts thicker by; ``None``: nothing.
     """
 
     zones: Zones
@@ -70,6 +71,17 @@ class BodyZones:
     reasons: tuple[Reason, ...] = ()
     claimed: Floats | None = None
     untrusted: tuple[Reason, ...] = ()
+    margins_m: Floats | None = None
+
+    @property
+    def captured(self) -> Capsules:
+        """(P, S) the bodies as captured, without margins: for distances that only need to grow.
+
+        With margins, the nearest part may be another one, and an approach to the next may not show.
+        """
+        zones = self.zones.capsules
+        margins: Floats | float = 0.0 if self.margins_m is None else self.margins_m
+        return Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0] - margins)
 
 
 class ZoneBuilder:
@@ -125,6 +137,7 @@ class ZoneBuilder:
         self._b: Ints = np.array([s.joint_b for s in segments], dtype=np.intp)
         margins = _margins(margins_m or {}, skeleton)
         self._radius: Floats = np.array([s.radius + margins.get(s.region, 0.0) for s in segments])
+        self._margins_m: Floats = np.array([margins.get(s.region, 0.0) for s in segments])
         self._largest_margin_m = max(margins.values(), default=0.0)
         # (S, J): a sphere of this size about joint k holds the whole of segment s
         self._reach: Floats = np.maximum(skeleton.reach[self._a], skeleton.reach[self._b])
@@ -189,6 +202,7 @@ class ZoneBuilder:
             capture_ns=capture_ns,
             claimed=joints.claimed,
             speeds=joined_speeds([speeds, self._lost_speeds(snapshot)]),
+            margins_m=self._margins_m,
             segments_m_s=self._segment_speeds(moving, snapshot.delivered, len(snapshot.lost)),
             as_assumed=np.append(
                 speeds.within_standard & _trusted(trust, len(snapshot.ids)),

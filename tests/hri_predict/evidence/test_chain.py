@@ -200,3 +200,40 @@ def test_a_changed_line_of_an_older_log_is_found(tmp_path, small):
     older.write_text(older.read_text().replace("stop", "fall", 1))
     (line,) = [line for line in chain.read(tmp_path) if line.wrong]
     assert (line.log, line.number) == ("evidence-000001.jsonl", 1)
+
+
+def test_an_empty_log_after_a_full_one_is_none(tmp_path, small):
+    """The node died, or the disk was full, before the first line."""
+    last = written(tmp_path)
+    (tmp_path / chain.LOG).rename(tmp_path / "evidence-000002.jsonl")
+    (tmp_path / chain.LOG).touch()
+    assert chain.newest(tmp_path) == last
+    chain.append(tmp_path, {"kind": "start"}, last)
+    assert wrongs(tmp_path) == []
+
+
+def test_no_number_is_written_over(tmp_path, small):
+    written(tmp_path, 2)
+    (tmp_path / chain.LOG).rename(tmp_path / "evidence-999999.jsonl")
+    last = chain.newest(tmp_path)
+    for number in range(6):
+        last = chain.append(tmp_path, {"kind": "stop", "n": 2 + number, "pad": "x" * 200}, last)
+    assert wrongs(tmp_path) == []
+    assert [line.data["n"] for line in chain.read(tmp_path)] == list(range(8))
+
+
+def test_what_is_no_file_is_no_log(tmp_path):
+    os.mkfifo(tmp_path / "evidence-000005.jsonl")
+    (tmp_path / "evidence-000006.jsonl").mkdir()
+    (tmp_path / "evidence-000007.jsonl").symlink_to("/dev/zero")
+    last = written(tmp_path)
+    assert chain.newest(tmp_path) == last
+    assert wrongs(tmp_path) == []
+
+
+def test_only_files_that_a_node_kept_are_counted(tmp_path):
+    ours = "20260101T000000.000Z-arm_1-stop-2.mcap"
+    others = ["20260101T000000.000Z-arm_1-stop-KEEP.mcap", "20260101T000000.000Z-amr-stop.mcap"]
+    for name in (ours, *others, "report.mcap"):
+        (tmp_path / name).write_bytes(b"seconds")
+    assert chain.sizes(tmp_path, ["arm_1"]) == {ours: 7}

@@ -66,3 +66,24 @@ def test_an_unknown_region_and_an_absurd_margin_are_refused():
     for margin in (-0.01, 1.01, float("nan")):
         with pytest.raises(ValidationError):
             RiskSettings(region_margins_m={"hand": margin})
+
+
+def test_a_door_must_be_farther_by_the_largest():
+    def farthest_refused(**changes) -> float:
+        for x in np.arange(5.5, 1.0, -0.02):
+            door = Region(polygon=[[x, -0.5], [x + 1, -0.5], [x + 1, 0.5], [x, 0.5]])
+            try:
+                Cell(SETTINGS.model_copy(update=changes), doors={"people.exits.0": door})
+            except ConfigError:
+                return float(x)
+        raise AssertionError("no door was refused")
+
+    more = farthest_refused(region_margins_m={"hand": 0.2, "head": 0.5}) - farthest_refused()
+    assert more == pytest.approx(0.5, abs=0.021)
+
+
+def test_distances_that_need_only_grow_are_without_margins():
+    """A thick hand would hide that a link comes nearer to the head."""
+    plain, thick = cell("predictive"), cell("predictive", region_margins_m={"hand": 0.3})
+    bodies = [each.engine._builder.build(each.snapshot(2.0), None) for each in (plain, thick)]
+    np.testing.assert_allclose(bodies[1].captured.radius, bodies[0].captured.radius, atol=1e-12)

@@ -21,6 +21,8 @@ from tests.hri_predict.risk.contact.cell import (
     CONSTANTS,
     HYBRID,
     LIMITS,
+    MODEL,
+    READY,
     ROBOT,
     SEGMENTS,
     TIMES,
@@ -75,6 +77,25 @@ def test_a_robot_far_away_clamps_nobody():
 def test_a_robot_that_nobody_knows_may_be_anywhere():
     lost = RobotNow(q=None, qd=None, speed_m_s=0.0, reasons=(Reason.ROBOT_STATE_INVALID,))
     assert limit_beside(6.0, lost) == pytest.approx(CLAMPED)
+
+
+def test_a_robot_faster_than_its_highest_speed_may_be_anywhere():
+    qd = np.array([2.0, 0, 0, 0, 0, 0])
+    fast = RobotNow(q=READY, qd=qd, speed_m_s=float(MODEL.tip_speed(READY, qd)))
+    assert fast.speed_m_s > 1.1
+    assert limit_beside(6.0, fast) == pytest.approx(CLAMPED)
+
+
+def test_a_hand_that_counts_as_thicker_is_clamped_in_wider_gaps():
+    thick = NO_FIXTURES.model_copy(update={"region_margins_m": {"hand": 0.2}})
+    plain_m, thick_m = (
+        contact_judges(
+            settings=risk, robots=[CONSTANTS], segments=list(CANONICAL.segments), floor_m=0.0
+        )[0]._clamping.thickness_m
+        for risk in (NO_FIXTURES, thick)
+    )
+    more = [0.4 if name in ("l_hand", "r_hand") else 0.0 for name in SEGMENTS]
+    np.testing.assert_allclose(thick_m - plain_m, more, atol=1e-12)
 
 
 def test_gaps_are_those_of_the_nearest_capsule():
