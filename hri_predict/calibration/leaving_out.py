@@ -7,7 +7,8 @@ on the set either.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,9 @@ from hri_predict.calibration.judgement import HORIZONS_MS
 from hri_predict.calibration.scores import Scores, nearest
 from hri_predict.errors import ConfigError
 from hri_predict.evaluation.table import Table, plain
-from hri_predict.predictors.base import Predictor
+from hri_predict.predictors.base import Predictor, PredictorSettings
 from hri_predict.risk.settings import LEVELS, CoverageSettings
-from hri_predict.risk.zones.calibration import OFS, Of
+from hri_predict.risk.zones.calibration import OFS, Calibration, Of, identity
 
 SETS = ("arms", "beside_robot", "cmu_tools", "cmu_subjects", "cmu_dance")
 """The sets that are left out, as ``Scores.action`` names them."""
@@ -34,6 +35,7 @@ class LeftOut:
     Attributes:
         name: of the set.
         recordings, calibrated_on: how many were measured, and how many calibrated.
+        calibration: the one that was made without the set.
         coverage: (level, question) -> of the radii alone.
         run: zones as the node builds them, with its self-check, at the highest level.
         error_m: (H,) mean error of a joint.
@@ -43,6 +45,7 @@ class LeftOut:
     name: str
     recordings: int
     calibrated_on: int
+    calibration: Calibration
     coverage: dict[tuple[float, Of], Coverage]
     run: Coverage
     error_m: Floats
@@ -52,6 +55,7 @@ class LeftOut:
 def leave_out(
     *,
     predictor: Predictor,
+    settings: PredictorSettings,
     scores: Sequence[Scores],
     judged: Sequence[Scores],
     on_part: Callable[[str], None] = lambda _: None,
@@ -59,7 +63,7 @@ def leave_out(
     """Leave each of ``SETS`` out that occurs.
 
     Args:
-        predictor: whose zones.
+        predictor, settings: whose zones.
         scores: the recordings to calibrate on.
         judged: the recordings to measure, as recorded; may hold those of ``scores``.
         on_part: called with the name of each set.
@@ -68,20 +72,22 @@ def leave_out(
         ConfigError: no set occurs, or too few recordings are left.
     """
     found = []
+    values, digest = identity(settings)
     for name in SETS:
         own = [s for s in judged if s.action == name]
         if not own:
             continue
         on_part(name)
         others = [s for s in scores if s.action != name]
-        made = calibrate(
+        fitted = calibrate(
             scores=others,
-            predictor="left out",
-            settings={},
-            weights=None,
+            predictor=settings.name,
+            settings=values,
+            weights=digest,
             rate_hz=predictor.rate_hz,
             skeleton=predictor.skeleton,
         )
+        made = replace(fitted, made=date.today())
         coverage = {
             (level, of): as_calibrated(
                 own, made, CoverageSettings(level=level, of=of), predictor.skeleton
@@ -94,6 +100,7 @@ def leave_out(
                 name=name,
                 recordings=len({s.name for s in own}),
                 calibrated_on=len({s.name for s in others}),
+                calibration=made,
                 coverage=coverage,
                 run=as_run(
                     scores=own,

@@ -70,7 +70,7 @@ def calibrate(
         Path | None,
         typer.Option(
             help="File for the calibration; with --check: folder for tables and pictures; with "
-            "--leave-out: JSON file.",
+            "--leave-out: folder for the figures and each calibration.",
             show_default="PREDICTOR.calibration.json; with --leave-out: none",
         ),
     ] = None,

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from hri_predict import registry
 from hri_predict.cli.calibrate.inputs import Data, scores_of
+from hri_predict.cli.calibrate.making import write_calibration
 from hri_predict.cli.common import check_writable, progress, show, stage, tell
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.base import PredictorSettings
@@ -13,7 +14,10 @@ _CALIBRATION, _JUDGED = "calibration", "test_motion"
 
 
 def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_json: bool) -> None:
-    """Leave each set of the data pack out of the calibration in turn, and measure on it."""
+    """Leave each set of the data pack out of the calibration in turn, and measure on it.
+
+    ``out`` gets the figures and each calibration, so that a closed loop can be run with it.
+    """
     from hri_predict.calibration import leaving_out as judgement
     from hri_predict.files import atomic_write
 
@@ -23,7 +27,7 @@ def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_j
             f"{_CALIBRATION} and measures on it and {_JUDGED}; leave it out"
         )
     if out is not None:
-        check_writable(out.parent)
+        check_writable(out)
     built = registry.load("predictors", settings.name)(settings)
     to_calibrate = data._replace(split=_CALIBRATION)
     known = scores_of(built=built, name=settings.name, data=to_calibrate, default="", tracked=True)
@@ -38,14 +42,19 @@ def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_j
         task = bar.add_task("calibrating without", total=None)
         found = judgement.leave_out(
             predictor=built,
+            settings=settings,
             scores=known,
             judged=judged,
             on_part=lambda p: stage(bar, task, f"calibrating without {p}"),
         )
     report = {"predictor": settings.name, "sets": judgement.as_json(found)}
     if out is not None:
-        atomic_write(out, (json.dumps(report, indent=1) + "\n").encode())
-        tell([out])
+        written = [out / "leave_out.json"]
+        atomic_write(written[0], (json.dumps(report, indent=1) + "\n").encode())
+        for left in found:
+            written.append(out / f"without_{left.name}.calibration.json")
+            write_calibration(written[-1], left.calibration)
+        tell(written)
     if as_json:
         print(json.dumps(report))
         return

@@ -14,7 +14,8 @@ from hri_predict.skeleton import JOINTS
 from tests.hri_predict.calibration.conftest import recording_of
 from tests.hri_predict.short_fit import short_fit
 
-PREDICTOR = ZeroVelocity(ZeroVelocitySettings(name="zero_velocity", horizon_s=0.4))
+SETTINGS = ZeroVelocitySettings(name="zero_velocity", horizon_s=0.4)
+PREDICTOR = ZeroVelocity(SETTINGS)
 
 
 def walks(action, speeds):
@@ -37,13 +38,23 @@ def found():
     slow = walks("cmu_tools", np.linspace(0.5, 0.6, 5))
     fast = walks("cmu_dance", np.linspace(0.9, 0.95, 5))
     with short_fit():
-        return leave_out(predictor=PREDICTOR, scores=slow + fast, judged=slow + fast)
+        return leave_out(
+            predictor=PREDICTOR, settings=SETTINGS, scores=slow + fast, judged=slow + fast
+        )
 
 
 def test_each_set_that_occurs_is_left_out_once(found):
     assert [f.name for f in found] == ["cmu_tools", "cmu_dance"]
     assert [f.calibrated_on for f in found] == [5, 5]
     assert [f.recordings for f in found] == [5, 5]
+
+
+def test_each_calibration_fits_the_predictor_and_names_no_recording_of_its_set(found):
+    for entry in found:
+        made = entry.calibration
+        assert made.predictor == SETTINGS.name
+        assert made.recordings
+        assert not any(r.name.startswith(entry.name) for r in made.recordings)
 
 
 def test_the_errors_are_those_of_the_set(found):
@@ -70,5 +81,5 @@ def test_tables_and_json_tell_the_same(found):
 def test_without_a_set_there_is_nothing_to_leave_out():
     walking = walks("walking", [0.5, 0.6])
     with pytest.raises(ConfigError, match="--leave-out: no recording is of a set"):
-        leave_out(predictor=PREDICTOR, scores=walking, judged=walking)
+        leave_out(predictor=PREDICTOR, settings=SETTINGS, scores=walking, judged=walking)
     assert "arms" in leaving_out.SETS
