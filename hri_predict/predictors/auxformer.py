@@ -144,6 +144,7 @@ class AuxFormer(Network):
     """Auxiliary-adapted transformer (section 4) with its three heads (Eq. 1)."""
 
     options_model = AuxFormerOptions
+    exportable = True
     options: AuxFormerOptions
 
     def __init__(self, shape: Shape, options: AuxFormerOptions) -> None:
@@ -167,9 +168,12 @@ class AuxFormer(Network):
 
     def forward(self, window: Window) -> Tensor:
         """Predict (B, H, J, 3) in the body frame; only observed coordinates are read."""
-        filled = self._filled(window)
-        tokens = self._features(filled, window.observed, future=True)
-        return self._future(self.predict, tokens, filled)
+        return self.forward_filled(Window(self._filled(window), window.observed))
+
+    def forward_filled(self, window: Window) -> Tensor:
+        """``forward`` without filling in again."""
+        tokens = self._features(window.positions, window.observed, future=True)
+        return self._future(self.predict, tokens, window.positions)
 
     def loss(self, window: Window, target: Target, progress: float) -> Tensor:
         """L = L_prediction + alpha_1 L_mask + alpha_2 L_denoise (section 3.3).
@@ -254,23 +258,22 @@ class AuxFormer(Network):
         parts = [filled, filled - filled[:, -1:]]
         if self.options.velocity:
             both = functional.pad(seen[:, 1:] & seen[:, :-1], (0, 0, 0, 0, 1, 0))
-            step = functional.pad(filled.diff(dim=1), (0, 0, 0, 0, 1, 0))
+            step = functional.pad(filled[:, 1:] - filled[:, :-1], (0, 0, 0, 0, 1, 0))
             parts.append(torch.where(both, step, 0.0))
         coordinates = torch.cat(parts, -1) * _PER_METRE
         places = self.step + self.joint
         tokens = torch.where(seen, self.coordinate(coordinates), self.hidden) + places[:past]
         if future:
-            ahead = (self.hidden + places[past:]).expand(len(filled), -1, -1, -1)
+            ahead = (self.hidden + places[past:]).expand(filled.shape[0], -1, -1, -1)
             tokens = torch.cat([tokens, ahead], 1)
-        mask = None if bool(observed.all()) else observed
         for layer, observed_only in self._order():
             if not observed_only:
                 tokens = layer(tokens, None)
             elif future:
                 seen_part, ahead = tokens.split([past, self.future_tokens], 1)
-                tokens = torch.cat([layer(seen_part, mask), ahead], 1)
+                tokens = torch.cat([layer(seen_part, observed), ahead], 1)
             else:
-                tokens = layer(tokens, mask)
+                tokens = layer(tokens, observed)
         return cast(Tensor, self.norm(tokens))
 
     def _order(self) -> list[tuple[nn.Module, bool]]:

@@ -65,6 +65,7 @@ class Mixer(Network):
     """Cosine transform, blocks over time and channels, factors and rest of every joint and step."""
 
     options_model = MixerOptions
+    exportable = True
     options: MixerOptions
     cosines: Tensor
     ahead: Tensor

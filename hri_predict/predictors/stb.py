@@ -65,6 +65,7 @@ class STB(Network):
     """The two branches; each maps the padded sequence to all its T + H frames."""
 
     options_model = STBOptions
+    exportable = True
     options: STBOptions
 
     def __init__(self, shape: Shape, options: STBOptions) -> None:

@@ -71,6 +71,7 @@ class TrajectoryCNN(Network):
     """TrajectoryCNN (Fig. 2): trajectory space, encoder of trajectory blocks, decoder."""
 
     options_model = TrajectoryCNNOptions
+    exportable = True
     options: TrajectoryCNNOptions
     order: Tensor
     place: Tensor

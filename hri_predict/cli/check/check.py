@@ -28,6 +28,7 @@ from hri_predict.cli.check.contact import (
     contact_table,
     unseen_ends_note,
 )
+from hri_predict.cli.check.engine import engine_facts, engine_lines
 from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
@@ -112,7 +113,7 @@ def _print(found: dict[str, Any]) -> None:
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
-    for line in calibration_lines(found["calibration"]):
+    for line in (*engine_lines(found["engine"]), *calibration_lines(found["calibration"])):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
@@ -181,6 +182,7 @@ def examine(config: Config) -> dict[str, Any]:
         "until_stopped_s": {name: reaction_time_s + t for name, (t, _) in stops.items()},
         "horizon_s": assembly.prediction.predictor.horizon_steps
         / assembly.prediction.predictor.rate_hz,
+        "engine": engine_facts(assembly.prediction.predictor),
         "risk": risk,
         "contact": contact_facts(*contact),
         "tools": tool_facts(assembly.robots, config.node.robots),

@@ -86,10 +86,13 @@ class Network(nn.Module):
         options: options it was built with; every network sets them, and weights files store them.
         rest: (J, 3) mean pose of its training data in the body frame; part of the weights.
         any_horizon: its parameters do not depend on H, so it can predict beyond its trained H.
+        exportable: its forward pass has no branch that depends on values, and no loop over people,
+            so an exported copy computes the same; see ``engine``.
     """
 
     options_model: ClassVar[type[NetworkOptions]] = NetworkOptions
     any_horizon: ClassVar[bool] = False
+    exportable: ClassVar[bool] = False
     options: NetworkOptions
     rest: Tensor
     nearest: Tensor
@@ -103,6 +106,10 @@ class Network(nn.Module):
     def forward(self, window: Window) -> Tensor:
         """Predict (B, H, J, 3) in the body frame."""
         raise NotImplementedError
+
+    def forward_filled(self, window: Window) -> Tensor:
+        """``forward`` of a window that ``enter`` has filled; engines compute this."""
+        return self(window)
 
     def loss(self, window: Window, target: Target, progress: float) -> Tensor:
         """Training loss of a batch, a scalar.

@@ -124,6 +124,7 @@ class SINN(Network):
 
     options_model = SINNOptions
     any_horizon = True  # with aggregation
+    exportable = True
 
     def __init__(self, shape: Shape, options: SINNOptions) -> None:
         super().__init__(shape)

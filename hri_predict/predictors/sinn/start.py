@@ -66,7 +66,8 @@ class Start(nn.Module):
     def _weights(self, window: Window, rate_hz: float) -> tuple[Tensor, Tensor]:
         """The last velocities (B, K, J, 3), oldest first, and all outputs (B, J, 2 K [+ 2])."""
         count = self.velocities
-        v = window.positions[:, -count - 1 :].diff(dim=1) * rate_hz
+        recent = window.positions[:, -count - 1 :]
+        v = (recent[:, 1:] - recent[:, :-1]) * rate_hz
         both = (window.observed[:, -count:] & window.observed[:, -count - 1 : -1]).to(v.dtype)
         by_joint = v.transpose(1, 2)  # (B, J, K, 3)
         size = by_joint.square().sum((-1, -2)) / count + _REST_SPEED**2

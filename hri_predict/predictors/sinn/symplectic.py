@@ -38,7 +38,7 @@ def velocity(zeta: Tensor) -> Tensor:
 
 def differences(positions: Tensor) -> Tensor:
     """Backward differences (B, T, J, 3) of positions; zero at the first step."""
-    return F.pad(positions.diff(dim=1), (0, 0, 0, 0, 1, 0))
+    return F.pad(positions[:, 1:] - positions[:, :-1], (0, 0, 0, 0, 1, 0))
 
 
 class Representation(nn.Module):
@@ -146,7 +146,7 @@ class Operator(nn.Module):
                 for gru, head, sequence in zip(self.grus, self.heads, sequences, strict=True)
             ]
         )
-        batch, width = len(zeta), 3 // self.directions
+        batch, width = zeta.shape[0], 3 // self.directions
         if self.splitting == "joint":
             change = outputs.view(3, batch, self.joints, self.steps, self.channels)
             change = change.permute(1, 3, 2, 0, 4)

@@ -307,7 +307,7 @@ def _table(rows: Any, shape: tuple[int, ...]) -> Floats:
 
 def identity(settings: PredictorSettings) -> tuple[dict[str, Any], str | None]:
     """The settings that a predictor's errors depend on, and the hash of its weights."""
-    values = settings.model_dump(mode="json", exclude={"name", "horizon_s", "weights"})
+    values = settings.model_dump(mode="json", exclude={"name", "horizon_s", "weights", "engine"})
     found = [
         hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "missing"
         for path in settings.files()

@@ -1,0 +1,254 @@
+"""What computes a network: torch itself, or ONNX Runtime with an exported copy of the network.
+
+A copy is a second program, so it is not trusted. It computes only if it agrees with torch on
+windows like those of a cell, each time that a predictor is built. Otherwise torch computes, and
+the log says why.
+"""
+
+import hashlib
+import io
+import json
+import logging
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from hri_predict.arrays import Floats
+from hri_predict.cache import cached, forget
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.neural.network import Network, Window
+
+log = logging.getLogger(__name__)
+
+EngineName = Literal["auto", "torch", "onnxruntime"]
+AGREES_M = 1e-4
+"""How far a copy's forecasts may be from torch's: rounding gives a hundredth of it."""
+
+_OPSET = 17
+_EXPORT = 1  # raise it when the way of exporting changes
+_PROBES = 4  # people of the test: all seen, gaps, never seen joints, lost of late
+_TELEMETRY = "ORT_DISABLE_TELEMETRY"
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """Computes a network's forward pass.
+
+    Attributes:
+        name: torch or onnxruntime.
+        forward: a window of B people to (B, H, J, 3), as ``Network.forward_filled``.
+        differs_m: the largest difference from torch on the probes, in metres.
+    """
+
+    name: EngineName
+    forward: Callable[[Window], Tensor]
+    differs_m: float = 0.0
+
+
+class EngineError(Exception):
+    """A network cannot be exported, or its copy cannot be used; one line."""
+
+
+def engine_for(network: Network, wanted: EngineName, threads: int) -> Engine:
+    """The engine of a network, for any number of people.
+
+    Args:
+        network: in inference mode.
+        wanted: ``auto``: ONNX Runtime where the network can be exported and the copy agrees.
+        threads: CPU threads that it may use.
+
+    Raises:
+        ConfigError: ``onnxruntime`` is wanted by name and cannot be had.
+    """
+    if wanted == "torch" or (wanted == "auto" and not network.exportable):
+        return Engine("torch", network.forward_filled)
+    try:
+        return _onnxruntime(network, threads)
+    except EngineError as error:
+        if wanted == "onnxruntime":
+            raise ConfigError(
+                f"predictor.engine onnxruntime: {error}; set predictor.engine to auto"
+            ) from error
+        log.info("torch computes the network: %s", error)
+        return Engine("torch", network.forward_filled)
+
+
+def _onnxruntime(network: Network, threads: int) -> Engine:
+    """A copy that agrees. One from the cache that does not is made anew once.
+
+    Raises:
+        EngineError: there is none.
+    """
+    if not network.exportable:
+        raise EngineError("this network cannot be exported")
+    name = f"{type(network).__name__.lower()}-{_digest(network)}.onnx"
+    problem = ""
+    for _ in range(2):
+        model = cached(name, lambda: _exported(network))
+        try:
+            engine = _Session(model, threads)
+            differs = _difference(network, engine)
+        except EngineError as error:
+            problem = str(error)
+        else:
+            if differs <= AGREES_M:
+                return Engine("onnxruntime", engine, differs)
+            problem = f"its copy of the network differs from torch by {differs:.2g} m"
+        forget(name)
+    raise EngineError(problem)
+
+
+class _Session:
+    """An ONNX Runtime session that takes a window.
+
+    Raises:
+        EngineError: ONNX Runtime is not installed, or refuses the model.
+    """
+
+    def __init__(self, model: bytes, threads: int) -> None:
+        os.environ.setdefault(_TELEMETRY, "1")  # else the import writes a device's id and calls out
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise EngineError("ONNX Runtime is not installed") from error
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.inter_op_num_threads = 1
+        options.log_severity_level = 4  # what fails is raised
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        try:
+            self._session = onnxruntime.InferenceSession(
+                model, options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # its errors share no base but this
+            raise EngineError(f"ONNX Runtime refuses the network: {_line(error)}") from error
+        # a network that does not read the mask has no such input
+        self._inputs = frozenset(entry.name for entry in self._session.get_inputs())
+
+    def __call__(self, window: Window) -> Tensor:
+        inputs = {
+            "positions": window.positions.contiguous().numpy(),
+            "observed": window.observed.contiguous().numpy(),
+        }
+        read = {name: array for name, array in inputs.items() if name in self._inputs}
+        return torch.from_numpy(self._session.run(None, read)[0])
+
+
+class _Traced(nn.Module):
+    """A network with tensors as its arguments, as the exporter wants them."""
+
+    def __init__(self, network: Network) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, positions: Tensor, observed: Tensor) -> Tensor:
+        return self.network.forward_filled(Window(positions, observed))
+
+
+def _exported(network: Network) -> bytes:
+    """The network as an ONNX model for any number of people.
+
+    Uses the exporter that traces: torch's other one dropped a small summand from a denominator.
+
+    Raises:
+        EngineError: it cannot be exported.
+    """
+    window = _probe(network)
+    file = io.BytesIO()
+    people = {"positions": {0: "people"}, "observed": {0: "people"}, "forecast": {0: "people"}}
+    logging_off = logging.getLogger("torch.onnx")
+    level = logging_off.level
+    try:
+        logging_off.setLevel(logging.ERROR)
+        with warnings.catch_warnings(), torch.no_grad():
+            warnings.simplefilter("ignore")  # of what is traced; the probes decide
+            torch.onnx.export(
+                _Traced(network).eval(),
+                (window.positions, window.observed),
+                cast(Any, file),
+                dynamo=False,
+                input_names=["positions", "observed"],
+                output_names=["forecast"],
+                dynamic_axes=people,
+                opset_version=_OPSET,
+            )
+    except Exception as error:  # the exporter's errors share no base but this
+        raise EngineError(f"the network cannot be exported: {_line(error)}") from error
+    finally:
+        logging_off.setLevel(level)
+    return file.getvalue()
+
+
+def _difference(network: Network, engine: Callable[[Window], Tensor]) -> float:
+    """Largest difference from torch on the probes, together and one by one, in metres.
+
+    One by one, because a branch may ask about all people of a window.
+
+    Raises:
+        EngineError: the engine fails.
+    """
+    everybody = _probe(network)
+    alone = (
+        Window(everybody.positions[i : i + 1], everybody.observed[i : i + 1])
+        for i in range(_PROBES)
+    )
+    largest = 0.0
+    for window in (everybody, *alone):
+        with torch.inference_mode():
+            wanted = network.forward_filled(window)
+        try:
+            found = engine(window)
+        except Exception as error:  # the runtime's errors share no base but this
+            raise EngineError(f"ONNX Runtime cannot compute it: {_line(error)}") from error
+        if found.shape != wanted.shape:
+            raise EngineError(f"its forecast has shape {tuple(found.shape)}")
+        apart = float((found - wanted).abs().max())
+        largest = max(largest, apart if np.isfinite(apart) else np.inf)
+    return largest
+
+
+def _probe(network: Network) -> Window:
+    """Windows of people who move at up to some metres a second, seen in several ways."""
+    rng = np.random.default_rng(0)
+    steps, joints = network.shape.history_steps, network.shape.joints
+    body = network.rest.double().numpy() + 0.05 * rng.standard_normal((_PROBES, 1, joints, 3))
+    moved: Floats = (
+        0.02 * rng.standard_normal((_PROBES, steps, joints, 3))
+        + 0.05 * rng.standard_normal((_PROBES, 1, 1, 3))
+    ).cumsum(1)
+    observed = np.ones((_PROBES, steps, joints), dtype=bool)
+    observed[1] = rng.random((steps, joints)) > 0.3
+    observed[2, :, joints // 2] = False
+    observed[3, steps // 2 :] = False
+    with torch.no_grad():
+        return network.enter(torch.from_numpy(body + moved), torch.from_numpy(observed))[0]
+
+
+def _digest(network: Network) -> str:
+    """Hash of all that an exported copy depends on, but for the code; the probes check that."""
+    digest = hashlib.sha256()
+    shape, options = network.shape, network.options.model_dump(mode="json")
+    about = [
+        _EXPORT,
+        torch.__version__,
+        type(network).__qualname__,
+        options,
+        [shape.skeleton.joints, shape.history_steps, shape.horizon_steps, shape.rate_hz],
+    ]
+    digest.update(json.dumps(about, sort_keys=True, default=str).encode())
+    adversary = {parameter.data_ptr() for parameter in network.critic_parameters()}
+    for name, tensor in network.state_dict().items():
+        if tensor.data_ptr() not in adversary:  # not in the weights' file, so random each time
+            digest.update(name.encode())
+            digest.update(tensor.contiguous().numpy().tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__

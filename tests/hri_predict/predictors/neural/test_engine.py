@@ -1,0 +1,182 @@
+"""Engines: a copy of the network computes only where it agrees with torch, which is the oracle."""
+
+import logging
+import os
+import subprocess
+import sys
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from hri_predict import registry
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.engine import engine_for
+from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, last_pose
+from hri_predict.predictors.neural.predictor import NeuralPredictor, NeuralSettings
+from hri_predict.risk.zones.calibration import identity
+
+pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed")
+
+SHAPE = Shape(skeleton=BODY, history_steps=5, horizon_steps=3, rate_hz=25.0)
+ROUNDING_M = 1e-5
+"""Metres: some hundred operations in single precision on values of a few metres."""
+
+
+class Leaning(Network):
+    """Adds a learnt offset to the last pose."""
+
+    exportable: ClassVar[bool] = True
+
+    def __init__(self, shape=SHAPE, lean=0.1):
+        super().__init__(shape)
+        self.options = NetworkOptions()
+        self.lean = nn.Parameter(torch.full((1, shape.horizon_steps, 1, 3), lean))
+        self.requires_grad_(False)
+
+    def forward(self, window):
+        return last_pose(window) + self.lean
+
+
+class Branching(Leaning):
+    """Does another thing where a joint is not observed, by a branch that tracing freezes."""
+
+    def forward(self, window):
+        ahead = super().forward(window)
+        return ahead if bool(window.observed[:, -1].all()) else 2 * ahead
+
+
+class Unexportable(Leaning):
+    exportable: ClassVar[bool] = False
+
+
+class Inverting(Leaning):
+    """Uses what no exporter knows."""
+
+    def forward(self, window):
+        gram = torch.einsum("btjx,btjy->bxy", window.positions, window.positions)
+        return super().forward(window) + torch.linalg.eigvalsh(gram)[:, None, None]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HRI_PREDICT_CACHE", str(tmp_path))
+    return tmp_path
+
+
+def walk(people, steps):
+    rng = np.random.default_rng(people)
+    return rng.normal(0, 0.02, (people, steps, 21, 3)).cumsum(1) + rng.normal(
+        0, 0.3, (people, 1, 21, 3)
+    )
+
+
+@pytest.mark.parametrize("name", ["sinn", "trajectorycnn", "stb", "auxformer", "mixer"])
+def test_forecasts_of_the_copy_are_torch_s(name):
+    cls = registry.load("predictors", name)
+    torch_s, copy_s = (
+        cls(cls.settings_model.model_validate({"name": name, "engine": engine}))
+        for engine in ("torch", "auto")
+    )
+    assert isinstance(torch_s, NeuralPredictor)
+    assert isinstance(copy_s, NeuralPredictor)
+    assert (torch_s.engine.name, copy_s.engine.name) == ("torch", "onnxruntime")
+    for people in (1, 2, 5, 16):  # one copy serves any number of people
+        history = walk(people, torch_s.history_steps)
+        observed = np.random.default_rng(1).random(history.shape[:3]) > 0.2
+        wanted, found = (p.predict(history, observed).positions for p in (torch_s, copy_s))
+        assert np.abs(wanted - found).max() < ROUNDING_M
+
+
+@pytest.mark.parametrize(
+    ("network", "why"),
+    [(Branching, "differs from torch"), (Inverting, "cannot be exported"), (Unexportable, "")],
+)
+def test_a_network_that_cannot_be_copied_is_computed_by_torch(network, why, caplog):
+    caplog.set_level(logging.INFO)
+    built: Network = network()
+    built.eval()
+    engine = engine_for(built, "auto", 1)
+    assert engine.name == "torch"
+    assert why in caplog.text
+    with pytest.raises(ConfigError, match=f"engine onnxruntime: .*{why}.*; set predictor.engine"):
+        engine_for(built, "onnxruntime", 1)
+
+
+def test_a_copy_is_kept_and_found_again(folder):
+    engine_for(Leaning().eval(), "auto", 1)
+    (kept,) = folder.iterdir()
+    before = kept.stat().st_mtime_ns
+    assert engine_for(Leaning().eval(), "auto", 1).name == "onnxruntime"
+    assert kept.stat().st_mtime_ns == before
+    engine_for(Leaning(lean=0.2).eval(), "auto", 1)
+    assert len(list(folder.iterdir())) == 2  # other weights, another copy
+
+
+def test_a_random_adversary_does_not_make_another_copy(folder):
+    cls = registry.load("predictors", "sinn")
+    for _ in range(2):
+        cls(cls.settings_model(name="sinn", rate_hz=25.0, horizon_s=0.4))
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_a_copy_of_something_else_is_made_anew(folder):
+    """What lies in the cache under the right name may be the code's of yesterday."""
+    engine_for(Leaning(lean=0.5).eval(), "auto", 1)
+    (other,) = folder.iterdir()
+    content = other.read_bytes()
+    other.unlink()
+    engine_for(Leaning().eval(), "auto", 1)
+    (kept,) = folder.iterdir()
+    right = kept.read_bytes()
+    kept.write_bytes(content)
+    engine = engine_for(Leaning().eval(), "auto", 1)
+    assert engine.name == "onnxruntime"
+    assert engine.differs_m < ROUNDING_M
+    assert kept.read_bytes() == right
+
+
+def test_without_onnx_runtime_torch_computes(monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    assert engine_for(Leaning().eval(), "auto", 1).name == "torch"
+    with pytest.raises(ConfigError, match=r"is not installed; set predictor\.engine to auto"):
+        engine_for(Leaning().eval(), "onnxruntime", 1)
+
+
+def test_torch_alone_is_what_was_asked_for(folder):
+    assert engine_for(Leaning().eval(), "torch", 1).name == "torch"
+    assert not list(folder.iterdir())
+
+
+def test_nothing_is_written_outside_the_cache(tmp_path):
+    """ONNX Runtime would write a device's id below the home folder, and call its maker."""
+    home, kept = tmp_path / "home", tmp_path / "kept"
+    home.mkdir()
+    code = (
+        "from hri_predict import registry; cls = registry.load('predictors', 'mixer'); "
+        "p = cls(cls.settings_model(name='mixer', rate_hz=25.0, horizon_s=1.0)); "
+        "print(p.engine.name)"
+    )
+    given = {
+        k: v for k, v in os.environ.items() if k not in ("XDG_CACHE_HOME", "ORT_DISABLE_TELEMETRY")
+    }
+    given |= {"HOME": str(home), "HRI_PREDICT_CACHE": str(kept)}
+    ran = subprocess.run(
+        [sys.executable, "-c", code],
+        env=given,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    assert ran.stdout.strip() == "onnxruntime"
+    assert [p.name for p in home.rglob("*")] == []
+    assert len(list(kept.iterdir())) == 1
+
+
+def test_a_calibration_holds_for_every_engine():
+    either = [NeuralSettings(name="sinn", engine=engine) for engine in ("torch", "onnxruntime")]
+    assert identity(either[0]) == identity(either[1])
