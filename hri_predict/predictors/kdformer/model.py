@@ -192,6 +192,7 @@ class KDFormer(Network):
     """The network: reads rotations and forces of a window, predicts in the window's own space."""
 
     options_model = KDFormerOptions
+    exportable = True
     options: KDFormerOptions
     offsets: Tensor
 
@@ -251,10 +252,11 @@ class KDFormer(Network):
         """
         missing: Tensor | None = None
         mask: Tensor | None = None
-        if not bool(observed.all()):
+        # Without gaps attention is faster. An exported copy has one path, which serves both.
+        if torch.jit.is_tracing() or not bool(observed.all()):
             missing = ~observed
-            mask = observed.any(2)
-            mask[:, -1] = True  # the query's own step; attention to nothing is undefined
+            # the query's own step counts always; attention to nothing is undefined
+            mask = torch.cat([observed[:, :-1].any(2), torch.ones_like(observed[:, -1:, 0])], 1)
         memories = []
         if self.options.inputs != "kinematic":
             memories.append(self.dynamic_temporal(self.dynamic_spatial(forces, missing), mask))
@@ -304,7 +306,7 @@ class KDFormer(Network):
             rotations = shortest(window.positions)
             # CMU's files hold minus the rotation vector.
             positions = self.tree.offsets_positions(-rotations, self.offsets)
-            lengths = self.offsets.norm(dim=1).expand(len(rotations), -1)
+            lengths = self.offsets.norm(dim=1).expand(rotations.shape[0], -1)
             forces = self.dynamics(positions, lengths)
         return self.forward_core(rotations, forces, window.observed)
 

@@ -49,9 +49,9 @@ def continuous(q: Tensor, dim: int = 1) -> Tensor:
         q: unit quaternions (..., 4) with time along ``dim``.
     """
     q = q.movedim(dim, 0)
-    step = torch.where((q[:-1] * q[1:]).sum(-1) < 0, -1.0, 1.0)
-    last = torch.where(q[-1:, ..., 0] < 0, -1.0, 1.0)
-    sign = torch.cat([step, last]).flip(0).cumprod(0).flip(0).to(q.dtype)
+    turns = torch.cat([(q[:-1] * q[1:]).sum(-1) < 0, q[-1:, ..., 0] < 0])
+    odd = turns.long().flip(0).cumsum(0).flip(0) % 2
+    sign = 1 - 2 * odd.to(q.dtype)
     sign = torch.where(sign * q[..., 0] < -math.sqrt(0.5), -sign, sign)
     return (q * sign[..., None]).movedim(0, dim)
 
@@ -166,9 +166,10 @@ class KinematicTree:
         """
         length = self.bones(positions).norm(dim=-1)
         both = observed & observed.index_select(-1, self._parents.to(observed.device))
-        seen = torch.where(both, length, torch.nan)
-        median = seen.nanmedian(1).values
-        return torch.where(median.isnan(), length[:, -1], median)
+        ordered = torch.where(both, length, torch.inf).sort(1).values
+        count = both.sum(1, keepdim=True)
+        median = ordered.gather(1, (count - 1).clamp(min=0) // 2)[:, 0]
+        return torch.where(count[:, 0] == 0, length[:, -1], median)
 
     def known(self, observed: Tensor) -> Tensor:
         """(B, T, J) true where all joints from the root on, and the root's axes, are known."""

@@ -31,7 +31,7 @@ class Attention(nn.Module):
         kv = kv.view(batch, memory.shape[1], 2, self.heads, -1)
         k, v = kv.permute(2, 0, 3, 1, 4).unbind(0)
         # Eq. 6 written out: on a CPU, torch's fused function is slower with heads this narrow.
-        score = (q * q.shape[-1] ** -0.5) @ k.mT
+        score = (q * q.shape[-1] ** -0.5) @ k.transpose(-1, -2)
         if mask is not None:
             score = score.masked_fill(~mask[:, None, None, :], -math.inf)
         y = score.softmax(-1) @ v
@@ -54,13 +54,13 @@ def scalar_attention(q: Tensor, k: Tensor, v: Tensor) -> Tensor:
     Returns:
         (B, Q, h).
     """
-    q, k, v = q.mT, k.mT, v.mT
+    q, k, v = q.transpose(-1, -2), k.transpose(-1, -2), v.transpose(-1, -2)
     one = torch.ones_like(k)
     smallest, largest = k.aminmax(dim=-1, keepdim=True)
     shift = torch.maximum(q * smallest, q * largest)
     weight = (torch.stack([q, -shift], -1) @ torch.stack([k, one], -2)).exp_()
     total, norm = (weight @ torch.stack([v, one], -1)).unbind(-1)
-    return (total / norm).mT
+    return (total / norm).transpose(-1, -2)
 
 
 class FeedForward(nn.Module):

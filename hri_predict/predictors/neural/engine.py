@@ -5,13 +5,14 @@ windows like those of a cell, each time that a predictor is built. Otherwise tor
 the log says why.
 """
 
+import contextlib
 import hashlib
 import io
 import json
 import logging
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
@@ -162,12 +163,8 @@ def _exported(network: Network) -> bytes:
     window = _probe(network)
     file = io.BytesIO()
     people = {"positions": {0: "people"}, "observed": {0: "people"}, "forecast": {0: "people"}}
-    logging_off = logging.getLogger("torch.onnx")
-    level = logging_off.level
     try:
-        logging_off.setLevel(logging.ERROR)
-        with warnings.catch_warnings(), torch.no_grad():
-            warnings.simplefilter("ignore")  # of what is traced; the probes decide
+        with _quiet(), torch.no_grad():
             torch.onnx.export(
                 _Traced(network).eval(),
                 (window.positions, window.observed),
@@ -180,9 +177,25 @@ def _exported(network: Network) -> bytes:
             )
     except Exception as error:  # the exporter's errors share no base but this
         raise EngineError(f"the network cannot be exported: {_line(error)}") from error
-    finally:
-        logging_off.setLevel(level)
     return file.getvalue()
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the exporter from warning of what it traces, and from printing graphs on stdout."""
+    exporter = logging.getLogger("torch.onnx")
+    level, said = exporter.level, getattr(torch._C, "_jit_onnx_log", None)
+    try:
+        exporter.setLevel(logging.ERROR)
+        if said is not None:
+            cast(Any, torch._C)._jit_onnx_log = lambda *_: None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        exporter.setLevel(level)
+        if said is not None:
+            cast(Any, torch._C)._jit_onnx_log = said
 
 
 def _difference(network: Network, engine: Callable[[Window], Tensor]) -> float:
