@@ -18,6 +18,7 @@ from hri_predict import registry
 from hri_predict.cli.bench.fleet import fleet
 from hri_predict.cli.bench.joint_maps import joint_maps
 from hri_predict.cli.bench.links import links
+from hri_predict.cli.bench.predictors import predictors
 from hri_predict.cli.bench.risk import PEOPLE, SEGMENTS, TITLE, risk_calls
 from hri_predict.cli.bench.soak import soak
 from hri_predict.cli.bench.trackers import trackers
@@ -37,6 +38,7 @@ from hri_predict.run.session import VIRTUAL_START_NS, Options, View, run
 from hri_predict.skeleton import JOINTS
 
 app = typer.Typer(invoke_without_command=True)
+app.command()(predictors)
 app.command()(links)
 app.command()(fleet)
 app.command()(joint_maps)
