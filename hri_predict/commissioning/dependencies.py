@@ -38,19 +38,19 @@ def dependencies(config: Config, flat: Mapping[str, Any]) -> dict[str, Path]:
 def _known(config: Config) -> Iterator[tuple[str, Path]]:
     """Files that are found by other rules than as a path beside the configuration."""
     base_dir = config.base_dir
-    for i, robot in enumerate(config.node.robots):
-        yield f"robots.{i}.model", robot_path(robot.model, base_dir)
+    for robot in config.node.robots:
+        yield f"robots.{robot.name}.model", robot_path(robot.model, base_dir)
         for key in ("plan", "file"):
             name = getattr(robot.motion, key, None)
             if name is not None:
-                yield f"robots.{i}.motion.{key}", trajectory_path(name, base_dir)
-    for i, link in enumerate(config.links):
+                yield f"robots.{robot.name}.motion.{key}", trajectory_path(name, base_dir)
+    for link in config.links:
         name = (link.simulate or {}).get("trajectory")
         if isinstance(name, str):
-            yield f"links.{i}.simulate.trajectory", trajectory_path(name, base_dir)
+            yield f"links.{link.name}.simulate.trajectory", trajectory_path(name, base_dir)
     for i, path in enumerate(config.predictor.resolved(base_dir).files()):
         yield f"predictor.weights{f'.{i}' if i else ''}", path
-    if config.node.risk.mode == "predictive":
+    if config.node.risk.uses_forecasts:
         own = config.node.risk.coverage.calibration
         shipped = shipped_calibration(config.predictor.name)
         if own is not None:

@@ -25,7 +25,7 @@ from hri_predict.run.config import Config
 from hri_predict.settings import Settings
 
 MISSING = "missing"
-LIBRARIES = ("numpy", "torch", "pydantic")
+LIBRARIES = ("numpy", "torch", "onnxruntime", "pydantic")
 """Those that compute or understand what the advice rests on."""
 
 
@@ -99,17 +99,33 @@ def canonical(config: Config) -> dict[str, Any]:
 
 
 def flattened(data: Any, key: str = "") -> dict[str, JsonValue]:
-    """Dotted key -> value; a list of plain numbers or texts is one value."""
+    """Dotted key -> value; a list of plain numbers or texts is one value.
+
+    Entries of a list that have names of their own are known by them, wherever they stand; the
+    list's own key has the names in order.
+    """
+    found: dict[str, JsonValue] = {}
     if isinstance(data, Mapping) and data:
         pairs = [(str(name), each) for name, each in data.items()]
     elif isinstance(data, list) and any(isinstance(each, Mapping) for each in data):
-        pairs = [(str(i), each) for i, each in enumerate(data)]
+        names = _own_names(data)
+        if names is None:
+            pairs = [(str(i), each) for i, each in enumerate(data)]
+        else:
+            found[key] = names
+            pairs = list(zip(names, data, strict=True))
     else:
         return {key: data}
-    found: dict[str, JsonValue] = {}
     for name, each in pairs:
         found |= flattened(each, f"{key}.{name}" if key else name)
     return found
+
+
+def _own_names(entries: list[Any]) -> list[str] | None:
+    """What the entries' ``name`` says, if each has one and no two the same."""
+    names = [each.get("name") if isinstance(each, Mapping) else None for each in entries]
+    texts = [name for name in names if isinstance(name, str) and name]
+    return texts if len(set(texts)) == len(entries) else None
 
 
 def versions() -> dict[str, str]:
@@ -128,12 +144,21 @@ def versions() -> dict[str, str]:
 
 
 def differences(old: Identity, new: Identity) -> list[Difference]:
-    """Everything that differs, key by key: configuration, then files, then versions."""
-    found = _compared(_texts(old.config), _texts(new.config))
+    """Everything that differs, key by key: configuration, then files, then versions.
+
+    Of an entry with a name that is there only once, such as a link that was removed, no key is
+    listed: its list's names tell it.
+    """
+    alone = _come_and_gone(old.config, new.config)
+    found = [
+        each
+        for each in _compared(_texts(old.config), _texts(new.config))
+        if not _is_in(each.key, alone)
+    ]
     before = {key: file.sha256 for key, file in old.files.items()}
     now = {key: file.sha256 for key, file in new.files.items()}
     for key in sorted(before.keys() | now.keys()):
-        if before.get(key) != now.get(key):
+        if before.get(key) != now.get(key) and not _is_in(key, alone):
             path = (new.files.get(key) or old.files[key]).path
             named = f"file of {key} ({os.path.basename(path)})"
             found.append(Difference(named, _short(before.get(key)), _short(now.get(key))))
@@ -141,6 +166,26 @@ def differences(old: Identity, new: Identity) -> list[Difference]:
         Difference(f"version of {each.key}", each.old, each.new)
         for each in _compared(old.versions, new.versions)
     ]
+
+
+def _come_and_gone(old: Mapping[str, JsonValue], new: Mapping[str, JsonValue]) -> set[str]:
+    """The keys of entries with names that are in one of two lists only."""
+    found = set()
+    for key in old.keys() & new.keys():
+        then, now = (set(_listed(each, key)) for each in (old, new))
+        found |= {f"{key}.{name}" for name in then ^ now}
+    return found
+
+
+def _listed(config: Mapping[str, JsonValue], key: str) -> list[str]:
+    """The names of a list's entries; none if they have no names."""
+    value = config[key]
+    names = [str(each) for each in value] if isinstance(value, list) else []
+    return names if all(f"{key}.{name}.name" in config for name in names) else []
+
+
+def _is_in(key: str, entries: set[str]) -> bool:
+    return any(key.startswith(f"{entry}.") for entry in entries)
 
 
 def _compared(old: Mapping[str, str], new: Mapping[str, str]) -> list[Difference]:

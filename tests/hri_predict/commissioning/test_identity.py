@@ -1,5 +1,6 @@
 """What a cell was: the same however it is written, and another after each change."""
 
+import copy
 import shutil
 from pathlib import Path
 
@@ -65,17 +66,17 @@ TEN = {
     "the rate": (put("rate_hz", 50), "rate_hz: 25.0 -> 50.0"),
     "the robot's speed": (
         put("robots", 0, "max_speed_m_s", 1.2),
-        "robots.0.max_speed_m_s: 1.0 -> 1.2",
+        "robots.arm.max_speed_m_s: 1.0 -> 1.2",
     ),
     "the robot's place": (
         put("robots", 0, "room_from_robot", "xyz", [0, 0.1, 0]),
-        "robots.0.room_from_robot.xyz: [0.0, 0.0, 0.0] -> [0.0, 0.1, 0.0]",
+        "robots.arm.room_from_robot.xyz: [0.0, 0.0, 0.0] -> [0.0, 0.1, 0.0]",
     ),
     "the sensor's place": (
         put("source", "room_from_source", "xyz", [0, 0, 0.1]),
         "source.room_from_source.xyz: [0.0, 0.0, 0.0] -> [0.0, 0.0, 0.1]",
     ),
-    "a link's delay": (put("links", 1, "delay_s", 0.02), "links.1.delay_s: 0.005 -> 0.02"),
+    "a link's delay": (put("links", 1, "delay_s", 0.02), "links.monitor.delay_s: 0.005 -> 0.02"),
     "the predictor": (
         put("predictor", "span_s", 0.2),
         "predictor.span_s: 0.1 -> 0.2",
@@ -88,11 +89,40 @@ def test_a_changed_key_is_named_with_both_values(change, line, tmp_path):
     assert line in changed(write_cell(tmp_path), change)
 
 
+def test_an_entry_that_is_gone_or_new_is_one_line(tmp_path):
+    def removed(data):
+        del data["links"][1]
+
+    def renamed(data):
+        data["links"][0]["name"] = "press"
+
+    path = write_cell(tmp_path)
+    assert changed(path, removed) == ['links: ["drive", "monitor"] -> ["drive"]']
+    assert changed(path, renamed) == ['links: ["drive"] -> ["press"]']
+
+
+def test_the_order_of_robots_counts_for_it_numbers_them(tmp_path):
+    data = cell_data()
+    other = copy.deepcopy(data["robots"][0]) | {"name": "other"}
+    other["room_from_robot"] = {"xyz": [3, 0, 0]}
+    data["robots"].append(other)
+    found = changed(write_cell(tmp_path, data), lambda data: data["robots"].reverse())
+    assert found == ['robots: ["arm", "other"] -> ["other", "arm"]']
+
+
+def test_in_hybrid_the_calibration_is_watched_too(own):
+    def touched(data):
+        data["risk"]["mode"] = "hybrid"
+
+    changed(own, touched)
+    assert "risk.coverage.calibration" in identity_of(configuration.load(own)).files
+
+
 @pytest.mark.parametrize(
     ("file", "key"),
     [
-        ("arm.yaml", "robots.0.model"),
-        ("cycle.yaml", "robots.0.motion.plan"),
+        ("arm.yaml", "robots.arm.model"),
+        ("cycle.yaml", "robots.arm.motion.plan"),
         ("mine.calibration.json", "risk.coverage.calibration"),
     ],
 )
@@ -111,7 +141,7 @@ def test_weights_and_a_joint_map_and_any_other_named_file_are_watched(tmp_path):
     found = identity_of(load_cell(tmp_path, data))
     assert found.files["source.joint_map"].path == str(tmp_path / "mine.yaml")
     assert found.files["predictor.weights"].path.endswith("sinn.safetensors")
-    assert "links.0.simulate.trajectory" in found.files
+    assert "links.drive.simulate.trajectory" in found.files
     data["source"]["joint_map"] = "coco17"
     shipped = identity_of(load_cell(tmp_path, data)).files["source.joint_map"]
     assert shipped.path == str(data_path("skeletons", "coco17.yaml"))
