@@ -112,7 +112,7 @@ def flattened(data: Any, key: str = "") -> dict[str, JsonValue]:
         if names is None:
             pairs = [(str(i), each) for i, each in enumerate(data)]
         else:
-            found[key] = names
+            found[key] = list[JsonValue](names)
             pairs = list(zip(names, data, strict=True))
     else:
         return {key: data}

@@ -109,10 +109,13 @@ def _rounded(value: float | None) -> float | None:
 def circles_of(config: Config) -> Floats:
     """(R, 3) x, y and radius of each robot's reach plus its protective separation distance.
 
+    The largest margin of a body region is added, as the advice does for that region.
+
     Raises:
         ConfigError: the base of a robot moves.
     """
     budget = assemble.build_budget(config, assemble.build_source(config))
+    margin_m = max(config.node.risk.region_margins_m.values(), default=0.0)
     circles = []
     for settings, model in zip(config.node.robots, assemble.build_robots(config), strict=True):
         needed_m = worst_distance(config.node.risk, settings, model, budget).total
@@ -121,7 +124,7 @@ def circles_of(config: Config) -> Floats:
                 f"the walk test needs the place of each robot, but the base of {model.name} moves; "
                 f"skip the step (--skip walk=WHY), and test where it drives by hand"
             )
-        circles.append([*model.base[:2], model.reach_m + needed_m])
+        circles.append([*model.base[:2], model.reach_m + needed_m + margin_m])
     return np.array(circles)
 
 

@@ -101,3 +101,12 @@ def test_the_lanes_leave_no_floor_out(rows, part, angle):
 
     # a circle's left and right ends are rounder than a lane is wide
     assert min(away(a, b) for a, b in lanes) < LANE_M * 1.5
+
+
+def test_the_walk_goes_as_far_as_the_largest_margin_of_a_body_region(tmp_path):
+    plain = circles_of(load_cell(tmp_path))
+    data = cell_data()
+    data["risk"]["region_margins_m"] = {"head": 0.2, "thorax": 0.1}
+    assert circles_of(load_cell(tmp_path, data)) - plain == pytest.approx(
+        np.tile([0.0, 0.0, 0.2], (len(plain), 1))
+    )
