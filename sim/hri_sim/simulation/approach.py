@@ -194,11 +194,13 @@ def together(motions: list[Motion]) -> NDArray[np.int64]:
     count = min(len(motion.capture_ns) for motion in motions)
     captures = motions[0].capture_ns[:count]
     for motion in motions[1:]:
-        if np.abs(motion.capture_ns[:count] - captures).max() > _SAME_NS:
+        apart = np.abs(motion.capture_ns[: len(captures)] - captures) > _SAME_NS
+        if apart[:-1].any():  # the last of a recording may come early
             raise ConfigError(
                 f"recordings {motions[0].name} ({motions[0].rate_hz:g} Hz) and {motion.name} "
                 f"({motion.rate_hz:g} Hz): several people need one rate; lower source.rate_hz"
             )
+        captures = captures[: len(captures) - int(apart[-1])]
     return captures
 
 

@@ -215,6 +215,7 @@ def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
         claimed=None,  # it served its purpose when the zones were built
         speeds=joined_speeds([part.speeds for part in parts]).of(order),
+        segments_m_s=np.concatenate([part.segments_m_s for part in parts])[order],
         as_assumed=np.concatenate([part.as_assumed for part in parts])[order],
         untrusted=tuple(dict.fromkeys(r for part in parts for r in part.untrusted)),
     )

@@ -9,7 +9,7 @@ import pytest
 from hri_predict.errors import ConfigError
 from hri_predict.joint_map import load_joint_map
 from hri_predict.skeleton import JOINTS
-from hri_sim.simulation.approach import ApproachSettings, ApproachSource, over_floor
+from hri_sim.simulation.approach import ApproachSettings, ApproachSource, over_floor, together
 from hri_sim.simulation.motion import load_motion
 
 
@@ -52,6 +52,18 @@ def test_several_people_are_told_apart_and_end_with_the_shortest():
     assert [p.id for p in found[0].people] == [1, 2]
     lengths = [len(load_motion(f"procedural:{s}", 30.0).capture_ns) for s in (1, 2)]
     assert len(found) == min(lengths)
+
+
+def test_a_last_capture_that_comes_early_is_left_out(recording):
+    """A recording of 120 Hz that is played at 30 Hz ends with its last frame, whenever that is."""
+    whole = load_motion(str(recording), 30.0)
+    early = whole.capture_ns[:40].copy()
+    early[-1] -= 8_333_333
+    short = dataclasses.replace(
+        whole, capture_ns=early, positions=whole.positions[:40], observed=whole.observed[:40]
+    )
+    for motions in ([whole, short], [short, whole]):
+        assert together(motions).tolist() == whole.capture_ns[:39].tolist()
 
 
 def test_nobody_named_is_refused():

@@ -40,6 +40,11 @@ def assert_same(found, expected):
                 theirs.capture_ns,
                 theirs.reasons,
             )
+            for per_person in ("lost", "segments_m_s", "as_assumed"):
+                np.testing.assert_allclose(
+                    getattr(mine, per_person), getattr(theirs, per_person), atol=1e-9
+                )
+            np.testing.assert_array_equal(mine.speeds.unknown, theirs.speeds.unknown)
             for part in ("a", "b", "radius"):
                 np.testing.assert_allclose(
                     getattr(mine.zones.capsules, part),
