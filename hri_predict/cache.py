@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import logging
 import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from hri_predict.files import atomic_write
 
 log = logging.getLogger(__name__)
 
+MAX_BYTES = 2**30  # twice the largest weights
 _DIGEST_BYTES = hashlib.sha256().digest_size
 
 
@@ -23,7 +25,7 @@ def cache_folder() -> Path | None:
     """The folder; it may be missing. ``None``: nothing is kept."""
     own = os.environ.get("HRI_PREDICT_CACHE")
     if own is not None:
-        return Path(own) if own else None
+        return Path(os.path.expanduser(own)) if own else None
     service = os.environ.get("CACHE_DIRECTORY", "").partition(":")[0]
     if service:
         return Path(service)
@@ -43,9 +45,8 @@ def cached(name: str, make: Callable[[], bytes]) -> bytes:
         return make()
     path = folder / name
     with contextlib.suppress(OSError):
-        stored = path.read_bytes()
-        digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
-        if hashlib.sha256(content).digest() == digest:
+        content = _undamaged(path)
+        if content is not None:
             return content
         log.warning("cache: %s is damaged and is made anew", path)
     content = make()
@@ -54,6 +55,20 @@ def cached(name: str, make: Callable[[], bytes]) -> bytes:
     except OSError as error:
         log.debug("cache: %s is not kept: %s", path, error.strerror)
     return content
+
+
+def _undamaged(path: Path) -> bytes | None:
+    """What a file holds; ``None`` if it is not what was written.
+
+    Raises:
+        OSError: there is no such file, or it cannot be read.
+    """
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_BYTES:
+        return None  # reading a pipe would wait for ever
+    stored = path.read_bytes()
+    digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
+    return content if hashlib.sha256(content).digest() == digest else None
 
 
 def forget(name: str) -> None:

@@ -56,12 +56,15 @@ def atomic_file(path: Path) -> Iterator[Path]:
     """Yield a file to write; it replaces ``path`` unless an exception is raised.
 
     Raises:
-        OSError: it cannot be written, or ``path`` is a device or pipe, which must not be replaced;
+        OSError: it cannot be written, or ``path`` is a device or pipe, which must not be replaced,
+            or what would be written first (``.partial``) is a link, device or pipe;
             an existing file stays as it was.
     """
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "is not a file", str(path))
     partial = path.with_name(path.name + ".partial")
+    if partial.is_symlink() or (partial.exists() and not partial.is_file()):
+        raise OSError(errno.EINVAL, "is not a file", str(partial))
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield partial

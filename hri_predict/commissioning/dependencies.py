@@ -18,6 +18,11 @@ SECRET = "key_file"
 """The hash of a short secret could be tried out, so a key's content is not in any report."""
 
 
+def escaped(name: str) -> str:
+    """A name as a part of a dotted key."""
+    return name.replace("\\", "\\\\").replace(".", "\\.")
+
+
 def dependencies(config: Config, flat: Mapping[str, Any]) -> dict[str, Path]:
     """Key of the configuration -> the file that it names or implies; the file may be missing.
 
@@ -39,15 +44,15 @@ def _known(config: Config) -> Iterator[tuple[str, Path]]:
     """Files that are found by other rules than as a path beside the configuration."""
     base_dir = config.base_dir
     for robot in config.node.robots:
-        yield f"robots.{robot.name}.model", robot_path(robot.model, base_dir)
+        yield f"robots.{escaped(robot.name)}.model", robot_path(robot.model, base_dir)
         for key in ("plan", "file"):
             name = getattr(robot.motion, key, None)
             if name is not None:
-                yield f"robots.{robot.name}.motion.{key}", trajectory_path(name, base_dir)
+                yield f"robots.{escaped(robot.name)}.motion.{key}", trajectory_path(name, base_dir)
     for link in config.links:
         name = (link.simulate or {}).get("trajectory")
         if isinstance(name, str):
-            yield f"links.{link.name}.simulate.trajectory", trajectory_path(name, base_dir)
+            yield f"links.{escaped(link.name)}.simulate.trajectory", trajectory_path(name, base_dir)
     for i, path in enumerate(config.predictor.resolved(base_dir).files()):
         yield f"predictor.weights{f'.{i}' if i else ''}", path
     if config.node.risk.uses_forecasts:

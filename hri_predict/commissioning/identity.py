@@ -18,7 +18,7 @@ from typing import Any
 from pydantic import JsonValue
 
 from hri_predict import __version__
-from hri_predict.commissioning.dependencies import dependencies
+from hri_predict.commissioning.dependencies import dependencies, escaped
 from hri_predict.evidence.chain import file_hash
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.run.config import Config
@@ -101,19 +101,20 @@ def canonical(config: Config) -> dict[str, Any]:
 def flattened(data: Any, key: str = "") -> dict[str, JsonValue]:
     """Dotted key -> value; a list of plain numbers or texts is one value.
 
-    Entries of a list that have names of their own are known by them, wherever they stand; the
-    list's own key has the names in order.
+    Dots inside a name are escaped, so that no two values share a key. Entries of a list that have
+    names of their own are known by them, wherever they stand; the list's own key has the names in
+    order.
     """
     found: dict[str, JsonValue] = {}
     if isinstance(data, Mapping) and data:
-        pairs = [(str(name), each) for name, each in data.items()]
+        pairs = [(escaped(str(name)), each) for name, each in data.items()]
     elif isinstance(data, list) and any(isinstance(each, Mapping) for each in data):
         names = _own_names(data)
         if names is None:
             pairs = [(str(i), each) for i, each in enumerate(data)]
         else:
             found[key] = list[JsonValue](names)
-            pairs = list(zip(names, data, strict=True))
+            pairs = list(zip(map(escaped, names), data, strict=True))
     else:
         return {key: data}
     for name, each in pairs:
@@ -173,7 +174,7 @@ def _come_and_gone(old: Mapping[str, JsonValue], new: Mapping[str, JsonValue]) -
     found = set()
     for key in old.keys() & new.keys():
         then, now = (set(_listed(each, key)) for each in (old, new))
-        found |= {f"{key}.{name}" for name in then ^ now}
+        found |= {f"{key}.{escaped(name)}" for name in then ^ now}
     return found
 
 
@@ -181,7 +182,7 @@ def _listed(config: Mapping[str, JsonValue], key: str) -> list[str]:
     """The names of a list's entries; none if they have no names."""
     value = config[key]
     names = [str(each) for each in value] if isinstance(value, list) else []
-    return names if all(f"{key}.{name}.name" in config for name in names) else []
+    return names if all(f"{key}.{escaped(name)}.name" in config for name in names) else []
 
 
 def _is_in(key: str, entries: set[str]) -> bool:

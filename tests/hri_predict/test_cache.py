@@ -1,5 +1,8 @@
 """The cache: what was made is found again, what is damaged is made anew, nothing depends on it."""
 
+import os
+from pathlib import Path
+
 import pytest
 
 from hri_predict.cache import cache_folder, cached, forget
@@ -42,6 +45,30 @@ def test_what_is_damaged_is_made_anew_and_told(folder, caplog, damage):
     assert make.times == 2
 
 
+@pytest.mark.parametrize(
+    "put",
+    [
+        os.mkfifo,
+        lambda path: path.mkdir(),
+        lambda path: os.truncate(os.open(path, os.O_CREAT | os.O_RDWR), 2**35),
+    ],
+    ids=["a pipe", "a folder", "a file of 32 GiB"],
+)
+def test_what_is_no_file_of_ours_is_never_read(folder, put):
+    folder.mkdir()
+    put(folder / "a")
+    assert cached("a", Made()) == b"content"
+
+
+@pytest.mark.parametrize("put", [os.mkfifo, lambda path: path.symlink_to("/etc/hostname")])
+def test_nothing_is_written_through_a_pipe_or_link(folder, put):
+    folder.mkdir()
+    put(folder / "a.partial")
+    before = Path("/etc/hostname").read_bytes()
+    assert cached("a", Made()) == b"content"
+    assert Path("/etc/hostname").read_bytes() == before
+
+
 @pytest.mark.parametrize("named", ["", "/proc/no/such/folder", "/dev/null/x"])
 def test_without_a_folder_that_can_be_written_nothing_is_kept(monkeypatch, named):
     monkeypatch.setenv("HRI_PREDICT_CACHE", named)
@@ -62,3 +89,5 @@ def test_the_folder_is_the_own_one_or_the_service_s_or_the_user_s(monkeypatch, t
     assert str(cache_folder()) == "/var/cache/cell"
     monkeypatch.setenv("HRI_PREDICT_CACHE", "/own")
     assert str(cache_folder()) == "/own"
+    monkeypatch.setenv("HRI_PREDICT_CACHE", "~/own")
+    assert str(cache_folder()) == "/home/somebody/own"

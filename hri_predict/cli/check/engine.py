@@ -6,14 +6,13 @@ from hri_predict.predictors.base import Predictor
 
 
 def engine_facts(predictor: Predictor) -> list[dict[str, Any]]:
-    """Engine and difference of each network of a predictor; none for a baseline."""
-    members = getattr(predictor, "members", [predictor])
-    engines = [getattr(member, "engine", None) for member in members]
-    return [
-        {"name": engine.name, "differs_m": engine.differs_m}
-        for engine in engines
-        if engine is not None
-    ]
+    """Engine of each network of a predictor, and how far it is from torch; none for a baseline."""
+    found = []
+    for member in getattr(predictor, "members", [predictor]):
+        engine = getattr(member, "engine", None)
+        if hasattr(engine, "differs_m"):  # the user's own may mean another thing by it
+            found.append({key: getattr(engine, key) for key in ("name", "differs_m", "why")})
+    return found
 
 
 def engine_lines(facts: list[dict[str, Any]]) -> list[str]:
@@ -21,7 +20,7 @@ def engine_lines(facts: list[dict[str, Any]]) -> list[str]:
     return [
         f"network: computed by {engine['name']}"
         + (
-            ""
+            (f", because {engine['why']}" if engine["why"] else "")
             if engine["name"] == "torch"
             else f", within {1e3 * engine['differs_m']:.1g} mm of torch"
         )

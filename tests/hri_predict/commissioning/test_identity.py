@@ -101,6 +101,30 @@ def test_an_entry_that_is_gone_or_new_is_one_line(tmp_path):
     assert changed(path, renamed) == ['links: ["drive"] -> ["press"]']
 
 
+def test_names_with_dots_hide_no_change():
+    """Robot ``amr.base`` and the key ``base`` of robot ``amr`` are two things."""
+    cells = [
+        {"robots": [{"name": "amr", "base": {"m_s": fast}}, {"name": "amr.base", "m_s": 1.0}]}
+        for fast in (1.0, 0.3)
+    ]
+    assert flattened(cells[0]) != flattened(cells[1])
+    assert flattened({"a.b": 1}) != flattened({"a": {"b": 1}})
+
+
+def test_a_change_is_told_though_another_entry_is_gone(tmp_path):
+    data = cell_data()
+    other = copy.deepcopy(data["robots"][0]) | {"name": "arm.left"}
+    other["room_from_robot"] = {"xyz": [3, 0, 0]}
+    data["robots"].append(other)
+
+    def change(data):
+        data["robots"][0]["name"] = "right"
+        data["robots"][1]["max_speed_m_s"] = 0.25
+
+    found = changed(write_cell(tmp_path, data), change)
+    assert "robots.arm\\.left.max_speed_m_s: 1.0 -> 0.25" in found
+
+
 def test_the_order_of_robots_counts_for_it_numbers_them(tmp_path):
     data = cell_data()
     other = copy.deepcopy(data["robots"][0]) | {"name": "other"}
@@ -200,7 +224,7 @@ plain = st.recursive(
     st.none() | st.booleans() | st.integers() | st.text(max_size=5),
     lambda inner: (
         st.lists(inner, max_size=3)
-        | st.dictionaries(st.text("abc", min_size=1, max_size=3), inner, max_size=3)
+        | st.dictionaries(st.text("ab.\\", min_size=1, max_size=3), inner, max_size=3)
     ),
     max_leaves=8,
 )

@@ -12,10 +12,16 @@ import torch
 from torch import nn
 
 from hri_predict import registry
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, PredictorError
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import engine_for
-from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, last_pose
+from hri_predict.predictors.neural.network import (
+    Network,
+    NetworkOptions,
+    Shape,
+    Window,
+    last_pose,
+)
 from hri_predict.predictors.neural.predictor import NeuralPredictor, NeuralSettings
 from hri_predict.risk.zones.calibration import identity
 
@@ -47,6 +53,14 @@ class Branching(Leaning):
     def forward(self, window):
         ahead = super().forward(window)
         return ahead if bool(window.observed[:, -1].all()) else 2 * ahead
+
+
+class Pairing(Leaning):
+    """Does another thing for two people."""
+
+    def forward(self, window):
+        ahead = super().forward(window)
+        return 2 * ahead if len(window.observed) == 2 else ahead
 
 
 class Unexportable(Leaning):
@@ -93,7 +107,12 @@ def test_forecasts_of_the_copy_are_torch_s(name):
 
 @pytest.mark.parametrize(
     ("network", "why"),
-    [(Branching, "differs from torch"), (Inverting, "cannot be exported"), (Unexportable, "")],
+    [
+        (Branching, "differs from torch"),
+        (Pairing, "differs from torch"),
+        (Inverting, "cannot be exported"),
+        (Unexportable, ""),
+    ],
 )
 def test_a_network_that_cannot_be_copied_is_computed_by_torch(network, why, caplog, capfd):
     caplog.set_level(logging.INFO)
@@ -105,6 +124,34 @@ def test_a_network_that_cannot_be_copied_is_computed_by_torch(network, why, capl
     assert capfd.readouterr() == ("", "")  # the exporter prints graphs of thousands of lines
     with pytest.raises(ConfigError, match=f"engine onnxruntime: .*{why}.*; set predictor.engine"):
         engine_for(built, "onnxruntime", 1)
+
+
+@pytest.mark.parametrize(
+    "given", [np.zeros((1, 3, 28, 3), np.float32), np.zeros((2, 3, 28, 3), int)]
+)
+def test_an_answer_of_another_shape_or_type_is_an_error(monkeypatch, given):
+    """One person's forecast for two would be taken for both."""
+    import onnxruntime
+
+    engine = engine_for(Leaning().eval(), "auto", 1)
+    window = Window(torch.zeros(2, 5, 28, 3), torch.ones(2, 5, 28, dtype=torch.bool))
+    assert engine.forward(window).shape == (2, 3, 28, 3)
+    monkeypatch.setattr(onnxruntime.InferenceSession, "run", lambda *_: [given])
+    with pytest.raises(PredictorError, match=r"not float32 \(2, 3, 28, 3\); set predictor\.engine"):
+        engine.forward(window)
+
+
+@pytest.mark.parametrize(
+    "broken", ["raise RuntimeError('another ABI')", "class SessionOptions: pass"]
+)
+def test_a_broken_or_too_old_onnx_runtime_leaves_torch(tmp_path, monkeypatch, broken, caplog):
+    (tmp_path / "onnxruntime.py").write_text(broken)
+    monkeypatch.delitem(sys.modules, "onnxruntime", raising=False)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    engine = engine_for(Leaning().eval(), "auto", 1)
+    assert engine.name == "torch"
+    assert "ONNX Runtime" in engine.why
+    assert [r.levelname for r in caplog.records] == ["WARNING"]
 
 
 def test_a_copy_is_kept_and_found_again(folder):
