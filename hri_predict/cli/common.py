@@ -46,9 +46,11 @@ _RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".csv", ".mcap")
 
 def without_effect(flags: Mapping[str, Any], where: str) -> None:
     """Refuse flags that would be ignored: the user would get other results than asked for."""
-    for flag, value in flags.items():
-        if value is not None:
-            raise ConfigError(f"{flag}: has no effect {where}; leave it out")
+    given = [flag for flag, value in flags.items() if value is not None]
+    if len(given) == 1:
+        raise ConfigError(f"{given[0]}: has no effect {where}; leave it out")
+    if given:
+        raise ConfigError(f"{', '.join(given)}: have no effect {where}; leave them out")
 
 
 def predictor_settings(

@@ -5,7 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
-from hri_predict.cli.common import _fitting
+from hri_predict.cli.common import _fitting, without_effect
+from hri_predict.errors import ConfigError
 from hri_predict.evaluation.table import Table
 
 INTERVALS = Table(
@@ -51,3 +52,12 @@ def test_narrower_than_the_words_they_are_folded_not_dropped() -> None:
     shown = lines(ACTIONS, 40)
     assert all(len(line) <= 40 for line in shown)
     assert "…" not in "".join(shown)
+
+
+def test_flags_that_would_be_ignored_are_named_at_once() -> None:
+    without_effect({"--data": None, "--out": None}, "with --occlude")
+    with pytest.raises(ConfigError, match=r"^--out: has no effect with --occlude; leave it out$"):
+        without_effect({"--data": None, "--out": "x"}, "with --occlude")
+    told = "^--data, --out: have no effect with --occlude; leave them out$"
+    with pytest.raises(ConfigError, match=told):
+        without_effect({"--data": 1, "--out": "x"}, "with --occlude")
