@@ -90,12 +90,13 @@ def _onnxruntime(network: Network, threads: int) -> Engine:
     """
     if not network.exportable:
         raise EngineError("this network cannot be exported")
+    runtime = _imported()
     name = f"{type(network).__name__.lower()}-{_digest(network)}.onnx"
     problem = ""
     for _ in range(2):
         model = cached(name, lambda: _exported(network))
         try:
-            engine = _Session(model, network, threads)
+            engine = _Session(runtime, model, network, threads)
             differs = _difference(network, engine)
         except EngineError as error:
             problem = str(error)
@@ -107,28 +108,37 @@ def _onnxruntime(network: Network, threads: int) -> Engine:
     raise EngineError(problem)
 
 
+def _imported() -> Any:
+    """The module ``onnxruntime``.
+
+    Raises:
+        EngineError: it is not installed, or broken.
+    """
+    os.environ.setdefault(_TELEMETRY, "1")  # else the import writes a device's id and calls out
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise EngineError("ONNX Runtime is not installed") from error
+    except Exception as error:  # a broken installation may raise anything
+        raise EngineError(f"ONNX Runtime cannot be imported: {_line(error)}") from error
+    return onnxruntime
+
+
 class _Session:
     """An ONNX Runtime session that takes a window.
 
     Raises:
-        EngineError: ONNX Runtime is not installed, broken, or refuses the model.
+        EngineError: ONNX Runtime refuses the model.
     """
 
-    def __init__(self, model: bytes, network: Network, threads: int) -> None:
-        os.environ.setdefault(_TELEMETRY, "1")  # else the import writes a device's id and calls out
+    def __init__(self, runtime: Any, model: bytes, network: Network, threads: int) -> None:
         try:
-            import onnxruntime
-        except ImportError as error:
-            raise EngineError("ONNX Runtime is not installed") from error
-        except Exception as error:  # a broken installation may raise anything
-            raise EngineError(f"ONNX Runtime cannot be imported: {_line(error)}") from error
-        try:
-            options = onnxruntime.SessionOptions()
+            options = runtime.SessionOptions()
             options.intra_op_num_threads = min(threads, os.cpu_count() or 1)
             options.inter_op_num_threads = 1
             options.log_severity_level = 4  # what fails is raised
             options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-            self._session = onnxruntime.InferenceSession(
+            self._session = runtime.InferenceSession(
                 model, options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:  # its errors share no base but this

@@ -187,9 +187,10 @@ def test_a_copy_of_something_else_is_made_anew(folder):
     assert kept.read_bytes() == right
 
 
-def test_without_onnx_runtime_torch_computes(monkeypatch):
+def test_without_onnx_runtime_torch_computes_and_nothing_is_exported(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     assert engine_for(Leaning().eval(), "auto", 1).name == "torch"
+    assert not list(folder.iterdir())
     with pytest.raises(ConfigError, match=r"is not installed; set predictor\.engine to auto"):
         engine_for(Leaning().eval(), "onnxruntime", 1)
 
