@@ -78,7 +78,7 @@ def engine_for(network: Network, wanted: EngineName, threads: int) -> Engine:
             raise ConfigError(
                 f"predictor.engine onnxruntime: {error}; set predictor.engine to auto"
             ) from error
-        log.warning("torch computes the network, which may take several times as long: %s", error)
+        log.warning("torch computes the network, which may take twice as long: %s", error)
         return Engine("torch", network.forward_filled, why=str(error))
 
 
