@@ -23,21 +23,22 @@ CONTRACTS = {"link", "peers", "registry"}
 BASES = {"hri_predict.predictors.base"}
 LIBRARY = {"__init__", "library"}
 
-NODE = "core protocol robots contracts people predictors risk"
-OFFLINE = "core contracts people predictors recording"
+NODE = "core machine protocol robots contracts people predictors risk"
+OFFLINE = "core machine contracts people predictors recording"
 EVERYTHING = (
     f"{NODE} node monitoring recording evidence run discovery datasets evaluation training "
     "calibration"
 )
 MAY_IMPORT = {  # from the bottom to the top
     "core": "",
+    "machine": "core",
     "protocol": "core",
     "discovery": "core protocol",
     "robots": "core protocol",
     "contracts": "core protocol robots",
-    "people": "core protocol",
-    "predictors": "core protocol contracts people",
-    "risk": "core protocol contracts robots people predictors",
+    "people": "core machine protocol",
+    "predictors": "core machine protocol contracts people",
+    "risk": "core machine protocol contracts robots people predictors",
     "node": NODE,
     "monitoring": "core protocol contracts people risk node",
     "recording": "core protocol contracts people predictors risk node",

@@ -21,8 +21,8 @@ import torch
 from torch import Tensor, nn
 
 from hri_predict.arrays import Floats
-from hri_predict.cache import cached, forget
 from hri_predict.errors import ConfigError, PredictorError
+from hri_predict.machine.cache import cached, forget
 from hri_predict.predictors.neural.network import Network, Window
 
 log = logging.getLogger(__name__)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.cache import cache_folder, cached, forget
+from hri_predict.machine.cache import cache_folder, cached, forget
 
 
 @pytest.fixture

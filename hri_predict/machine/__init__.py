@@ -1,0 +1,1 @@
+"""What depends on the machine: the cache's folder, and compiled loops."""
