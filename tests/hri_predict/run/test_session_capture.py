@@ -159,4 +159,4 @@ def test_a_real_sender_over_udp_wakes_the_loop_and_its_end_leaves_the_floor():
     assert waited_ms[len(waited_ms) // 2] < 20.0
     silent = [t for t in watch.ticks if t.now_ns > watch.ended_ns + 300 * MS]
     assert len(silent) > 3  # of 7 in 0.7 s
-    assert Reason.INPUT_STALE in silent[-1].snapshot.reasons
+    assert silent[-1].status.reason is Reason.INPUT_STALE
