@@ -69,7 +69,9 @@ class Plan:
         length2 = np.maximum((along**2).sum(-1), 1e-12)
         t = np.clip(((self._points - a) * along).sum(-1) / length2, 0.0, 1.0)
         distance = np.linalg.norm(self._points - (a + t[..., None] * along), axis=-1)
-        self._mark((distance <= np.maximum(capsules.radius, _NEAREST * self.column_m)).any(-1), mark, style)
+        self._mark(
+            (distance <= np.maximum(capsules.radius, _NEAREST * self.column_m)).any(-1), mark, style
+        )
 
     def dots(self, points: Floats, mark: str, style: str) -> None:
         """Mark (N, 3) points; those that are not finite are left out."""

@@ -31,6 +31,7 @@ def shown():
     newest = []
     run_virtual(assembly, cell, duration_s=9.0, each_tick=lambda _: newest.append(view._tick))
     cell.stop()
+    assert newest[-1] is not None
     view.on_tick(newest[-1])  # not the one that says that the node stops
     return view
 
