@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from dataclasses import replace
+from typing import Any
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
@@ -61,7 +62,7 @@ def test_sixteen_people_are_followed_judged_and_told():
     )
     run_virtual(assembly, duration_s=SECONDS)
     assert assembly.node.assess_failures == 0
-    receivers = (SerialLink.receiver(SERIAL), CanLink.receiver(CAN_FD))
+    receivers: list[Any] = [SerialLink.receiver(SERIAL), CanLink.receiver(CAN_FD)]
     for link, receiver in zip(assembly.links, receivers, strict=True):
         heard = [message for unit in wires[link.name].written for message in receiver.feed(unit)]
         _everybody_is_told(heard)
