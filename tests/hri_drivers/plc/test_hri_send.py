@@ -131,7 +131,9 @@ def test_a_position_beyond_the_range_voids_the_message(wire: str, urad: int) -> 
     assert heard(STILL, wire, PositionUrad=[urad] + [0] * 8) == []
 
 
-@pytest.mark.parametrize("urad_s, raw", [(2**31 - 1, 32767), (-(2**31) + 1, 32769), (-500, 65535)])
+@pytest.mark.parametrize(
+    ("urad_s", "raw"), [(2**31 - 1, 32767), (-(2**31) + 1, 32769), (-500, 65535)]
+)
 def test_a_velocity_saturates_and_halves_go_away_from_zero(urad_s: int, raw: int) -> None:
     payload = encoded(STILL, VelocityUradS=[urad_s] + [0] * 8).variables["Payload"]
     assert payload[18] + 256 * payload[19] == raw
