@@ -142,6 +142,18 @@ def test_silence_stops_it_and_a_long_one_closes_the_schema(controller: Controlle
     assert controller.hear(OURS, SLOW) == 750
 
 
+def test_parts_from_before_a_long_silence_complete_nothing(controller: Controller) -> None:
+    controller.tolerate(100).hear(OURS, SLOW)
+    first, *rest = controller.node.encode(replace(SLOW, echo=controller.counter + 1))
+    controller.call(first)
+    controller.wait(1100).call()
+    controller.state()
+    controller.hear(OURS)
+    for frame in rest:
+        assert controller.call(frame) == 0
+    assert controller.hear(SLOW) == 750
+
+
 def test_another_schema_or_none_stops_it(controller: Controller) -> None:
     assert controller.hear(SLOW) == 0
     assert controller.hear(OURS, SLOW) == 750

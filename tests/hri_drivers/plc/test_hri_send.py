@@ -132,11 +132,18 @@ def test_a_position_beyond_the_range_voids_the_message(wire: str, urad: int) -> 
 
 
 @pytest.mark.parametrize(
-    ("urad_s", "raw"), [(2**31 - 1, 32767), (-(2**31) + 1, 32769), (-500, 65535)]
+    ("urad_s", "raw"), [(2**31 - 1, 32767), (-(2**31) + 1, 32769), (-500, 65535), (500, 1)]
 )
 def test_a_velocity_saturates_and_halves_go_away_from_zero(urad_s: int, raw: int) -> None:
     payload = encoded(STILL, VelocityUradS=[urad_s] + [0] * 8).variables["Payload"]
     assert payload[18] + 256 * payload[19] == raw
+
+
+def test_a_line_that_begins_ends_what_came_before() -> None:
+    for begins in (False, True):
+        receiver, block = SerialReceiver(), sender("HRI_SERIAL_SEND", STILL)
+        receiver.feed(b"rest of something")
+        assert len(receiver.feed(line(block, encoded(STILL), begins))) == begins
 
 
 def test_too_many_joints_send_nothing_and_count_nothing() -> None:

@@ -5,9 +5,11 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from cobs import cobs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hri_predict.protocol import e2e
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
     Advice,
@@ -182,6 +184,8 @@ def test_any_error_stops_it_until_the_window_passes_without_one(spoil: str) -> N
         "missed": data,
     }[spoil]
     controller.take(spoilt)
+    if spoil == "long":
+        assert (controller["Malformed"], controller["CrcErrors"]) == (1, 0)
     if spoil == "missed":  # a program that lost bytes says so
         controller.advice(ByteCount=257)
     controller.wait(20).send()
@@ -193,6 +197,16 @@ def test_any_error_stops_it_until_the_window_passes_without_one(spoil: str) -> N
         waited += 20
         assert waited <= 520
     assert waited >= 480
+
+
+@pytest.mark.parametrize("message", [OURS, SLOW])
+def test_a_frame_with_too_short_a_payload_is_malformed(message: Message) -> None:
+    controller = Controller()
+    assert controller.take(controller.said(OURS, SLOW)) == 750
+    frame = cobs.decode(controller.said(message)[:-1])
+    short = e2e.protect_profile4(7, frame[12:-1], int.from_bytes(frame[4:8], "big"))
+    assert controller.take(cobs.encode(short) + b"\0") == 0
+    assert (controller["Malformed"], controller["CounterErrors"]) == (1, 0)
 
 
 def test_any_bytes_between_frames_cost_only_the_frame_they_touch() -> None:
