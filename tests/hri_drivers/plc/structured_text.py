@@ -274,14 +274,25 @@ class _Reader:
             self.take(":=")
             wanted = callee.variables[name]
             if wanted.bounds:
-                other = self.take()
-                actual = self.variable(other)
-                assert (actual.bounds, actual.kind) == (wanted.bounds, wanted.kind), other
-                given[name] = f"v[{other!r}]"
+                given[name] = self.array(wanted)
             else:
                 given[name] = self.of(wanted.kind)
-        assert set(given) == set(callee.inputs()), f"{callee.name}: {sorted(given)}"
+        assert set(given) <= set(callee.inputs()), f"{callee.name}: {sorted(given)}"
+        if callee.returns:
+            assert set(given) == set(callee.inputs()), f"{callee.name}: {sorted(given)}"
         return ", ".join(f"{name}={value}" for name, value in given.items())
+
+    def array(self, wanted: Variable) -> str:
+        """A whole array, or an output that is one."""
+        name = self.take()
+        actual, python = self.variable(name), f"v[{name!r}]"
+        if self.taken("."):
+            member = self.take()
+            actual = self.known[actual.kind].variables[member]
+            assert actual.section == "VAR_OUTPUT", member
+            python += f".variables[{member!r}]"
+        assert (actual.bounds, actual.kind) == (wanted.bounds, wanted.kind), name
+        return python
 
     def expression(self, level: int = 0) -> tuple[str, str]:
         if level == len(_LEVELS):
