@@ -18,8 +18,15 @@ SIGNED = {"INT": 16, "DINT": 32}
 ELEMENTARY = {**BITS, **UNSIGNED, **SIGNED}
 LITERAL = "a literal"
 _TOKEN = re.compile(r"\s*(16#[0-9A-F]+|\d+(?!\w)|[A-Za-z]\w*|:=|<>|<=|>=|\.\.|[-+*/=<>()\[\],;:.])")
-_LEVELS = (("OR",), ("XOR",), ("AND",), ("=", "<>"), ("<", ">", "<=", ">="), ("+", "-"))
-_LEVELS = (*_LEVELS, ("*", "/", "MOD"))
+_LEVELS: tuple[tuple[str, ...], ...] = (  # operators, the loosest first
+    ("OR",),
+    ("XOR",),
+    ("AND",),
+    ("=", "<>"),
+    ("<", ">", "<=", ">="),
+    ("+", "-"),
+    ("*", "/", "MOD"),
+)
 _SIGN = {"OR": "|", "XOR": "^", "AND": "&", "=": "==", "<>": "!="}
 
 

@@ -118,10 +118,11 @@ def test_a_plc_as_tcp_server_obeys_the_node_and_stops_without_it(plc: Plc) -> No
     port = f"socket://127.0.0.1:{plc.server.getsockname()[1]}"
     heard: list[Any] = []
 
-    def speaks(link: SerialLink) -> None:
+    def obeyed(link: SerialLink, goal: Callable[[], bool]) -> bool:
         for message in (OURS, SLOW):
             link.post(message)
         heard.extend(received.message for received in link.take())
+        return goal()
 
     def started() -> SerialLink:
         link = SerialLink(SerialLinkSettings(name="plc", port=port), MonotonicClock())
@@ -129,13 +130,13 @@ def test_a_plc_as_tcp_server_obeys_the_node_and_stops_without_it(plc: Plc) -> No
         return link
 
     first = started()
-    until(lambda: speaks(first) or plc.speed == 750)
+    until(lambda: obeyed(first, lambda: plc.speed == 750))
     plc.pressed = True
-    until(lambda: speaks(first) or any(m == Acknowledge(9, 77) for m in heard))
+    until(lambda: obeyed(first, lambda: Acknowledge(9, 77) in heard))
     assert len([m for m in heard if isinstance(m, RobotState)]) > 1
     first.stop()
     until(lambda: plc.speed == 0)
     assert plc.advice.variables["Silent"] == 1
     second = started()
-    until(lambda: speaks(second) or plc.speed == 750)
+    until(lambda: obeyed(second, lambda: plc.speed == 750))
     second.stop()
