@@ -1,7 +1,7 @@
 """The delay of a scene through the node and onto a wire, in real time.
 
-The whole node runs: two people near a moving robot, zones and poses on the links, and a baseline
-predictor, whose time is subtracted. The other end of a serial line is a process that takes bytes at
+The whole node runs: two people near a moving robot, and zones and poses on the links. The time of
+the predictor counts apart. The other end of a serial line is a process that takes bytes at
 the line's rate (``hri_sim.wires.far_end``). The source sends one scene per second more than the
 node ticks, so that every phase between the two occurs.
 """
@@ -13,9 +13,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -27,13 +26,11 @@ from hri_drivers.wires.transport import Transport
 from hri_predict.clock import MonotonicClock
 from hri_predict.link import LinkSettings
 from hri_predict.node.listeners import Listener, Tick
-from hri_predict.predictors.baselines import ZeroVelocity
 from hri_predict.protocol.messages import Status
 from hri_predict.run import assemble
-from hri_predict.run.config import Config, NodeSettings
 from hri_predict.run.runtime import run_real_time
 from hri_predict.scene import Scene
-from hri_sim.people.procedural import ProceduralSettings
+from hri_sim.bench import cell
 from hri_sim.wires.far_end import far_end
 
 U = TypeVar("U")
@@ -41,10 +38,6 @@ U = TypeVar("U")
 WARM_UP_S = 1.0  # people need a history, and first calls are slow
 CYCLES = 256  # the modulus of Status.cycle on the wire
 _CHANNELS = itertools.count()
-_PEOPLE = [
-    {"start": at, "script": [{"do": "wait", "seconds": 3600.0}]} for at in ([1.3, 0.3], [2.0, -1.0])
-]
-
 Wire = tuple[LinkSettings, Transport[Any]]
 
 
@@ -159,14 +152,23 @@ class _Watch(Listener):
         self.inference_ns = 0
 
 
-def latency(kind: str, rate_hz: float, seconds: float) -> dict[str, Any]:
+def latency(
+    kind: str,
+    rate_hz: float,
+    seconds: float,
+    *,
+    predictor: str = "zero_velocity",
+    ticks: str | None = None,
+) -> dict[str, Any]:
     """Run the node on a wire of this kind.
+
+    ``predictor`` is its name; ``ticks`` says how ticks begin, one of ``cell.tick_modes()``.
 
     Returns:
         Milliseconds, p50 and p99: ``wait`` from a scene's arrival until the next tick begins;
         ``node`` from there until that tick's Advice and Status are posted, without inference;
-        ``link`` from there until their last byte was written; ``total`` is all three. ``scenes``
-        is the number of scenes measured, ``missed`` the number of ticks whose Status was replaced
+        ``link`` from there until their last byte was written; ``total`` is all three, and ``age``
+        these and the ``inference``. ``scenes`` is the number of scenes measured, ``missed`` the number of ticks whose Status was replaced
         by a newer one and never written.
 
     Raises:
@@ -175,7 +177,9 @@ def latency(kind: str, rate_hz: float, seconds: float) -> dict[str, Any]:
     watch = _Watch()
     with KINDS[kind]() as (settings, transport):
         timed = _Timed(transport)
-        config = _config(settings, rate_hz)
+        config = replace(
+            cell.config(rate_hz=rate_hz, predictor=predictor, ticks=ticks), links=(settings,)
+        )
         assembly = assemble.build(
             config, MonotonicClock(), transports={settings.name: timed}, listeners=[watch]
         )
@@ -185,32 +189,6 @@ def latency(kind: str, rate_hz: float, seconds: float) -> dict[str, Any]:
         receiver = type(assembly.links[0]).receiver(settings)  # type: ignore[attr-defined]
     written = _status_times(receiver, timed.written)
     return {"link": kind, "rate_hz": rate_hz} | _figures(watch, written)
-
-
-def _config(settings: LinkSettings, rate_hz: float) -> Config:
-    """Return a cell with only this link, and a robot that needs no controller.
-
-    It does not use the demo's file, which would load a network that is not needed.
-    """
-    robot = {
-        "name": "arm",
-        "model": "ur5e",
-        "room_from_robot": {},
-        "payload_kg": 2.0,
-        "max_speed_m_s": 1.0,
-        "motion": {"kind": "trajectory", "file": "pick_and_place"},
-    }
-    source = {"kind": "procedural", "rate_hz": rate_hz + 1.0, "noise_m": 0.004, "people": _PEOPLE}
-    predictor = {"name": "zero_velocity", "horizon_s": 1.2}
-    node = {"rate_hz": rate_hz, "source": source, "predictor": predictor, "robots": [robot]}
-    return Config(
-        path=Path("bench links"),
-        text="",
-        node=NodeSettings.model_validate(node),
-        source=ProceduralSettings.model_validate(source),
-        predictor=ZeroVelocity.settings_model.model_validate(predictor),
-        links=(settings,),
-    )
 
 
 def _time_inference(predictor: Any, watch: _Watch) -> None:
@@ -266,12 +244,14 @@ def _figures(watch: _Watch, written: Sequence[tuple[int, int]]) -> dict[str, Any
             continue
         node_ns = tick.posted_ns - tick.began_ns - tick.inference_ns
         wait_ns = tick.began_ns - watch.arrived_ns[scenes - 1]
-        rows.append((wait_ns, node_ns, written_ns - tick.posted_ns))
-    spans_ms = np.array(rows, dtype=np.float64).reshape(-1, 3) * 1e-6
-    columns = dict(zip(("wait_ms", "node_ms", "link_ms"), spans_ms.T, strict=True))
-    columns["total_ms"] = spans_ms.sum(axis=1)
+        rows.append((wait_ns, node_ns, written_ns - tick.posted_ns, tick.inference_ns))
+    spans_ms = np.array(rows, dtype=np.float64).reshape(-1, 4) * 1e-6
+    columns = dict(zip(("wait_ms", "node_ms", "link_ms", "inference_ms"), spans_ms.T, strict=True))
+    columns["total_ms"] = spans_ms[:, :3].sum(axis=1)
+    columns["age_ms"] = spans_ms.sum(axis=1)
     figures = {
         name: {f"p{q}": round(float(np.percentile(column, q)), 3) for q in (50, 99)}
+        | {"max": round(float(column.max()), 3)}
         for name, column in columns.items()
         if len(column)
     }
