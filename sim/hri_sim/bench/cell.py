@@ -57,6 +57,7 @@ def settings(
         "people": {"max_people": max(8, people)},
         "robots": [_robot(index) for index in range(robots)],
         "links": list(links),
+        "risk": {"limits": {"extend_beyond_horizon": True}},  # short horizons are measured, too
     }
     if ticks is not None:
         node[_tick_field()] = ticks

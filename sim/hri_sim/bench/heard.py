@@ -7,6 +7,7 @@ better on this machine in that minute.
 """
 
 import contextlib
+import itertools
 import json
 import os
 import select
@@ -64,9 +65,11 @@ def heard(
             predictor=predictor, rate_hz=rate_hz, captures_hz=rate_hz + 5.0, links=[link]
         )
         path.write_text(yaml.safe_dump(settings), encoding="utf-8")
-        with _processes(
-            path=path, arguments=arguments, fds=fds, rate_hz=rate_hz, cache=cache
-        ) as (node, receiver, began_ns):
+        with _processes(path=path, arguments=arguments, fds=fds, rate_hz=rate_hz, cache=cache) as (
+            node,
+            receiver,
+            began_ns,
+        ):
             first_ns = _line(receiver, node)["first_ns"]
             result: dict[str, Any] = {"first_advice_s": (first_ns - began_ns) * 1e-9}
             time.sleep(WARM_UP_S)
@@ -108,7 +111,6 @@ def _free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
 
 
 @contextlib.contextmanager
@@ -201,7 +203,7 @@ def _figures(told: dict[str, Any], begin_ns: int, end_ns: int, rate_hz: float) -
     """Intervals of what came in the window; a Status that never came is one long interval."""
     inside = [m for m in told["messages"] if begin_ns <= m[1] <= end_ns]
     status = [(at, cycle) for kind, at, cycle in inside if kind == "Status"]
-    steps = [(b[1] - a[1]) % CYCLES for a, b in zip(status, status[1:], strict=False)]
+    steps = [(b[1] - a[1]) % CYCLES for a, b in itertools.pairwise(status)]
     deviations = [
         deviation
         for kind in ("Status", "Advice")

@@ -165,11 +165,11 @@ def latency(
     ``predictor`` is its name; ``ticks`` says how ticks begin, one of ``cell.tick_modes()``.
 
     Returns:
-        Milliseconds, p50 and p99: ``wait`` from a scene's arrival until the next tick begins;
-        ``node`` from there until that tick's Advice and Status are posted, without inference;
-        ``link`` from there until their last byte was written; ``total`` is all three, and ``age``
-        these and the ``inference``. ``scenes`` is the number of scenes measured, ``missed`` the number of ticks whose Status was replaced
-        by a newer one and never written.
+        Milliseconds, p50, p99 and max: ``wait`` from a scene's arrival until the next tick begins;
+        ``node`` from there until that tick's Advice and Status are posted, without ``inference``;
+        ``link`` from there until their last byte was written; ``total`` is these three without
+        inference, and ``age`` with it. ``scenes`` is the number of scenes measured, ``missed`` the
+        number of ticks whose Status was replaced by a newer one and never written.
 
     Raises:
         LinkError: this machine has no such wire.

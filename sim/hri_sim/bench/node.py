@@ -14,7 +14,11 @@ __all__ = ["AGE_WIRES", "MAX_PEOPLE", "WIRES", "ages", "config", "heard", "tick_
 
 
 def ages(
-    *, wires: tuple[str, ...], rates_hz: tuple[float, ...], predictors: tuple[str, ...], seconds: float
+    *,
+    wires: tuple[str, ...],
+    rates_hz: tuple[float, ...],
+    predictors: tuple[str, ...],
+    seconds: float,
 ) -> Iterator[dict[str, Any]]:
     """Yield the result of ``latency`` for each case, or why this machine has no such wire."""
     for wire in wires:

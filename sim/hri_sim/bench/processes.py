@@ -13,7 +13,7 @@ def processor_time(pid: int) -> dict[str, float]:
     ``loop`` is the first thread, in which the node's loop runs; helper processes are all those
     that the process started.
     """
-    threads = {tid: seconds for tid, seconds in _threads(pid)}
+    threads = dict(_threads(pid))
     loop = threads.pop(pid, 0.0)
     busiest = max(threads.values(), default=0.0)
     helpers = sum(seconds for child in descendants(pid) for _, seconds in _threads(child))

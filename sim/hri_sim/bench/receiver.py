@@ -121,7 +121,7 @@ class Heard:
 
     def __init__(self, receiver: Any) -> None:
         self._receiver = receiver
-        self._running = False
+        self._running = self._advised = False
         self.first_ns: int | None = None
         self.messages: list[tuple[str, int, int]] = []  # kind, time, cycle (-1: it has none)
 
@@ -132,10 +132,10 @@ class Heard:
                 self._running = message.node_state in (NodeState.RUNNING, NodeState.DEGRADED)
                 self.messages.append(("Status", stamp_ns, message.cycle))
             elif isinstance(message, Advice):
+                self._advised = True
                 self.messages.append(("Advice", stamp_ns, -1))
-        if self._running and self.first_ns is None:
-            if any(kind == "Advice" for kind, _, _ in self.messages):
-                self.first_ns = stamp_ns
+        if self._running and self.first_ns is None and self._advised:
+            self.first_ns = stamp_ns
 
 
 def hear(ear: Ear, receiver: Any, bare_fd: int) -> None:
