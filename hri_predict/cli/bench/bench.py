@@ -66,7 +66,12 @@ def bench(
     Example: hri-predict bench --quick --save before.json
     """
     if context.invoked_subcommand is not None:
-        flags = {"--quick": quick or None, "--only": only, "--save": save, "--plot": plot}
+        flags: dict[str, Any] = {
+            "--quick": quick or None,
+            "--only": only,
+            "--save": save,
+            "--plot": plot,
+        }
         flags |= {"--baseline": baseline, "--worse-than": worse_than, "--json": as_json or None}
         without_effect(flags, f"before {context.invoked_subcommand}")
         return

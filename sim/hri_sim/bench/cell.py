@@ -104,7 +104,7 @@ def _tick_field() -> str:
 
 def _places(people: int) -> list[list[float]]:
     """Even places on the rings, the inner one first; nobody stands in the robot."""
-    found = []
+    found: list[list[float]] = []
     for radius, count in RINGS:
         for k in range(min(count, people - len(found))):
             angle = 2.0 * math.pi * k / count

@@ -221,4 +221,5 @@ def _figures(told: dict[str, Any], begin_ns: int, end_ns: int, rate_hz: float) -
 
 def _deviations(at_ns: Sequence[int], rate_hz: float) -> list[float]:
     """Milliseconds between each interval and the period, without sign."""
-    return [float(d) for d in np.abs(np.diff(np.asarray(at_ns, np.int64)) * 1e-6 - 1e3 / rate_hz)]
+    at_ms = np.asarray(at_ns, np.float64) * 1e-6  # 0.1 ns of a day: floats hold it
+    return [float(d) for d in np.abs(np.diff(at_ms) - 1e3 / rate_hz)]

@@ -7,6 +7,7 @@ from typing import Any
 
 from hri_predict.cli.bench.report.rows import Row
 from hri_predict.cli.bench.report.saved import Sections
+from hri_predict.cli.common import need_plots
 from hri_predict.errors import ConfigError
 from hri_predict.files import atomic_write
 
@@ -24,6 +25,7 @@ def check(path: Path) -> None:
     """
     if path.suffix.lower() not in ENDINGS:
         raise ConfigError(f"--plot {path}: give a file that ends in {' or '.join(ENDINGS)}")
+    need_plots()
 
 
 def plot(path: Path, sections: Sections, caption: str) -> None:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from hri_predict.arrays import Floats
+
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
@@ -48,12 +50,13 @@ class Scope:
     Attributes:
         seconds: for each row that is measured in real time.
         baseline: the predictor whose inference costs next to nothing.
+        network: the default predictor, whose inference costs most of a tick.
         predictors: those that are measured one by one; empty: all with shipped weights.
         people, joint_maps, horizons_s, robots, rates_hz: what scaling goes through.
         batches: numbers of people that forecasts are made for.
         wires, age_rates_hz: how many of the wires, and at which rates.
-        episodes: approaches of the closed loop.
-        starts: whether the start is measured with an empty cache, too.
+        episodes: approaches of the closed loop; 0: it is left out.
+        cold: whether the start is measured with an empty cache, too.
     """
 
     seconds: float = 10.0
@@ -83,7 +86,7 @@ QUICK = Scope(
     rates_hz=(25.0, 100.0),
     wires=1,
     age_rates_hz=(25.0,),
-    episodes=24,
+    episodes=0,  # the start of its processes alone would take most of a quick run
     cold=False,
 )
 
@@ -96,7 +99,7 @@ class Section:
     rows: Callable[[Scope], Iterator[Row]]
 
 
-def measured(part: str, unit: str, values: Sequence[float], **beside: Any) -> Row:
+def measured(part: str, unit: str, values: Sequence[float] | Floats, **beside: Any) -> Row:
     """A row of these values; ``beside`` is the rest of it."""
     if not len(values):
         return Row(part=part, unit=unit, note="nothing was measured", **beside)

@@ -1,6 +1,7 @@
 """Section ``jitter``: how even published messages come, beside a bare loop of the same rate."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def _wires(scope: Scope) -> tuple[str, ...]:
 
 
 def _ratio(part: str, node: Row, bare: Row) -> Row:
-    figures = {
+    figures: dict[str, Any] = {
         key: float(np.divide(over, under))
         for key in ("p50", "p99", "max")
         if (over := getattr(node, key)) is not None and (under := getattr(bare, key))

@@ -1,5 +1,6 @@
 """Section ``parts``: the ring buffer, the codecs, the risk stage, and a tick without inference."""
 
+import contextlib
 import functools
 import timeit
 from collections.abc import Callable, Iterator
@@ -95,9 +96,10 @@ def _risk(repeat: int) -> Iterator[Row]:
 
     zones, judge = risk_calls()
     taken: dict[str, list[float]] = {stage: [] for stage in _STAGES}
-    with mock.patch.multiple(
-        RiskEngine, **{s: _watched(getattr(RiskEngine, s), taken[s]) for s in _STAGES}
-    ):
+    with contextlib.ExitStack() as stack:
+        for stage in _STAGES:
+            watched = _watched(getattr(RiskEngine, stage), taken[stage])
+            stack.enter_context(mock.patch.object(RiskEngine, stage, watched))
         for _ in range(repeat + 1):
             zones()
             judge()

@@ -51,7 +51,7 @@ def rows(scope: Scope) -> Iterator[Row]:
             more_is_better=True,
             why=_REPLAY,
         )
-    for predictor in named.values():
+    for predictor in named.values() if scope.episodes else ():
         yield Row(
             part=f"simulate, {predictor}",
             unit="/min",
