@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from hri_predict import registry
 from hri_predict.run import config as configuration
@@ -26,7 +26,6 @@ def settings(
     horizon_s: float = 1.2,
     joint_map: str | None = None,
     links: Sequence[dict[str, Any]] = (),
-    ticks: str | None = None,
 ) -> dict[str, Any]:
     """A configuration, as it would stand in YAML; its robots need no controller.
 
@@ -40,7 +39,6 @@ def settings(
         horizon_s: how far the forecast reaches, seconds.
         joint_map: the source delivers only the joints of this tracker.
         links: entries of ``links:``.
-        ticks: one of ``tick_modes()``.
     """
     source: dict[str, Any] = {
         "kind": "procedural",
@@ -50,7 +48,7 @@ def settings(
     }
     if joint_map is not None:
         source["joint_map"] = joint_map
-    node: dict[str, Any] = {
+    return {
         "rate_hz": rate_hz,
         "source": source,
         "predictor": {"name": predictor, "horizon_s": horizon_s},
@@ -59,9 +57,6 @@ def settings(
         "links": list(links),
         "risk": {"limits": {"extend_beyond_horizon": True}},  # short horizons are measured, too
     }
-    if ticks is not None:
-        node[_tick_field()] = ticks
-    return node
 
 
 def config(**wanted: Any) -> Config:
@@ -85,21 +80,6 @@ def config(**wanted: Any) -> Config:
             for link in links
         ),
     )
-
-
-def tick_modes() -> tuple[str, ...]:
-    """The ways in which this node can begin its ticks; none if it has only the fixed rate."""
-    name = _tick_field()
-    return get_args(NodeSettings.model_fields[name].annotation) if name else ()
-
-
-def _tick_field() -> str:
-    """The key that chooses between the fixed rate and a tick at each capture; "" without one."""
-    for name, field in NodeSettings.model_fields.items():
-        choices = get_args(field.annotation)
-        if any(isinstance(c, str) and c.startswith(("capture", "event")) for c in choices):
-            return name
-    return ""
 
 
 def _places(people: int) -> list[list[float]]:

@@ -5,7 +5,7 @@ from typing import Any
 
 from hri_predict.errors import LinkError
 from hri_sim.bench.capacity import saturate
-from hri_sim.bench.latency import KINDS, latency
+from hri_sim.bench.latency import KINDS, Load, latency
 
 BAUDRATES = (115_200, 921_600)
 RATES_HZ = (25.0, 100.0)
@@ -21,7 +21,7 @@ def delays(names: list[str], seconds: float) -> Iterator[dict[str, Any]]:
     for name in names:
         for rate_hz in RATES_HZ:
             try:
-                yield latency(name, rate_hz, seconds)
+                yield latency(name, rate_hz, seconds, Load())
             except LinkError as error:
                 yield {"link": name, "rate_hz": rate_hz, "not_here": str(error)}
 

@@ -105,7 +105,8 @@ def test_age_is_the_sum_of_its_stages():
     name = "serial 921600, 100 Hz, zero_velocity"
     stages = [found[f"{name}: {stage}"] for stage in ("wait", "node", "inference", "link", "age")]
     assert all(stage.p50 is not None for stage in stages)
-    assert (stages[-1].max or 0) <= sum(stage.max or 0 for stage in stages[:-1]) + 0.004  # rounded
+    # of each scene it is the sum; so in the median it is more than any stage's, but for rounding
+    assert (stages[-1].p50 or 0) + 0.001 >= max(stage.p50 or 0 for stage in stages[:-1])
     assert stages[0].floor == 5.0  # half of 10 ms
     assert stages[-1].aim == 25.0
 
