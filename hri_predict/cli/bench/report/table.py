@@ -55,18 +55,16 @@ def number(value: float | None) -> str:
 
 
 def _beside(row: Row) -> str:
-    """The floor, or the aim with the figure that it is for."""
-    if row.floor is not None:
-        return f"floor {number(row.floor)}"
+    """The aim with the figure that it is for, or the floor."""
     if row.aim is None:
-        return ""
+        return "" if row.floor is None else f"floor {number(row.floor)}"
     of = "" if row.aim_of == "p50" else f"{row.aim_of} "
     return f"{of}{'>' if row.more_is_better else '<'} {number(row.aim)}"
 
 
 def _times(row: Row) -> str:
-    """How many times the floor, or the aim, the figure is."""
-    limit, of = (row.floor, "p50") if row.floor is not None else (row.aim, row.aim_of)
+    """How many times the aim, or the floor, the figure is."""
+    limit, of = (row.floor, "p50") if row.aim is None else (row.aim, row.aim_of)
     value = getattr(row, of)
     return f"{value / limit:.2f}" if limit and value is not None else ""
 

@@ -28,13 +28,14 @@ def rows(scope: Scope) -> Iterator[Row]:
         if isinstance(run, str):
             yield Row(part=predictor, unit="s", note=run)
             continue
+        floor = _import_s(library)
         yield Row(
             part=f"{predictor}: first advice",
             unit="s",
             p50=run["first_advice_s"],
-            floor=_import_s(library),
+            floor=floor,
             aim=_START_S,
-            why=f"floor of {predictor}: Python starts and imports {library}",
+            why=f"floor of {predictor}: {floor:.2g} s, in which Python starts and imports {library}",
         )
         if scope.cold:
             yield _cold(wire, predictor)
