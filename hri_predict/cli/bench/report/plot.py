@@ -13,7 +13,7 @@ from hri_predict.files import atomic_write
 
 ENDINGS = (".png", ".svg")
 MOST_ROWS = 14  # of a panel of medians; the largest ones
-_WIDTH, _LINE_IN, _ROW_IN, _HEAD_IN = 9.0, 3.0, 0.26, 1.0
+_WIDTH, _LINE_IN, _ROW_IN, _HEAD_IN = 8.0, 2.6, 0.22, 0.9
 Panel = tuple[str, list[Row]]
 
 
@@ -29,7 +29,7 @@ def check(path: Path) -> None:
 
 
 def plot(path: Path, sections: Sections, caption: str) -> None:
-    """Draw all sections, one panel below the other.
+    """Draw all sections, in two columns of panels.
 
     Raises:
         ConfigError: it cannot be written.
@@ -37,14 +37,13 @@ def plot(path: Path, sections: Sections, caption: str) -> None:
     from matplotlib.figure import Figure
 
     panels = [panel for name, rows in sections.items() for panel in _panels(name, rows)]
-    heights = [_height(rows) for _, rows in panels]
-    figure = Figure(figsize=(_WIDTH, sum(heights) + 0.6), layout="constrained")
-    if panels:
-        axes = figure.subplots(len(panels), squeeze=False, height_ratios=heights)[:, 0]
-        for (title, rows), ax in zip(panels, axes, strict=True):
-            (_lines if rows[0].axis else _spans)(ax, rows)
-            ax.set_title(title, loc="left", fontsize=10, fontweight="bold")
-    figure.suptitle(caption, fontsize=8)
+    columns = _columns(panels)
+    tallest = max((_total(column) for column in columns), default=1.0)
+    figure = Figure(figsize=(_WIDTH * max(1, len(columns)), tallest + 0.6), layout="constrained")
+    parts = figure.subfigures(1, max(1, len(columns)), squeeze=False)[0]
+    for column, part in zip(columns, parts, strict=False):
+        _draw(part, column, tallest)
+    figure.suptitle(caption, fontsize=9)
     drawn = io.BytesIO()
     figure.savefig(drawn, format=path.suffix[1:].lower(), dpi=110)
     try:
@@ -55,11 +54,38 @@ def plot(path: Path, sections: Sections, caption: str) -> None:
         ) from error
 
 
+def _columns(panels: Sequence[Panel]) -> list[list[Panel]]:
+    """Two columns of about the same height, in order; one for a single panel."""
+    half, first = _total(panels) / 2.0, list[Panel]()
+    for panel in panels:
+        if first and _total(first) + 0.5 * _height(panel[1]) > half:
+            break
+        first.append(panel)
+    return [column for column in (first, list(panels[len(first) :])) if column]
+
+
+def _total(panels: Sequence[Panel]) -> float:
+    return sum(_height(rows) for _, rows in panels)
+
+
+def _draw(part: Any, panels: Sequence[Panel], tallest: float) -> None:
+    """Draw panels below each other; what is left of the tallest column stays empty."""
+    heights = [_height(rows) for _, rows in panels]
+    left = tallest - sum(heights)
+    ratios = [*heights, left] if left > 0.1 else heights
+    axes = part.subplots(len(ratios), squeeze=False, height_ratios=ratios)[:, 0]
+    for ax in axes[len(panels) :]:
+        ax.set_axis_off()
+    for (title, rows), ax in zip(panels, axes, strict=False):
+        (_lines if rows[0].axis else _spans)(ax, rows)
+        ax.set_title(title, loc="left", fontsize=10, fontweight="bold")
+
+
 def _panels(name: str, rows: Sequence[Row]) -> list[Panel]:
     """Rows of a section that can share a scale: by axis, or by unit."""
     found: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        if row.p50 is not None:
+        if row.p50 is not None and row.drawn:
             found.setdefault((row.axis, row.unit), []).append(row)
     panels = []
     for (axis, unit), members in found.items():
@@ -132,5 +158,7 @@ def _plain(axis: Any) -> None:
     """Numbers as people write them, and enough of them on a short logarithmic axis."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
-    axis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
+    low, high = axis.get_view_interval()
+    wide = high > 300.0 * low  # numbers of 2 and 5 would overlap
+    axis.set_major_locator(LogLocator(base=10, subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -22,6 +22,7 @@ class Row:
         why: in one phrase, what the floor or the aim is.
         more_is_better: as with speeds.
         axis, size, series: place on a line of a plot: people, 4, "sinn".
+        drawn: whether a plot shows it; the lines of a plot show how they grow by themselves.
         note: one line more, such as why there is no figure.
         more: further figures, for JSON alone.
     """
@@ -39,6 +40,7 @@ class Row:
     axis: str = ""
     size: float | None = None
     series: str = ""
+    drawn: bool = True
     note: str = ""
     more: dict[str, Any] = field(default_factory=dict)
 

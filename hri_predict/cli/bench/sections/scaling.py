@@ -132,8 +132,10 @@ def _growth(axis: str, predictor: str, found: Sequence[Row]) -> Iterator[Row]:
         part=f"{predictor}, {axis}: {sizes[-1]:g} over {sizes[0]:g}",
         unit="x",
         p50=times[-1] / times[0],
+        drawn=False,
         aim=aim,
         why=_WHY_PEOPLE if aim else "",
     )
     power = exponent([sizes[0], sizes[-1]], [times[0], times[-1]])
-    yield Row(part=f"{predictor}, {axis}: power", unit="", p50=power, why=_WHY_POWER)
+    part = f"{predictor}, {axis}: power"
+    yield Row(part=part, unit="", p50=power, drawn=False, why=_WHY_POWER)

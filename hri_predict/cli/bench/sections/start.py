@@ -35,7 +35,7 @@ def rows(scope: Scope) -> Iterator[Row]:
             p50=run["first_advice_s"],
             floor=floor,
             aim=_START_S,
-            why=f"floor of {predictor}: {floor:.2g} s, in which Python starts and imports {library}",
+            why=f"floor of {predictor}: {floor:.2g} s, for Python and its import of {library}",
         )
         if scope.cold:
             yield _cold(wire, predictor)
