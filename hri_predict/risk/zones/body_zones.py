@@ -28,7 +28,7 @@ from hri_predict.risk.zones.human_speed import (
     joined_speeds,
     velocities_in,
 )
-from hri_predict.risk.zones.joint_speeds import JointSpeeds, joint_speeds
+from hri_predict.risk.zones.joint_speeds import joint_speeds
 from hri_predict.risk.zones.joint_zones import FRESH_S, JointZones
 from hri_predict.risk.zones.lost_places import anywhere_in
 from hri_predict.risk.zones.radii import Radii
@@ -142,7 +142,6 @@ class ZoneBuilder:
         # (S, J): a sphere of this size about joint k holds the whole of segment s
         self._reach: Floats = np.maximum(skeleton.reach[self._a], skeleton.reach[self._b])
         self._speed_rule = SpeedRule(skeleton, limits)
-        self._ends: Bools = ~np.isin(np.arange(len(skeleton.joints)), skeleton.parents)
         self.times_s: Floats = np.arange(1 + (steps or horizon_steps)) / rate_hz
         self.joints = JointZones(
             skeleton=skeleton,
@@ -175,16 +174,18 @@ class ZoneBuilder:
         recent = snapshot.recent
         if recent is None:
             recent = RecentCaptures.of_history(snapshot.history, snapshot.observed, self._rate_hz)
-        moving = joint_speeds(recent, snapshot.delivered)
-        measured = moving.only(snapshot.delivered)
-        speeds = self._speed_rule.people(measured, (self._a, self._b))
+        delivered = snapshot.delivered
+        moving = self._speed_rule.moving(
+            joint_speeds(recent, delivered), delivered, (self._a, self._b)
+        )
+        speeds = moving.people
         joints = self.joints.build(
             snapshot,
             forecast,
             capture_ns=capture_ns,
             trust=trust,
             velocities=velocities,
-            growth_m_s=self._speed_rule.growth(moving, speeds.unknown),
+            growth_m_s=moving.growth_m_s,
             unknown=speeds.unknown,
         )
         zones = self._segments(joints.mid, joints.radius, joints.joint_age)
@@ -203,7 +204,9 @@ class ZoneBuilder:
             claimed=joints.claimed,
             speeds=joined_speeds([speeds, self._lost_speeds(snapshot)]),
             margins_m=self._margins_m,
-            segments_m_s=self._segment_speeds(moving, snapshot.delivered, len(snapshot.lost)),
+            segments_m_s=np.concatenate(
+                [moving.segments_m_s, np.full((len(snapshot.lost), len(self._a)), np.inf)]
+            ),
             as_assumed=np.append(
                 speeds.within_standard & _trusted(trust, len(snapshot.ids)),
                 np.zeros(len(snapshot.lost), np.bool_),
@@ -213,14 +216,6 @@ class ZoneBuilder:
     def _lost_speeds(self, snapshot: PeopleSnapshot) -> HumanSpeeds:
         speeds_m_s = np.array([person.speed_m_s for person in snapshot.lost], dtype=np.float64)
         return self._speed_rule.lost(speeds_m_s, len(self.segment_names))
-
-    def _segment_speeds(self, moving: JointSpeeds, delivered: Bools, lost: int) -> Floats:
-        joints = np.where(moving.measured, moving.speed, np.inf)
-        # an inferred hand follows its forearm, a true one may turn about its wrist
-        guessed = moving.measured & ~delivered & self._ends
-        joints = np.where(guessed, self._speed_rule.physical_m_s, joints)
-        seen = np.maximum(joints[:, self._a], joints[:, self._b])
-        return np.concatenate([seen, np.full((lost, len(self._a)), np.inf)])
 
     def _where_lost(
         self, zones: Capsules, snapshot: PeopleSnapshot, capture_ns: int | None
