@@ -68,42 +68,18 @@ class Tables(NamedTuple):
 
 def scale_by_loops(seen: Seen, tables: Tables) -> Floats:
     """(P, H, J) metres; see ``LearnedScale``."""
-    people, length, joints = seen.observed.shape
-    steps, knots = len(tables.below), len(tables.knots)
-    count, hidden = tables.now.shape
-    widest = hidden
-    for _, biases in tables.rest:
-        widest = max(widest, len(biases))
-    scale = np.empty((people, steps, joints))
-    logs, now = np.empty((knots, joints)), np.empty((joints, count))
-    base, moved = np.empty(hidden), np.empty((4, joints, 3))
-    row, into, used = np.empty(widest), np.empty(widest), np.empty(widest + 1, np.intp)
+    people, joints = seen.observed.shape[0], seen.observed.shape[2]
+    scale = np.empty((people, len(tables.below), joints))
+    logs = np.empty((len(tables.knots), joints))
+    now, moved = np.empty((joints, tables.now.shape[0])), np.empty((4, joints, 3))
+    ahead = np.empty((len(tables.knots), joints, 4))
     for p in range(people):
-        history, observed = seen.history[p], seen.observed[p]
-        _inputs_now((history, observed), tables, now, moved)
+        given = seen.history[p], seen.observed[p]
+        _inputs_now(given, tables, now, moved)
         _inputs_of_errors(seen.error_m[p], seen.residual_m[p], now)
-        for j in range(joints):
-            for h in range(hidden):
-                base[h] = tables.first[j, h]
-            for i in range(count):
-                value = _normal(now[j, i], tables.mean[i], tables.deviation[i])
-                for h in range(hidden):
-                    base[h] += value * tables.now[i, h]
-            for k in range(knots):
-                for h in range(hidden):
-                    row[h] = base[h]
-                places = history[length - 1, j], seen.forecast[p]
-                ahead = _inputs_ahead(places, tables, (k, j), observed[length - 1, j])
-                for i in range(4):
-                    value = _normal(ahead[i], tables.mean[count + i], tables.deviation[count + i])
-                    for h in range(hidden):
-                        row[h] += value * tables.ahead[i, h]
-                width = hidden
-                for weights, biases in tables.rest:
-                    _layer((row, width), (weights, biases), into, used)
-                    row, into = into, row
-                    width = len(biases)
-                logs[k, j] = row[0]
+        _inputs_ahead(given, seen.forecast[p], tables, ahead)
+        _normalise(now, ahead, tables.mean, tables.deviation)
+        _network(now, ahead, tables, logs)
         _between_knots(logs, tables, scale[p])
     return scale
 
@@ -112,64 +88,116 @@ def scale_by_loops(seen: Seen, tables: Tables) -> Floats:
 
 
 @part
-def _layer(
-    given: tuple[Floats, int], layer: tuple[Floats, Floats], into: Floats, used: Ints
-) -> None:
-    """What a layer makes of the positive ones of its inputs; NaN stays NaN."""
-    row, width = given
-    weights, biases = layer
-    count = 0
-    for k in range(width):  # without a branch, which nothing could foresee
-        used[count] = k
-        count += 0 if row[k] <= 0.0 else 1
-    outputs = len(biases)
-    if outputs == 1:
-        even = odd = 0.0
-        for i in range(0, count - 1, 2):
-            even += row[used[i]] * weights[used[i], 0]
-            odd += row[used[i + 1]] * weights[used[i + 1], 0]
-        if count % 2:
-            even += row[used[count - 1]] * weights[used[count - 1], 0]
-        into[0] = even + odd + biases[0]
-        return
-    for h in range(outputs):
-        into[h] = 0.0
-    i = 0
-    while i + 4 <= count:  # four at a time: each sum is read and written once
-        a, b, c, d = used[i], used[i + 1], used[i + 2], used[i + 3]
-        to_a, to_b, to_c, to_d = weights[a], weights[b], weights[c], weights[d]
-        a_is, b_is, c_is, d_is = row[a], row[b], row[c], row[d]
-        for h in range(outputs):
-            into[h] += (a_is * to_a[h] + b_is * to_b[h]) + (c_is * to_c[h] + d_is * to_d[h])
-        i += 4
-    while i < count:
-        to_a, a_is = weights[used[i]], row[used[i]]
-        for h in range(outputs):
-            into[h] += a_is * to_a[h]
-        i += 1
-    for h in range(outputs):
-        into[h] += biases[h]
+def _network(now: Floats, ahead: Floats, tables: Tables, logs: Floats) -> None:
+    """Fill (K, J) with the scale's logarithms."""
+    of_now, of_ahead, first, rest = tables.now, tables.ahead, tables.first, tables.rest
+    hidden = of_now.shape[1]
+    widest = hidden
+    for _, biases in rest:
+        widest = max(widest, len(biases))
+    base, row, into = np.empty(hidden), np.empty(widest), np.empty(widest)
+    used = np.empty(widest + 1, np.intp)
+    for j in range(len(now)):
+        for h in range(hidden):
+            base[h] = first[j, h]
+        for i in range(now.shape[1]):
+            value = now[j, i]
+            for h in range(hidden):
+                base[h] += value * of_now[i, h]
+        for k in range(len(ahead)):
+            a, b, c, d = ahead[k, j, 0], ahead[k, j, 1], ahead[k, j, 2], ahead[k, j, 3]
+            for h in range(hidden):
+                shared = a * of_ahead[0, h] + b * of_ahead[1, h]
+                row[h] = base[h] + (shared + (c * of_ahead[2, h] + d * of_ahead[3, h]))
+            width = hidden
+            for weights, biases in rest:
+                count = _positive(row, width, used)
+                width = len(biases)
+                if width == 1:
+                    into[0] = _sum(row, used[:count], weights) + biases[0]
+                else:
+                    _layer(row, used[:count], weights, into)
+                    for h in range(width):
+                        into[h] += biases[h]
+                row, into = into, row
+            logs[k, j] = row[0]
 
 
 @part
-def _normal(value: float, mean: float, deviation: float) -> float:
-    value = (value - mean) / deviation
-    return -BEYOND if value < -BEYOND else BEYOND if value > BEYOND else value
+def _positive(row: Floats, width: int, used: Ints) -> int:
+    """Fill in which inputs are positive or NaN, and return how many are."""
+    count = 0
+    for k in range(width):  # without a branch, which no processor could foresee
+        used[count] = k
+        count += 0 if row[k] <= 0.0 else 1
+    return count
+
+
+@part
+def _sum(row: Floats, used: Ints, weights: Floats) -> float:
+    even = odd = 0.0
+    count = len(used)
+    for i in range(0, count - 1, 2):
+        even += row[used[i]] * weights[used[i], 0]
+        odd += row[used[i + 1]] * weights[used[i + 1], 0]
+    if count % 2:
+        even += row[used[count - 1]] * weights[used[count - 1], 0]
+    return even + odd
+
+
+@part
+def _layer(row: Floats, used: Ints, weights: Floats, into: Floats) -> None:
+    """Fill in what a layer makes of the inputs ``used``, without biases."""
+    count, width, i = len(used), weights.shape[1], 0
+    for h in range(width):
+        into[h] = 0.0
+    while i + 4 <= count:  # four at a time: each sum is read and written once
+        a, b, c, d = used[i], used[i + 1], used[i + 2], used[i + 3]
+        a_is, b_is, c_is, d_is = row[a], row[b], row[c], row[d]
+        for h in range(width):
+            shared = a_is * weights[a, h] + b_is * weights[b, h]
+            into[h] += shared + (c_is * weights[c, h] + d_is * weights[d, h])
+        i += 4
+    while i < count:
+        a = used[i]
+        a_is = row[a]
+        for h in range(width):
+            into[h] += a_is * weights[a, h]
+        i += 1
+
+
+@part
+def _normalise(now: Floats, ahead: Floats, mean: Floats, deviation: Floats) -> None:
+    count = now.shape[1]
+    for i in range(count):
+        for j in range(len(now)):
+            now[j, i] = _bounded((now[j, i] - mean[i]) / deviation[i], -BEYOND, BEYOND)
+    for i in range(4):
+        for k in range(len(ahead)):
+            for j in range(len(now)):
+                value = (ahead[k, j, i] - mean[count + i]) / deviation[count + i]
+                ahead[k, j, i] = _bounded(value, -BEYOND, BEYOND)
+
+
+@part
+def _bounded(value: float, least: float, most: float) -> float:
+    return least if value < least else most if value > most else value
 
 
 @part
 def _between_knots(logs: Floats, tables: Tables, scale: Floats) -> None:
     """Fill (H, J): never less than before, linear in the logarithm between knots."""
     knots, joints = logs.shape
+    below, above, on, other = tables.below, tables.above, tables.part, tables.other
     for j in range(joints):
         for k in range(1, knots):
             if logs[k - 1, j] > logs[k, j] or isnan(logs[k - 1, j]):
                 logs[k, j] = logs[k - 1, j]
         for h in range(len(scale)):
-            lower, higher = logs[tables.below[h], j], logs[tables.above[h], j]
-            value = lower + tables.part[h] * (higher - lower)
-            value = _LEAST_LOG if value < _LEAST_LOG else _MOST_LOG if value > _MOST_LOG else value
-            scale[h, j] = inf if tables.other[j] or not isfinite(value) else exp(value)
+            lower, higher = logs[below[h], j], logs[above[h], j]
+            value = lower + on[h] * (higher - lower)
+            value = _bounded(value, _LEAST_LOG, _MOST_LOG)
+            scale[h, j] = inf if other[j] or not isfinite(value) else exp(value)
 
 
 # -- its inputs ------------------------------------------------------------------------------------
@@ -218,17 +246,17 @@ def _inputs_now(given: tuple[Floats, Bools], tables: Tables, now: Floats, veloci
     x, y, z = x / count, y / count, z / count
     fastest = total = 0.0
     for j in range(joints):
-        v, before = velocity[1, j], velocity[3, j]
-        speed = _size(v[0], v[1], v[2])
+        v_x, v_y, v_z = velocity[1, j, 0], velocity[1, j, 1], velocity[1, j, 2]
+        speed = _size(v_x, v_y, v_z)
         fastest = speed if speed > fastest or isnan(speed) else fastest
         total += speed
         now[j, 1] = _log_speed(speed)
         now[j, 0] = _log_speed(_size(velocity[0, j, 0], velocity[0, j, 1], velocity[0, j, 2]))
         whole = _size(velocity[2, j, 0], velocity[2, j, 1], velocity[2, j, 2])
         now[j, 2] = _log_speed(whole)
-        now[j, 3] = _log_speed(_size(v[0] - x, v[1] - y, v[2] - z))
-        change = _size(v[0] - before[0], v[1] - before[1], v[2] - before[2])
-        now[j, 4] = _log_speed(8.0 * change)
+        now[j, 3] = _log_speed(_size(v_x - x, v_y - y, v_z - z))
+        v_x, v_y, v_z = v_x - velocity[3, j, 0], v_y - velocity[3, j, 1], v_z - velocity[3, j, 2]
+        now[j, 4] = _log_speed(8.0 * _size(v_x, v_y, v_z))
         path, share = _path(history, observed, j, tables.rate_hz)
         now[j, 5] = _log_speed(path)
         now[j, 6] = _log_speed(0.0 if path < whole else path - whole)
@@ -248,8 +276,10 @@ def _path(history: Floats, observed: Bools, j: int, rate_hz: float) -> tuple[flo
     for t in range(first, length):
         seen += observed[t, j]
         if t > first and observed[t, j] and observed[t - 1, j]:
-            here, there = history[t, j], history[t - 1, j]
-            path += _size(here[0] - there[0], here[1] - there[1], here[2] - there[2])
+            x = history[t, j, 0] - history[t - 1, j, 0]
+            y = history[t, j, 1] - history[t - 1, j, 1]
+            z = history[t, j, 2] - history[t - 1, j, 2]
+            path += _size(x, y, z)
             steps += 1
     return path * rate_hz / max(steps, 1), seen / (length - first)
 
@@ -279,20 +309,24 @@ def _inputs_of_errors(error_m: Floats, residual_m: float, now: Floats) -> None:
 
 @part
 def _inputs_ahead(
-    places: tuple[Floats, Floats], tables: Tables, which: tuple[int, int], observed: bool
-) -> tuple[float, float, float, float]:
-    """The inputs of one knot and joint, by its last place (3,) and forecast places (H, J, 3)."""
-    last, forecast = places
-    k, j = which
-    knot = tables.knots[k]
-    at = forecast[knot - 1, j]
-    moved = speed = 0.0
-    if observed:
-        moved = _size(at[0] - last[0], at[1] - last[1], at[2] - last[2])
-    if knot > 1:
-        earlier = forecast[knot - 2, j]
-        speed = _size(at[0] - earlier[0], at[1] - earlier[1], at[2] - earlier[2])
-    elif observed:
-        speed = moved
-    lead = knot / tables.rate_hz
-    return _log_speed(moved), _log_speed(speed * tables.rate_hz), lead, log(lead)
+    given: tuple[Floats, Bools], forecast: Floats, tables: Tables, ahead: Floats
+) -> None:
+    """Fill (K, J, ``AHEAD``), by the places (T, J, 3) before and (H, J, 3) after."""
+    history, observed = given
+    knots, rate_hz, now = tables.knots, tables.rate_hz, len(observed) - 1
+    for k in range(len(knots)):
+        at = knots[k] - 1
+        lead = knots[k] / rate_hz
+        log_lead = log(lead)
+        for j in range(observed.shape[1]):
+            moved = speed = 0.0
+            if observed[now, j]:
+                x = forecast[at, j, 0] - history[now, j, 0]
+                y = forecast[at, j, 1] - history[now, j, 1]
+                moved = speed = _size(x, y, forecast[at, j, 2] - history[now, j, 2])
+            if at > 0:
+                x = forecast[at, j, 0] - forecast[at - 1, j, 0]
+                y = forecast[at, j, 1] - forecast[at - 1, j, 1]
+                speed = _size(x, y, forecast[at, j, 2] - forecast[at - 1, j, 2])
+            ahead[k, j, 0], ahead[k, j, 1] = _log_speed(moved), _log_speed(speed * rate_hz)
+            ahead[k, j, 2], ahead[k, j, 3] = lead, log_lead

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.machine.compiled import part
 from hri_predict.risk.zones.reach import (
     BONE_FACTOR,
@@ -98,132 +98,148 @@ def spheres_by_loops(bodies: Bodies, ahead: Ahead, rule: Rule) -> Spheres:
     """See ``JointSpheres``."""
     count, joints = bodies.joint_age.shape
     here, entries = len(bodies.unknown), len(rule.times_s)
-    mid, path = np.empty((count, entries, joints, 3)), np.empty((count, entries, joints, 3))
+    path, mid = np.empty((count, entries, joints, 3)), np.empty((count, entries, joints, 3))
     radius, inflation = np.empty((count, entries, joints)), np.empty((count, entries, joints))
     last, joint_age = np.zeros((count, joints, 3)), np.empty((count, joints))
     follows = np.zeros((count, joints), np.bool_)
-    until, bone = np.empty(entries), np.empty(joints)
-    cuts = rule.calibrated
-    for n in range(count):
-        for j in range(joints):
-            seen = _clean(bodies.last[n, j], bodies.joint_age[n, j])
-            joint_age[n, j] = NEVER_S
-            if seen:
-                joint_age[n, j] = min(bodies.joint_age[n, j], NEVER_S)
-                last[n, j] = bodies.last[n, j]
-            if ahead.given and n < here and joint_age[n, j] < FRESH_S:
-                follows[n, j] = _is_followed(ahead, bodies.unknown, rule.trusted_steps, (n, j))
-                cuts = cuts or follows[n, j]
+    until, knots = np.empty(entries), np.empty((rule.horizon_steps + 1, 3))
+    off, bone = np.empty((entries, joints)), np.empty(joints)
+    _clean(bodies, last, joint_age)
+    if ahead.given:
+        _follow(ahead, bodies.unknown, rule.trusted_steps, (joint_age, follows))
+    cuts = rule.calibrated or follows.any()
     for n in range(count):
         for k in range(entries):
             until[k] = bodies.age[n] + rule.times_s[k]
         until[0] = bodies.waited[n]
+        if n < here and ahead.given:
+            _deviate(ahead, rule, (n, until), off)
         for j in range(joints):
-            speed = bodies.growth[n, j]
-            if n < here and bodies.unknown[n] and joint_age[n, j] >= FRESH_S:
+            speed, age, limb = bodies.growth[n, j], joint_age[n, j], bodies.limbs[n, j]
+            if n < here and bodies.unknown[n] and age >= FRESH_S:
                 speed = rule.physical_m_s  # within reach of the joints that are seen
-            for k in range(entries):
-                path[n, k, j] = last[n, j]
-                unseen = until[k] + joint_age[n, j]
-                grown = speed * unseen + min(bodies.limbs[n, j] * unseen, LIMB_M)
-                radius[n, k, j] = inflation[n, k, j] = grown
             if follows[n, j]:
-                knots = last[n, j], ahead.positions[n, :, j]
-                _enclose(knots, until * rule.rate_hz, path[n, :, j], inflation[n, :, j])
+                for i in range(3):
+                    knots[0, i] = last[n, j, i]
+                    for h in range(rule.horizon_steps):
+                        knots[h + 1, i] = ahead.positions[n, h, j, i]
+                _enclose(knots, until, rule.rate_hz, (path[n, :, j], inflation[n, :, j]))
                 for k in range(entries):
-                    off = _deviation(ahead, rule, (n, j), until[k]) if k else 0.0
-                    radius[n, k, j] = inflation[n, k, j] + off
-        mid[n] = path[n]
-        if cuts and n < here:
-            for j in range(joints):
-                if rule.calibrated or follows[n, j]:
-                    if not follows[n, j]:
-                        radius[n, 1:, j] = UNBOUNDED_M
-                    own = bodies.history[n, :, j], bodies.measured[n, :, j], last[n, j]
-                    times = until, joint_age[n, j]
-                    _cut_by_motion(own, times, (rule, j), (mid[n, :, j], radius[n, :, j]))
+                    radius[n, k, j] = inflation[n, k, j] + off[k, j]
+            else:
+                for k in range(entries):
+                    for i in range(3):
+                        path[n, k, j, i] = last[n, j, i]
+                    unseen = until[k] + age
+                    grown = speed * unseen + min(limb * unseen, LIMB_M)
+                    radius[n, k, j] = inflation[n, k, j] = grown
         for k in range(entries):
             for j in range(joints):
                 inflation[n, k, j] += bodies.inferred[n, j]
+                for i in range(3):
+                    mid[n, k, j, i] = path[n, k, j, i]
+        if cuts and n < here:
+            _cut_by_motion(
+                (bodies, rule, n), (last[n], joint_age[n], follows[n]), until, (mid[n], radius[n])
+            )
+        for k in range(entries):
+            for j in range(joints):
                 radius[n, k, j] += bodies.inferred[n, j]
         if cuts and n < here:
-            _bones(last[n], joint_age[n] < FRESH_S, bodies.inferred[n], (rule, bone))
-            _cut_by_bones(rule.reach, bone, mid[n], radius[n])
+            _bones((last[n], joint_age[n]), bodies.inferred[n], rule, bone)
+            _cut_by_bones((rule.reach.order, rule.reach.parents), bone, mid[n], radius[n])
     return mid, radius, path, inflation, joint_age
 
 
 @part
-def _clean(last: Floats, joint_age: float) -> bool:
-    """Whether a joint was ever seen, in a room."""
-    near = abs(last[0]) < FAR_M and abs(last[1]) < FAR_M and abs(last[2]) < FAR_M
-    return near and joint_age >= 0
+def _clean(bodies: Bodies, last: Floats, joint_age: Floats) -> None:
+    """Fill in where and when joints were seen: those in no room never were."""
+    for n in range(len(last)):
+        for j in range(last.shape[1]):
+            seen = bodies.joint_age[n, j] >= 0
+            for i in range(3):
+                seen = seen and abs(bodies.last[n, j, i]) < FAR_M  # false for NaN too
+            joint_age[n, j] = min(bodies.joint_age[n, j], NEVER_S) if seen else NEVER_S
+            for i in range(3):
+                last[n, j, i] = bodies.last[n, j, i] if seen else 0.0
 
 
 @part
-def _is_followed(ahead: Ahead, unknown: Bools, steps: int, which: tuple[int, int]) -> bool:
-    """Whether a fresh joint follows the forecast."""
-    n, j = which
-    if not ahead.judged:
-        return not unknown[n]
-    if ahead.outside[n]:
-        return False
-    known = True
-    for h in range(steps):
-        known = known and isfinite(ahead.claimed[n, h, j])
-    return known
+def _follow(ahead: Ahead, unknown: Bools, steps: int, into: tuple[Floats, Bools]) -> None:
+    """Fill in which fresh joints follow the forecast."""
+    joint_age, follows = into
+    for n in range(len(unknown)):
+        for j in range(follows.shape[1]):
+            followed = joint_age[n, j] < FRESH_S
+            if ahead.judged:
+                followed = followed and not ahead.outside[n]
+                for h in range(steps):
+                    followed = followed and isfinite(ahead.claimed[n, h, j])
+            else:
+                followed = followed and not unknown[n]
+            follows[n, j] = followed
 
 
 @part
-def _enclose(knots: tuple[Floats, Floats], steps: Floats, path: Floats, radius: Floats) -> None:
-    """``spheres.enclosed`` of one joint: fill (K+1, 3) and (K+1,)."""
-    last, forecast = knots
-    final = len(forecast)
+def _enclose(knots: Floats, until: Floats, rate_hz: float, into: tuple[Floats, Floats]) -> None:
+    """``spheres.enclosed`` of one joint by its knots (H+1, 3): fill (K+1, 3) and (K+1,)."""
+    path, radius = into
+    final = len(knots) - 1
     before, from_x, from_y, from_z = 0, 0.0, 0.0, 0.0
-    radius[0] = 0.0
-    path[0] = last
-    for k in range(len(steps)):
-        bound = steps[1] - 1.0 if k == 0 else steps[k]
+    for k in range(len(until)):
+        bound = until[1] * rate_hz - 1.0 if k == 0 else until[k] * rate_hz
         bound = 0.0 if bound < 0.0 else float(final) if bound > final else bound
         below = min(int(bound), max(final - 1, 0))
-        on = bound - below
-        lower = last if below == 0 else forecast[below - 1]
-        upper = forecast[min(below, final - 1)]
-        x = lower[0] + on * (upper[0] - lower[0])
-        y = lower[1] + on * (upper[1] - lower[1])
-        z = lower[2] + on * (upper[2] - lower[2])
-        if k:
-            path[k, 0], path[k, 1] = 0.5 * (from_x + x), 0.5 * (from_y + y)
-            path[k, 2] = 0.5 * (from_z + z)
-            radius[k] = 0.5 * _size(x - from_x, y - from_y, z - from_z)
+        above, on = min(below + 1, final), bound - below
+        x = knots[below, 0] + on * (knots[above, 0] - knots[below, 0])
+        y = knots[below, 1] + on * (knots[above, 1] - knots[below, 1])
+        z = knots[below, 2] + on * (knots[above, 2] - knots[below, 2])
+        if k == 0:
+            radius[0] = 0.0
+            path[0, 0], path[0, 1], path[0, 2] = knots[0, 0], knots[0, 1], knots[0, 2]
+        else:
+            mid_x, mid_y, mid_z = 0.5 * (from_x + x), 0.5 * (from_y + y), 0.5 * (from_z + z)
+            size = 0.5 * _size(x - from_x, y - from_y, z - from_z)
             if before + 1 < bound:  # a knot lies between both ends
-                corner = forecast[min(before, final - 1)]
-                off = _size(corner[0] - path[k, 0], corner[1] - path[k, 1], corner[2] - path[k, 2])
-                radius[k] = max(radius[k], off)
+                at = min(before + 1, final)
+                d_x, d_y, d_z = knots[at, 0] - mid_x, knots[at, 1] - mid_y, knots[at, 2] - mid_z
+                size = max(size, _size(d_x, d_y, d_z))
+            radius[k] = size
+            path[k, 0], path[k, 1], path[k, 2] = mid_x, mid_y, mid_z
         before, from_x, from_y, from_z = below, x, y, z
 
 
 @part
-def _deviation(ahead: Ahead, rule: Rule, which: tuple[int, int], until: float) -> float:
-    """Largest distance of a joint from the forecast by then, metres."""
-    n, j = which
-    end, steps = rule.trusted_steps / rule.rate_hz, until * rule.rate_hz
-    if ahead.judged:
+def _deviate(ahead: Ahead, rule: Rule, when: tuple[int, Floats], off: Floats) -> None:
+    """Fill (K+1, J) with the largest distances from a person's forecast, metres."""
+    n, until = when
+    end, most = rule.trusted_steps / rule.rate_hz, rule.horizon_steps - 1
+    claimed, widen, std = ahead.claimed, ahead.widen, ahead.std
+    speed, acceleration, error = rule.speed, rule.acceleration, rule.velocity_error_m_s
+    for j in range(off.shape[1]):
+        off[0, j] = 0.0
+    for k in range(1, len(off)):
+        steps, t = until[k] * rule.rate_hz, min(until[k], end)
+        beyond = rule.physical_m_s * max(until[k] - end, 0.0)
         at = min(max(ceil(steps - 1e-6) - 1, 0), rule.trusted_steps - 1)
-        within = ahead.claimed[n, at, j] * ahead.widen[n, at]
-    else:
-        t = min(until, end)
-        free = (0.5 * rule.acceleration[j] * t + rule.velocity_error_m_s) * t
-        within = min(rule.speed[j] * t, free)
-    within += rule.physical_m_s * max(until - end, 0.0)
-    if len(ahead.std):
-        after, most = ceil(steps) - 1, rule.horizon_steps - 1
-        std = ahead.std[n, min(max(after, 0), most), j]
-        std = max(std, ahead.std[n, min(max(after - 1, 0), most), j])
-        within = max(within, rule.std_factor * std)
-    return within
+        after = ceil(steps) - 1
+        for j in range(off.shape[1]):
+            if ahead.judged:
+                within = claimed[n, at, j] * widen[n, at]
+            else:
+                within = min(speed[j] * t, (0.5 * acceleration[j] * t + error) * t)
+            within += beyond
+            if len(std):
+                largest = max(
+                    std[n, min(max(after, 0), most), j], std[n, min(max(after - 1, 0), most), j]
+                )
+                within = max(within, rule.std_factor * largest)
+            off[k, j] = within
 
 
 # -- the cut to what bodies can do, as in ``reach`` ------------------------------------------------
+
+_Xyz = tuple[float, float, float]
 
 
 @part
@@ -245,74 +261,85 @@ def _along(d: float, radius: float, other: float) -> tuple[float, float]:
 
 
 @part
-def _cut_to(mid: Floats, radius: float, centre: tuple[float, float, float], bound: float) -> float:
-    """Cut a sphere to another one, unless it lies within: move ``mid``, return the radius."""
+def _cut(mid: _Xyz, radius: float, centre: _Xyz, bound: float) -> tuple[_Xyz, float]:
+    """Cut a sphere to another one, unless it lies within."""
     x, y, z = centre[0] - mid[0], centre[1] - mid[1], centre[2] - mid[2]
     square, room = x * x + y * y + z * z, bound - radius
     if room >= 0 and square <= room * room:
-        return radius
+        return mid, radius
     on, within = _along(sqrt(square), radius, bound)
-    mid[0] += on * x
-    mid[1] += on * y
-    mid[2] += on * z
-    return within
+    return (mid[0] + on * x, mid[1] + on * y, mid[2] + on * z), within
 
 
 @part
 def _cut_by_motion(
-    seen: tuple[Floats, Bools, Floats],
-    times: tuple[Floats, float],
-    of: tuple[Rule, int],
-    sphere: tuple[Floats, Floats],
+    person: tuple[Bodies, Rule, int],
+    seen: tuple[Floats, Floats, Bools],
+    until: Floats,
+    spheres: tuple[Floats, Floats],
 ) -> None:
-    """Cut one joint's spheres, but for entry 0, to what speed and acceleration allow."""
-    history, measured, last = seen
-    until, joint_age = times
-    rule, j = of
-    mid, radius = sphere
-    reach, length = rule.reach, len(measured)
-    known, x, y, z = False, 0.0, 0.0, 0.0
-    if length > VELOCITY_STEPS:
-        then = length - 1 - VELOCITY_STEPS
-        known = measured[length - 1] and measured[then]
+    """Cut a person's spheres, but for entry 0, to what speed and acceleration allow."""
+    bodies, rule, n = person
+    last, joint_age, follows = seen
+    mid, radius = spheres
+    history, measured, reach = bodies.history, bodies.measured, rule.reach
+    fastest, burst, sustained = reach.speed, reach.burst, reach.sustained
+    now, step_s, calibrated = measured.shape[1] - 1, 1.0 / rule.rate_hz, rule.calibrated
+    then, per_s = now - VELOCITY_STEPS, reach.rate_hz / VELOCITY_STEPS
+    for j in range(len(follows)):
+        if not (calibrated or follows[j]):
+            continue
+        known = then >= 0 and measured[n, now, j] and measured[n, then, j]
+        x = y = z = 0.0
         if known:
-            per_s = reach.rate_hz / VELOCITY_STEPS
-            x = (history[length - 1, 0] - history[then, 0]) * per_s
-            y = (history[length - 1, 1] - history[then, 1]) * per_s
-            z = (history[length - 1, 2] - history[then, 2]) * per_s
-    speed = _size(x, y, z)
-    for k in range(1, len(until)):
-        t = until[k]
-        since = max(t - 1.0 / rule.rate_hz, 0.0)
-        start = last[0], last[1], last[2]
-        around = _cut_to(mid[k], radius[k], start, reach.speed[j] * (t + joint_age))
-        if known:
-            middle, half = 0.5 * (since + t), 0.5 * (t - since)
-            change = (reach.burst[j] + 0.5 * reach.sustained[j] * t) * t
-            on = last[0] + x * middle, last[1] + y * middle, last[2] + z * middle
-            around = _cut_to(mid[k], around, on, change + speed * half)
-        radius[k] = around
+            x = (history[n, now, j, 0] - history[n, then, j, 0]) * per_s
+            y = (history[n, now, j, 1] - history[n, then, j, 1]) * per_s
+            z = (history[n, now, j, 2] - history[n, then, j, 2]) * per_s
+        speed, start = _size(x, y, z), (last[j, 0], last[j, 1], last[j, 2])
+        for k in range(1, len(until)):
+            t = until[k]
+            around = radius[k, j] if follows[j] else UNBOUNDED_M
+            at, around = _cut(
+                (mid[k, j, 0], mid[k, j, 1], mid[k, j, 2]),
+                around,
+                start,
+                fastest[j] * (t + joint_age[j]),
+            )
+            if known:
+                since = max(t - step_s, 0.0)
+                middle, half = 0.5 * (since + t), 0.5 * (t - since)
+                change = (burst[j] + 0.5 * sustained[j] * t) * t
+                on = (start[0] + x * middle, start[1] + y * middle, start[2] + z * middle)
+                at, around = _cut(at, around, on, change + speed * half)
+            mid[k, j, 0], mid[k, j, 1], mid[k, j, 2] = at
+            radius[k, j] = around
 
 
 @part
-def _bones(last: Floats, seen: Bools, inferred: Floats, into: tuple[Rule, Floats]) -> None:
+def _bones(seen: tuple[Floats, Floats], inferred: Floats, rule: Rule, bone: Floats) -> None:
     """Fill (J,) how far each joint is from its parent at most."""
-    rule, bone = into
-    for j in rule.reach.order:
-        of = rule.reach.parents[j]
-        bone[j] = rule.reach.bone[j] if seen[j] or rule.calibrated else inf
-        if seen[j] and seen[of]:
-            apart = _size(
-                last[j, 0] - last[of, 0], last[j, 1] - last[of, 1], last[j, 2] - last[of, 2]
-            )
+    last, joint_age = seen
+    order, parents, longest = rule.reach.order, rule.reach.parents, rule.reach.bone
+    for j in order:
+        of, fresh = parents[j], joint_age[j] < FRESH_S
+        bone[j] = longest[j] if fresh or rule.calibrated else inf
+        if fresh and joint_age[of] < FRESH_S:
+            x, y = last[j, 0] - last[of, 0], last[j, 1] - last[of, 1]
+            apart = _size(x, y, last[j, 2] - last[of, 2])
             bone[j] = (apart + inferred[j] + inferred[of]) * BONE_FACTOR + BONE_MARGIN_M
 
 
 @part
-def _cut_by_bones(reach: BodyReach, bone: Floats, mid: Floats, radius: Floats) -> None:
+def _cut_by_bones(tree: tuple[Ints, Ints], bone: Floats, mid: Floats, radius: Floats) -> None:
     """Cut all joints' spheres, but for entry 0, from the root outwards."""
+    order, parents = tree
     for k in range(1, len(radius)):
-        for j in reach.order:
-            of = reach.parents[j]
-            parent = mid[k, of, 0], mid[k, of, 1], mid[k, of, 2]
-            radius[k, j] = _cut_to(mid[k, j], radius[k, j], parent, radius[k, of] + bone[j])
+        for j in order:
+            of = parents[j]
+            at, radius[k, j] = _cut(
+                (mid[k, j, 0], mid[k, j, 1], mid[k, j, 2]),
+                radius[k, j],
+                (mid[k, of, 0], mid[k, of, 1], mid[k, of, 2]),
+                radius[k, of] + bone[j],
+            )
+            mid[k, j, 0], mid[k, j, 1], mid[k, j, 2] = at
