@@ -46,7 +46,7 @@ KERNELS: tuple[tuple[Any, str], ...] = (
 )
 # a cut's radius is the root of a difference: what differs by 2e-16 of 1 may differ by 1e-8 of it
 # afterwards; times ten, for the cuts that follow each other along a limb
-TOLERANCE = {"rtol": 1e-7, "atol": 1e-7}
+TOLERANCE: Any = {"rtol": 1e-7, "atol": 1e-7}
 
 
 def engine_of(**own: Any) -> RiskEngine:
@@ -75,7 +75,7 @@ def ticks_of(
     times = np.arange(HISTORY + ticks + STEPS) / RATE_HZ
     path = start + velocity * times[:, None, None]
     path = path + random.normal(0.0, 0.01, path.shape)
-    seen = random.random(path.shape[:-1]) >= hidden
+    seen: Any = random.random(path.shape[:-1]) >= hidden
     none = np.zeros(COUNT)
     gone = tuple(
         LostPerson(
@@ -126,12 +126,16 @@ def by_arrays(patch: pytest.MonkeyPatch) -> None:
         patch.setattr(module, name, getattr(module, name).__wrapped__)
 
 
+def close(ours: Any, theirs: Any) -> None:
+    np.testing.assert_allclose(ours, theirs, **TOLERANCE)
+
+
 def same(found: BodyZones, expected: BodyZones) -> None:
     for part in ("a", "b", "radius"):
         for which in (lambda b: b.zones.capsules, lambda b: b.paths, lambda b: b.captured):
             ours, theirs = getattr(which(found), part), getattr(which(expected), part)
-            np.testing.assert_allclose(ours, theirs, **TOLERANCE)
-    np.testing.assert_allclose(found.segments_m_s, expected.segments_m_s, **TOLERANCE)
+            close(ours, theirs)
+    close(found.segments_m_s, expected.segments_m_s)
     np.testing.assert_array_equal(found.as_assumed, expected.as_assumed)
     assert found.reasons == expected.reasons
     for name in ("fast", "unknown", "fastest_joint"):
@@ -139,10 +143,10 @@ def same(found: BodyZones, expected: BodyZones) -> None:
         np.testing.assert_array_equal(ours, theirs)
     for name in ("fastest_m_s", "beyond_standard_m_s"):
         ours, theirs = getattr(found.speeds, name), getattr(expected.speeds, name)
-        np.testing.assert_allclose(ours, theirs, **TOLERANCE)
+        close(ours, theirs)
     assert (found.claimed is None) == (expected.claimed is None)
     if found.claimed is not None:
-        np.testing.assert_allclose(found.claimed, expected.claimed, **TOLERANCE)
+        close(found.claimed, expected.claimed)
 
 
 def compare(ticks: list[tuple[PeopleSnapshot, Forecast | None]], **own: Any) -> None:
@@ -238,7 +242,7 @@ def test_nothing_is_compiled_after_the_warm_up(monkeypatch: pytest.MonkeyPatch) 
     for hidden, lost, people in ((0.0, 0, 1), (0.3, 2, 3), (1.0, 0, 2), (0.2, 1, 0)):
         for snapshot, forecast in ticks_of(6, people, hidden, lost=lost, std=True):
             if forecast is not None:  # a predictor may give single precision, read only
-                positions = forecast.positions.astype(np.float32)
+                positions: Any = forecast.positions.astype(np.float32)
                 positions.setflags(write=False)
                 forecast = Forecast(positions, forecast.std)
             engine.zones(snapshot, forecast)
