@@ -147,6 +147,10 @@ class Node:
             assessment=None,
         )
 
+    def warm_up(self) -> None:
+        """See ``RiskEngine.warm_up``."""
+        self._risk.warm_up()
+
     def self_check(self) -> dict[str, Any] | None:
         """See ``RiskEngine.self_check``."""
         return self._risk.self_check()

@@ -57,6 +57,7 @@ def run_real_time(
         LinkError: a link's device is absent at start.
     """
     clock, node, pace = assembly.clock, assembly.node, Pace()
+    node.warm_up()  # before anybody hears of the node: it may take long
     started: list[Link] = []
     try:
         for link in assembly.links:

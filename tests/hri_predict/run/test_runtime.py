@@ -62,6 +62,11 @@ class Node:
         self.ticks, self.scenes, self.said = [], [], []
         self.slow: dict[int, float] = {}  # tick -> seconds that it takes
         self.shedding = Shedding()
+        self.warm = False
+
+    def warm_up(self):
+        assert not self.said, "it is warm before anybody hears of it"
+        self.warm = True
 
     def tick(self, now_ns):
         self.ticks.append(now_ns)
@@ -280,6 +285,7 @@ def test_it_ends_when_the_source_has_no_more():
     assembly = make(source=Source(count=10))
     run_real_time(assembly=assembly, stop=threading.Event(), until_exhausted=True)
     assert len(assembly.node.scenes) == 10
+    assert assembly.node.warm
     assert assembly.node.said == [NodeState.STARTING, NodeState.STOPPING]
 
 
