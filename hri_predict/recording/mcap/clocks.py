@@ -65,13 +65,21 @@ class Clocks(Protocol):
 
 
 class VirtualClocks:
-    """The node's clock alone: two virtual runs give the same bytes, and begin in 1970."""
+    """The node's clock alone: two virtual runs give the same bytes, and begin in 1970.
 
-    name = "virtual"
+    Args:
+        start_ns: when the recording begins.
+        offset_ns: UTC is so much later, where that is known, as of a part of a recording.
+    """
+
+    def __init__(self, start_ns: int = 0, offset_ns: int | None = None) -> None:
+        self._start_ns, self._offset_ns = start_ns, offset_ns or 0
+        self.name = "virtual" if offset_ns is None else "system"
 
     def read(self, node_ns: int) -> Reading:
-        """The node's time, three times."""
-        return Reading(node_ns=node_ns, utc_ns=node_ns, boot_ns=node_ns)
+        """The item's time, three times."""
+        at_ns = max(node_ns, self._start_ns)
+        return Reading(node_ns=at_ns, utc_ns=at_ns + self._offset_ns, boot_ns=at_ns)
 
 
 class SystemClocks:

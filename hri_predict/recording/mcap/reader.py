@@ -14,13 +14,8 @@ from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from hri_predict.errors import RecordingError
 from hri_predict.link import Received
-from hri_predict.recording.mcap.format import (
-    METADATA,
-    RecordingInfo,
-    received_from_dict,
-    scene_from_dict,
-    whole,
-)
+from hri_predict.recording.mcap.format import received_from_dict, scene_from_dict, whole
+from hri_predict.recording.mcap.info import METADATA, RecordingInfo
 from hri_predict.recording.recording import Recording, check_gaps
 from hri_predict.scene import Scene
 
@@ -45,6 +40,7 @@ def read_mcap(path: Path) -> Recording:
     scenes: list[Scene] = []
     arrivals: list[int] = []
     received: list[tuple[str, Received]] = []
+    utc: list[int] = []
     topics: dict[int, str] = {}
     note = ""
     with path.open("rb") as file:
@@ -75,6 +71,7 @@ def read_mcap(path: Path) -> Recording:
                     scenes=scenes,
                     arrivals=arrivals,
                     received=received,
+                    utc=utc,
                 )
     if info is None:
         raise RecordingError(
@@ -96,6 +93,7 @@ def read_mcap(path: Path) -> Recording:
         received=received,
         note=note,
         config=info.config,
+        utc_ns=utc if info.has_utc else (),
     )
 
 
@@ -148,6 +146,7 @@ def _take(
     scenes: list[Scene],
     arrivals: list[int],
     received: list[tuple[str, Received]],
+    utc: list[int],
 ) -> None:
     """Keep a message that a replay needs."""
     if topic not in ("/scene", "/received"):
@@ -158,6 +157,7 @@ def _take(
             scene, arrival_ns = scene_from_dict(data, len(info.joint_map.source_joints))
             scenes.append(scene)
             arrivals.append(arrival_ns)
+            utc.append(record.log_time)
         else:
             message, received_ns = received_from_dict(data), whole(data["received_ns"])
             if message is not None:
