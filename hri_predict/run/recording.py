@@ -74,7 +74,7 @@ def clocks_of(clock: Clock, factor: float | None, start_ns: int) -> Clocks:
 def info_of(config: Config, source: Source, assembly: Assembly) -> RecordingInfo:
     """What a recording of this run says of itself."""
     record = config.node.record
-    standing = [robot for robot in config.node.robots if robot.base is None]
+    bases = ((robot.name, robot.room_from_robot) for robot in config.node.robots)
     return RecordingInfo(
         joint_map=source.joint_map,
         rate_hz=source.rate_hz,
@@ -82,7 +82,7 @@ def info_of(config: Config, source: Source, assembly: Assembly) -> RecordingInfo
         config=config.text,
         cell=(record.name if record is not None else None) or cell_of(config),
         robots=tuple((robot.name, tuple(robot.capsule_names)) for robot in assembly.robots),
-        frames=tuple((robot.name, robot.room_from_robot) for robot in standing),
+        frames=tuple((name, pose) for name, pose in bases if pose is not None),
         predictor=config.predictor.name,
         forecast_rate_hz=config.predictor.rate_hz,
     )

@@ -79,10 +79,10 @@ def over_budget(files: Sequence[Kept], budget_bytes: float) -> list[Kept]:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether the file begins as this node's recordings do; an empty one was never written."""
+    """Whether the file begins as this node's recordings do."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         head = os.read(descriptor, _HEAD_BYTES)
     finally:
         os.close(descriptor)
-    return not head or (head.startswith(_MAGIC) and LIBRARY.encode() in head)
+    return head.startswith(_MAGIC) and LIBRARY.encode() in head

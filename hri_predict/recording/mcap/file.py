@@ -88,9 +88,8 @@ class McapFile:
         self.path, self.began, self.unsafe = path, began, 0
         self._descriptor, self._sync = descriptor, sync
         self._stream = _Stream(descriptor)
-        self._writer = Writer(
-            self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD
-        )  # type: ignore[arg-type]
+        out: Any = self._stream  # the library uses write, tell and flush
+        self._writer = Writer(out, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._channels = self._begin(info, clocks)
         self._sequence = dict.fromkeys(self._channels, 0)
         self._stream.push()

@@ -88,7 +88,7 @@ class OneFile:
 
 
 def beside(path: Path) -> Path:
-    """``day.mcap``, or ``day-2.mcap`` where that exists, and so on: for a node that starts again."""
+    """``day.mcap``, or ``day-2.mcap`` where that exists: for a node that starts again."""
     found, number = path, 1
     while os.path.lexists(found) and not _is_device(found):
         number += 1

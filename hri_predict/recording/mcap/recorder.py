@@ -10,6 +10,7 @@ runs give the same bytes.
 import contextlib
 import errno
 import logging
+import os
 import queue
 import threading
 from pathlib import Path
@@ -235,14 +236,20 @@ class Recorder(Items):
 
     def _begin(self) -> None:
         path, descriptor = self._place.open(self._reading)
-        self._file = McapFile(
-            path,
-            descriptor,
-            self._info,
-            began=self._reading,
-            clocks=self._clocks.name,
-            sync=self._threaded,
-        )
+        try:
+            self._file = McapFile(
+                path,
+                descriptor,
+                self._info,
+                began=self._reading,
+                clocks=self._clocks.name,
+                sync=self._threaded,
+            )
+        except OSError:
+            os.close(descriptor)
+            if self._place.has_many:  # each try would leave one
+                path.unlink(missing_ok=True)
+            raise
         self.files += 1
 
     def _end_file(self) -> None:

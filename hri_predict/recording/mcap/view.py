@@ -15,6 +15,7 @@ from hri_predict.protocol.messages import Level
 from hri_predict.recording.mcap import well_known
 from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.mcap.well_known import Rgba
+from hri_predict.risk.types import Grounds
 from hri_predict.skeleton import JOINTS, PARENTS
 
 ROOM = "room"
@@ -60,14 +61,15 @@ def seen(tick: Tick, robots: tuple[str, ...], lifetime_s: float) -> Seen:
             for id_, joints in zip(tick.snapshot.ids, tick.snapshot.last_positions, strict=True)
         ]
         people += [(lost.id, lost.positions, True) for lost in tick.snapshot.lost]
-    zones, grounds = [], ()
+    zones: list[tuple[int, Floats, Floats]] = []
+    grounds: tuple[Grounds, ...] = ()
     if tick.assessment is not None:
         there = tick.assessment.zones
         grounds = tick.assessment.grounds
         if there.ids:
             step = int(np.searchsorted(there.times_s, SHOWN_S).clip(0, len(there.times_s) - 1))
             zones = [(id_, *_ends(there.capsules, (p, step))) for p, id_ in enumerate(there.ids)]
-    shown = []
+    shown: list[tuple[str, Floats | None, Floats | None, Level, str]] = []
     for advice in tick.advices:
         name = robots[advice.robot] if advice.robot < len(robots) else str(advice.robot)
         known = grounds[advice.robot].capsules if advice.robot < len(grounds) else None

@@ -1,11 +1,14 @@
 """The node's own recordings: what was written is read back, whole or cut, and the same bytes."""
 
+import errno
 import json
+import os
 import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -28,7 +31,10 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import Recorder, RecordingInfo, open_recording
+from hri_predict.recording.mcap import file as mcap_file
 from hri_predict.recording.mcap.format import scene_from_dict, scene_to_dict, to_json
+from hri_predict.recording.mcap.items import Rates
+from hri_predict.recording.mcap.places import OneFile
 from hri_predict.recording.rig import map_of_rig
 from hri_predict.risk.types import Zones
 from hri_predict.scene import Person, Scene
@@ -39,6 +45,7 @@ JOINTS = 6
 def _info(**more: Any) -> RecordingInfo:
     fields = {"joint_map": load_joint_map("assembly_arms"), "rate_hz": 30.0}
     fields |= {"declares_noise": True, "config": "rate_hz: 25\n", "predictor": "zero_velocity"}
+    fields["robots"] = (("arm", ("base", "forearm")),)
     return RecordingInfo(**(fields | more))  # type: ignore[arg-type]
 
 
@@ -56,7 +63,13 @@ def _tick(k: int, people: int = 1) -> Any:
     rng = np.random.default_rng(100 + k)
     ids = tuple(range(10, 10 + people))
     snapshot = SimpleNamespace(
-        now_ns=40_000_000 * k, ids=ids, capture_ns=np.full(people, 40_000_000 * k - 5)
+        now_ns=40_000_000 * k,
+        ids=ids,
+        capture_ns=np.full(people, 40_000_000 * k - 5),
+        last_positions=rng.normal(size=(people, 21, 3)),
+        lost=(),
+        reasons=(),
+        counters={},
     )
     capsules = Capsules(
         rng.normal(size=(people, 26, 17, 3)),
@@ -81,7 +94,7 @@ def _tick(k: int, people: int = 1) -> Any:
         ),
         snapshot=snapshot,
         forecast=Forecast(rng.normal(size=(people, 25, 21, 3)), None),
-        assessment=SimpleNamespace(zones=zones),
+        assessment=SimpleNamespace(zones=zones, reasons=(), named_zones=(), grounds=()),
     )
 
 
@@ -112,15 +125,17 @@ def _record(path: Path, ticks: int, threaded: bool = False, **more: Any) -> Reco
     return recorder
 
 
-def _messages(path: Path) -> dict[str, list[Any]]:
+def _messages(path: Path, valid: bool = False) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     with path.open("rb") as file:
-        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+        reader = make_reader(file, validate_crcs=True)
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
             assert channel.message_encoding == "json"
             assert schema is not None
             assert schema.encoding == "jsonschema"
             data = json.loads(message.data)
-            assert set(json.loads(schema.data)["properties"]) <= set(data)
+            if valid:
+                jsonschema.validate(data, json.loads(schema.data))
             found.setdefault(channel.topic, []).append(data)
     return found
 
@@ -131,7 +146,7 @@ def test_what_was_received_is_read_back_exactly(tmp_path: Path, threaded: bool) 
     recorder = _record(path, 50, threaded)
     assert recorder.dropped == 0
     assert recorder.error is None
-    assert recorder.written == 50 * 7 + 10
+    assert recorder.written == 50 * 6 + 2 * 10 + 2 * 10
     recording = open_recording(path)
     assert recording.kind == "mcap"
     assert recording.note == ""
@@ -157,13 +172,15 @@ def test_what_was_received_is_read_back_exactly(tmp_path: Path, threaded: bool) 
 
 
 def test_any_mcap_reader_finds_every_topic(tmp_path: Path) -> None:
-    _record(tmp_path / "a.mcap", 3, horizon_stride=5, zones_every=2)
-    found = _messages(tmp_path / "a.mcap")
+    rates = Rates(zones_hz=12.5, poses_hz=25, view_hz=25, horizon_stride=5)
+    _record(tmp_path / "a.mcap", 3, rates=rates)
+    found = _messages(tmp_path / "a.mcap", valid=True)
     assert {topic: len(data) for topic, data in found.items()} == {
-        "/scene": 3, "/received": 3, "/status": 3, "/advice": 3, "/forecast": 3, "/zones": 2,
-        "/sent": 6,
+        "/scene": 3, "/received": 3, "/status": 3, "/advice/arm": 3, "/forecast": 3, "/zones": 2,
+        "/sent": 6, "/clock": 1, "/view/scene": 3, "/view/people": 3,
     }  # fmt: skip
-    advice = found["/advice"][0]
+    advice = found["/advice/arm"][0]
+    assert advice["level_number"] == 3
     assert (advice["level"], advice["reason"]) == ("SLOW", "PERSON_NEAR")
     assert (advice["separation_m"], advice["detail"]) == (0.71, "l_hand")
     assert found["/sent"][1] == {"link": "can", "id": 0x123, "data": "AAECAwQFBgc="}
@@ -293,9 +310,10 @@ def test_what_is_no_recording_of_ours_is_one_clear_error(tmp_path: Path) -> None
     whole = (tmp_path / "b.mcap").read_bytes()
     assert "no scenes" in error(whole)
     assert "truncated" in error(whole[:10])
+    (tmp_path / "b.mcap").unlink()
     _record(tmp_path / "b.mcap", 2)
     other = (
-        (tmp_path / "b.mcap").read_bytes().replace(b"\x01\x00\x00\x001", b"\x01\x00\x00\x009", 1)
+        (tmp_path / "b.mcap").read_bytes().replace(b"\x01\x00\x00\x002", b"\x01\x00\x00\x009", 1)
     )
     assert "format '9'" in error(other)
 
@@ -334,32 +352,54 @@ def test_what_the_queue_cannot_take_is_dropped_and_counted(tmp_path: Path, monke
     assert recorder.written + recorder.dropped == 101
 
 
-@pytest.mark.parametrize("threaded", [False, True])
-def test_a_full_disk_ends_the_recording_and_not_the_node(
-    tmp_path: Path, threaded: bool, caplog
+class _Disk:
+    """``os.write`` of a disk that is full for a while: it takes some bytes, then none."""
+
+    def __init__(self, left: int) -> None:
+        self.left, self.write = left, os.write
+
+    def __call__(self, descriptor: int, data: bytes) -> int:
+        if self.left <= 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        count = self.write(descriptor, bytes(data[: self.left]))
+        self.left -= count
+        return count
+
+
+def test_a_full_disk_costs_what_comes_meanwhile_and_recording_goes_on(
+    tmp_path: Path, monkeypatch, caplog
 ) -> None:
-    class Full:
-        def write(self, data: bytes) -> int:
-            raise OSError(28, "No space left on device")
-
-        def tell(self) -> int:
-            return 0
-
-        def close(self) -> None:
-            pass
-
-    recorder = Recorder(tmp_path / "a.mcap", _info(), threaded=threaded)
-    recorder._writer._Writer__stream = Full()  # type: ignore[attr-defined]
-    for k in range(200):
+    disk = _Disk(200_000)
+    monkeypatch.setattr(mcap_file.os, "write", disk)
+    recorder = Recorder(tmp_path / "a.mcap", _info(), threaded=False)
+    for k in range(400):
+        if k == 200:
+            assert recorder.error == "No space left on device"
+            assert recorder.dropped > 0
+            disk.left = 10**9
+        recorder.on_scene(_scene(k), 40_000_000 * k)
         recorder.on_tick(_tick(k))
     recorder.close()
-    assert recorder.error == "No space left on device"
-    report = recorder.report()
-    assert (report["error"], report["dropped"]) == (recorder.error, recorder.dropped)
-    assert report["dropped"] > 0
-    assert recorder.dropped > 0
-    assert recorder.dropped + recorder.written >= 200 * 3
+    assert recorder.error is None
+    assert recorder.failures >= 1
+    recording = open_recording(tmp_path / "a.mcap")
+    assert recording.note == ""  # whole: what the disk did not take at once came later
+    assert len(_messages(tmp_path / "a.mcap")["/scene"]) == len(recording.scenes)
+    gaps = np.diff([scene.sequence for scene in recording.scenes])
+    assert (gaps > 3).sum() == 1  # one hole, as long as the disk was full
+    assert recording.scenes[-1].sequence == 3 * 399
     assert "No space left" in caplog.text
+    assert "goes on; lost" in caplog.text
+
+
+def test_a_disk_that_stays_full_is_said_at_a_limited_rate(tmp_path, monkeypatch, caplog) -> None:
+    monkeypatch.setattr(mcap_file.os, "write", _Disk(50_000))
+    with Recorder(tmp_path / "a.mcap", _info(), threaded=False) as recorder:
+        for k in range(5 * 60 * 2):  # ten minutes
+            recorder.on_tick(_tick(25 * k))
+    assert recorder.error == "No space left on device"
+    assert 5 <= len(caplog.records) <= 12
+    assert recorder.report()["dropped"] > 1000
 
 
 def test_a_message_that_cannot_be_encoded_costs_only_itself(tmp_path: Path, caplog) -> None:
@@ -369,6 +409,18 @@ def test_a_message_that_cannot_be_encoded_costs_only_itself(tmp_path: Path, capl
         recorder.on_scene(_scene(1), 2)
     assert (recorder.dropped, recorder.written) == (1, 1)
     assert len(open_recording(path).scenes) == 1
+
+
+def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "monday.mcap"
+    _record(path, 3)
+    before = path.read_bytes()
+    with pytest.raises(RecordingError, match="exists already, and is kept"):
+        Recorder(path, _info(), threaded=False)
+    assert path.read_bytes() == before
+    with Recorder(OneFile(path, overwrite=True), _info(), threaded=False):
+        pass
+    assert path.read_bytes() != before
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
