@@ -1,6 +1,7 @@
 """Where a run records, and what the recording says of it."""
 
 import logging
+import os
 from pathlib import Path
 
 from hri_predict.clock import Clock
@@ -26,7 +27,7 @@ def record_settings(config: Config, asked: Path | None) -> RecordSettings | None
     if asked is None:
         return configured
     given = {} if configured is None else configured.model_dump(exclude_unset=True)
-    if asked.is_dir():
+    if os.path.isdir(asked):  # takes names that are too long
         given.pop("file", None)
         return RecordSettings.model_validate({**given, "folder": str(asked.absolute())})
     rates = {key: given[key] for key in ("zones_hz", "poses_hz", "view_hz", "sent") if key in given}
