@@ -28,7 +28,7 @@ from hri_predict.evidence.settings import EvidenceSettings
 from hri_predict.node.listeners import Tick
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.recording.mcap.clocks import Clocks
-from hri_predict.recording.mcap.items import Item, Items
+from hri_predict.recording.mcap.items import Item, Items, Rates
 from hri_predict.skeleton import CANONICAL
 
 log = logging.getLogger(__name__)
@@ -37,6 +37,8 @@ LONGEST_NS = 60_000_000_000
 """An event that goes on and on ends here; the next one begins a new file."""
 MOST_ALSO = 50
 """Events of one file that are described; more are counted."""
+EVERY_TICK_HZ = 1000.0
+"""Forecasts around an event are kept of each tick."""
 RING_ITEMS = 20_000
 QUEUE_ITEMS = 20_000
 CLOSE_TIMEOUT_S = 10.0
@@ -93,7 +95,7 @@ class Evidence(Items):
         Raises:
             ConfigError: the folder cannot be used, or another node uses it.
         """
-        super().__init__(info)
+        super().__init__(info, Rates(poses_hz=EVERY_TICK_HZ))
         self.folder = base_dir / settings.folder
         self.dropped = self.failures = self.kept = 0
         self._settings, self._info, self._wall = settings, info, wall

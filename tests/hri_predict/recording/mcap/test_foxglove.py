@@ -202,3 +202,24 @@ def test_the_bytes_that_were_sent_are_there(recorded):
     sent = [m.data for m in read_messages(recorded, ["/sent"])]
     assert all(base64.b64decode(each["data"]) for each in sent)
     assert {each["link"] for each in sent} == {"drive", "monitor"}
+
+
+def test_the_layout_shows_what_a_recording_has(recorded):
+    text = (Path(__file__).parents[4] / "docs" / "foxglove-layout.json").read_text("utf-8")
+    layout = json.loads(text)
+    panels = layout["configById"]
+    assert set(_leaves(layout["layout"])) == set(panels)
+    fields: dict[str, dict[str, Any]] = {}
+    for schema, channel, _, _ in _read(recorded):
+        fields.setdefault(channel.topic, json.loads(schema.data)["properties"])
+    shown = [path["value"] for panel in panels.values() for path in panel.get("paths", [])]
+    assert len(shown) >= 9
+    for value in shown:
+        topic, _, name = value.rpartition(".")
+        assert name in fields[topic], value
+    assert panels["3D!cell"]["topics"].keys() <= WELL_KNOWN.keys()
+    assert panels["RawMessages!advice"]["topicPath"] in fields
+
+
+def _leaves(split: Any) -> list[str]:
+    return [split] if isinstance(split, str) else _leaves(split["first"]) + _leaves(split["second"])
