@@ -33,9 +33,9 @@ def cell(tmp_path: Path) -> Path:
     return path
 
 
-def _replay(cell: Path, **flags: bool) -> set[str]:
+def _replay(cell: Path, alerts: bool = False) -> set[str]:
     """What is in the cell's folder after a replay of a second, at five times the speed."""
-    replay(recording=PATH, config=cell, speed="5", no_links=True, as_json=True, **flags)
+    replay(recording=PATH, config=cell, speed="5", no_links=True, as_json=True, alerts=alerts)
     return {path.name for path in cell.parent.iterdir()}
 
 
