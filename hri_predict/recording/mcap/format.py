@@ -147,11 +147,10 @@ def sent_to_dict(link: str, arbitration_id: int | None, data: bytes) -> dict[str
 
 
 def forecast_to_dict(
-    now_ns: int, ids: tuple[int, ...], capture_ns: list[int], steps: list[int], positions: Floats
+    ids: tuple[int, ...], capture_ns: list[int], steps: list[int], positions: Floats
 ) -> dict[str, Any]:
     """A decimated forecast: ``positions`` (P, len(steps), J, 3) metres, rounded to 1 mm."""
     return {
-        "now_ns": now_ns,
         "ids": list(ids),
         "capture_ns": capture_ns,
         "steps": steps,
@@ -160,11 +159,10 @@ def forecast_to_dict(
 
 
 def zones_to_dict(
-    now_ns: int, ids: tuple[int, ...], segments: tuple[str, ...], times_s: Floats, capsules: Floats
+    ids: tuple[int, ...], segments: tuple[str, ...], times_s: Floats, capsules: Floats
 ) -> dict[str, Any]:
     """Decimated zones: ``capsules`` (P, K, S, 7) = ax ay az bx by bz r, metres, to 1 mm."""
     return {
-        "now_ns": now_ns,
         "ids": list(ids),
         "segments": list(segments),
         "times_s": np.round(times_s, 4).tolist(),

@@ -126,10 +126,10 @@ class Items(Listener):
         self._put("/status", now_ns, status_to_dict, tick.status, now_ns, reasons, named)
         grounds = assessment.grounds if assessment is not None else ()
         for advice in tick.advices:
-            name, capsules = self._robot(advice.robot)
+            robot = self._robot(advice.robot)
             why: Grounds | None = grounds[advice.robot] if advice.robot < len(grounds) else None
-            topic = advice_topic(name)
-            self._put(topic, now_ns, advice_to_dict, advice, now_ns, name, capsules, why)
+            topic = advice_topic(robot[0])
+            self._put(topic, now_ns, advice_to_dict, advice, now_ns, robot, why)
         snapshot, forecast = tick.snapshot, tick.forecast
         there = snapshot is not None and bool(snapshot.ids) and forecast is not None
         if there and self._poses_due.is_due(now_ns):
@@ -164,9 +164,8 @@ class Items(Listener):
         steps = list(range(stride - 1, count, stride)) or [count - 1]
         captures = [int(c) for c in snapshot.capture_ns]
         kept, now_ns = forecast.positions[:, steps], snapshot.now_ns
-        self._put(
-            "/forecast", now_ns, forecast_to_dict, now_ns, snapshot.ids, captures, steps, kept
-        )
+        what = forecast_to_dict, snapshot.ids, captures, steps, kept
+        self._put("/forecast", now_ns, _stamped, now_ns, *what)
 
     def _zones(self, now_ns: int, zones: Zones) -> None:
         """The decimated horizons (the first, the body now, always) are copied here."""
@@ -175,8 +174,9 @@ class Items(Listener):
         packed = np.concatenate(
             (capsules.a[:, kept], capsules.b[:, kept], capsules.radius[:, kept, :, None]), axis=-1
         )
-        times_s, ids = np.asarray(zones.times_s)[kept], zones.ids
-        self._put("/zones", now_ns, zones_to_dict, now_ns, ids, zones.segments, times_s, packed)
+        times_s = np.asarray(zones.times_s)[kept]
+        what = zones_to_dict, zones.ids, zones.segments, times_s, packed
+        self._put("/zones", now_ns, _stamped, now_ns, *what)
 
     def sent(self, link: str, unit: Any, now_ns: int) -> None:
         """``unit`` (bytes, or a CAN frame) was written to ``link``."""
@@ -196,6 +196,10 @@ class Items(Listener):
         wants_utc: bool = False,
     ) -> None:
         self.take(Item(topic, log_ns, encode, args, wants_utc))
+
+
+def _stamped(now_ns: int, encode: Callable[..., dict[str, Any]], *args: Any) -> dict[str, Any]:
+    return {"now_ns": now_ns, **encode(*args)}
 
 
 def _received_to_dict(link: str, received: Received) -> dict[str, Any]:

@@ -25,9 +25,13 @@ def status_to_dict(
 
 
 def advice_to_dict(
-    advice: Advice, now_ns: int, name: str, capsules: Sequence[str], grounds: Grounds | None
+    advice: Advice, now_ns: int, robot: tuple[str, Sequence[str]], grounds: Grounds | None
 ) -> dict[str, Any]:
-    """An advice. ``capsules`` are the names of the robot's; ``level_number`` is the wire's."""
+    """An advice to a robot of this name, with these names of capsules.
+
+    ``level_number`` is the wire's.
+    """
+    name, capsules = robot
     return {
         **message_to_dict(at_encoding(advice, now_ns)),
         "now_ns": now_ns,

@@ -1,8 +1,6 @@
 """The node's own recordings: what was written is read back, whole or cut, and the same bytes."""
 
-import errno
 import json
-import os
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,86 +14,23 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from hri_predict.errors import RecordingError
-from hri_predict.geometry import Capsules
-from hri_predict.joint_map import load_joint_map
 from hri_predict.link import Received
-from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import (
     Acknowledge,
-    Advice,
-    Level,
-    NodeState,
     RobotMode,
     RobotState,
-    Status,
 )
-from hri_predict.protocol.reasons import Reason
-from hri_predict.recording import Recorder, RecordingInfo, open_recording
-from hri_predict.recording.mcap import file as mcap_file
+from hri_predict.recording import Recorder, open_recording
 from hri_predict.recording.mcap.format import scene_from_dict, scene_to_dict, to_json
 from hri_predict.recording.mcap.items import Rates
 from hri_predict.recording.mcap.places import OneFile
 from hri_predict.recording.rig import map_of_rig
-from hri_predict.risk.types import Zones
 from hri_predict.scene import Person, Scene
-
-JOINTS = 6
-
-
-def _info(**more: Any) -> RecordingInfo:
-    fields = {"joint_map": load_joint_map("assembly_arms"), "rate_hz": 30.0}
-    fields |= {"declares_noise": True, "config": "rate_hz: 25\n", "predictor": "zero_velocity"}
-    fields["robots"] = (("arm", ("base", "forearm")),)
-    return RecordingInfo(**(fields | more))  # type: ignore[arg-type]
-
-
-def _scene(k: int, people: int = 1, sees_room: bool = True) -> Scene:
-    rng = np.random.default_rng(k)
-    found = []
-    for i in range(people):
-        observed = rng.random(JOINTS) < 0.8
-        positions = np.where(observed[:, None], rng.normal(size=(JOINTS, 3)), np.nan)
-        found.append(Person(10 + i, positions, observed))
-    return Scene(1_000_000 * k + 17, 3 * k, sees_room, tuple(found))
-
-
-def _tick(k: int, people: int = 1) -> Any:
-    rng = np.random.default_rng(100 + k)
-    ids = tuple(range(10, 10 + people))
-    snapshot = SimpleNamespace(
-        now_ns=40_000_000 * k,
-        ids=ids,
-        capture_ns=np.full(people, 40_000_000 * k - 5),
-        last_positions=rng.normal(size=(people, 21, 3)),
-        lost=(),
-        reasons=(),
-        counters={},
-    )
-    capsules = Capsules(
-        rng.normal(size=(people, 26, 17, 3)),
-        rng.normal(size=(people, 26, 17, 3)),
-        rng.random((people, 26, 17)),
-    )
-    names = tuple(f"segment{i}" for i in range(17))
-    zones = Zones(ids, names, np.linspace(0.0, 1.0, 26), capsules)
-    return SimpleNamespace(
-        now_ns=40_000_000 * k,
-        status=Status(
-            node_state=NodeState.RUNNING, reason=Reason.NONE, people=people, predictor=1, cycle=k
-        ),
-        advices=(
-            Advice(
-                robot=0,
-                level=Level.SLOW,
-                reason=Reason.PERSON_NEAR,
-                separation_m=0.71,
-                detail="l_hand",
-            ),
-        ),
-        snapshot=snapshot,
-        forecast=Forecast(rng.normal(size=(people, 25, 21, 3)), None),
-        assessment=SimpleNamespace(zones=zones, reasons=(), named_zones=(), grounds=()),
-    )
+from tests.hri_predict.recording.mcap.made_up import JOINTS
+from tests.hri_predict.recording.mcap.made_up import info as _info
+from tests.hri_predict.recording.mcap.made_up import record as _record
+from tests.hri_predict.recording.mcap.made_up import scene as _scene
+from tests.hri_predict.recording.mcap.made_up import tick as _tick
 
 
 def _same(a: Scene, b: Scene) -> None:
@@ -104,25 +39,6 @@ def _same(a: Scene, b: Scene) -> None:
     for p, q in zip(a.people, b.people, strict=True):
         np.testing.assert_array_equal(p.positions, q.positions)  # exactly, and NaN where NaN
         np.testing.assert_array_equal(p.observed, q.observed)
-
-
-def _record(path: Path, ticks: int, threaded: bool = False, **more: Any) -> Recorder:
-    with Recorder(path, _info(), threaded=threaded, **more) as recorder:
-        for k in range(ticks):
-            recorder.on_scene(_scene(k), 1_000_000 * k + 40)
-            state = RobotState(
-                robot=0,
-                mode=RobotMode.AUTOMATIC,
-                counter=k % 256,
-                positions=(0.1 * k, -1.0),
-                velocities=(0.0, 0.5),
-            )
-            recorder.on_received("serial", Received(state, 1_000_000 * k + 50))
-            recorder.on_tick(_tick(k))
-            recorder.sent("serial", b"\x01\x02", 1_000_000 * k + 60)
-            frame = SimpleNamespace(arbitration_id=0x123, data=bytes(range(8)))
-            recorder.sent("can", frame, 1_000_000 * k + 61)
-    return recorder
 
 
 def _messages(path: Path, valid: bool = False) -> dict[str, list[Any]]:
@@ -350,56 +266,6 @@ def test_what_the_queue_cannot_take_is_dropped_and_counted(tmp_path: Path, monke
     assert len(open_recording(path).scenes) == recorder.written
     recorder.on_scene(_scene(0), 0)  # after the end: counted, not written
     assert recorder.written + recorder.dropped == 101
-
-
-class _Disk:
-    """``os.write`` of a disk that is full for a while: it takes some bytes, then none."""
-
-    def __init__(self, left: int) -> None:
-        self.left, self.write = left, os.write
-
-    def __call__(self, descriptor: int, data: bytes) -> int:
-        if self.left <= 0:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        count = self.write(descriptor, bytes(data[: self.left]))
-        self.left -= count
-        return count
-
-
-def test_a_full_disk_costs_what_comes_meanwhile_and_recording_goes_on(
-    tmp_path: Path, monkeypatch, caplog
-) -> None:
-    disk = _Disk(200_000)
-    monkeypatch.setattr(mcap_file.os, "write", disk)
-    recorder = Recorder(tmp_path / "a.mcap", _info(), threaded=False)
-    for k in range(400):
-        if k == 200:
-            assert recorder.error == "No space left on device"
-            assert recorder.dropped > 0
-            disk.left = 10**9
-        recorder.on_scene(_scene(k), 40_000_000 * k)
-        recorder.on_tick(_tick(k))
-    recorder.close()
-    assert recorder.error is None
-    assert recorder.failures >= 1
-    recording = open_recording(tmp_path / "a.mcap")
-    assert recording.note == ""  # whole: what the disk did not take at once came later
-    assert len(_messages(tmp_path / "a.mcap")["/scene"]) == len(recording.scenes)
-    gaps = np.diff([scene.sequence for scene in recording.scenes])
-    assert (gaps > 3).sum() == 1  # one hole, as long as the disk was full
-    assert recording.scenes[-1].sequence == 3 * 399
-    assert "No space left" in caplog.text
-    assert "goes on; lost" in caplog.text
-
-
-def test_a_disk_that_stays_full_is_said_at_a_limited_rate(tmp_path, monkeypatch, caplog) -> None:
-    monkeypatch.setattr(mcap_file.os, "write", _Disk(50_000))
-    with Recorder(tmp_path / "a.mcap", _info(), threaded=False) as recorder:
-        for k in range(5 * 60 * 2):  # ten minutes
-            recorder.on_tick(_tick(25 * k))
-    assert recorder.error == "No space left on device"
-    assert 5 <= len(caplog.records) <= 12
-    assert recorder.report()["dropped"] > 1000
 
 
 def test_a_message_that_cannot_be_encoded_costs_only_itself(tmp_path: Path, caplog) -> None:
