@@ -8,20 +8,22 @@ class LinkBench(Protocol):
     """Measures links in real time: entry point ``links``, a module.
 
     Attributes:
-        BAUDRATES, RATES_HZ: what ``capacities`` and ``delays`` go through.
+        BAUDRATES: what ``capacities`` goes through.
     """
 
     @property
     def BAUDRATES(self) -> Sequence[int]: ...  # noqa: D102
 
-    @property
-    def RATES_HZ(self) -> Sequence[float]: ...  # noqa: D102
-
     def kinds(self) -> list[str]:
         """Kinds of link whose delays can be measured."""
 
-    def delays(self, names: list[str], seconds: float, /) -> Iterator[dict[str, Any]]:
-        """A row of figures for each of these kinds and rates, or why there is no such wire."""
+    def delays(
+        self, names: list[str], rates_hz: Sequence[float], seconds: float, /, **load: Any
+    ) -> Iterator[dict[str, Any]]:
+        """A row of figures for each of these kinds and rates, or why there is no such wire.
+
+        ``load``: ``ticks``, ``predictor`` and number of ``people`` of the node.
+        """
 
     def capacities(self, seconds: float, /) -> Iterator[dict[str, Any]]:
         """A row of figures for each baud rate: how full a serial wire gets."""
