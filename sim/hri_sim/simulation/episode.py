@@ -6,7 +6,7 @@ stepped as in ``hri-predict run --speed max``. People, predictor and zones are p
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from hri_predict.arrays import Floats
 from hri_predict.clock import VirtualClock
@@ -34,8 +34,8 @@ from hri_sim.controllers.cell import MockCell
 from hri_sim.referee import Bodies as BodiesNow
 from hri_sim.referee import TruePeople
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact
-from hri_sim.simulation.bodies import Bodies
-from hri_sim.simulation.cell import Cell, Variant, with_risk, with_scenario
+from hri_sim.simulation.bodies import Bodies, without_people
+from hri_sim.simulation.cell import Cell, Variant, with_scenario
 from hri_sim.simulation.course import Course, CourseReferee, SharedTruth
 from hri_sim.simulation.harm import Bearable, Harm
 from hri_sim.simulation.scenario import Scenario
@@ -97,7 +97,7 @@ def run_episode(
         nobody: show the node an empty room, so that the robot works as if alone. This gives the
             course without protection, and the work that an empty cell does.
     """
-    config = with_scenario(with_risk(cell.config, variant), scenario)
+    config = with_scenario(cell.config_of(variant), scenario)
     clock = VirtualClock(VIRTUAL_START_NS)
     mock = MockCell(
         links=config.links,
@@ -185,16 +185,16 @@ class _Played:
 
     def __init__(self, bodies: Bodies, variant: str, rate_hz: float, nobody: bool) -> None:
         self._bodies = bodies
-        self._zones = bodies.zones[variant]
+        self._zones = bodies.nobody if nobody else bodies.zones[variant]
         self._period_ns = round(1e9 / rate_hz)
         self.nobody = nobody
 
     def snapshot(self, now_ns: int) -> PeopleSnapshot:
         snapshot = self._bodies.snapshots[self._index(now_ns)]
-        return _empty(snapshot) if self.nobody else snapshot
+        return without_people(snapshot) if self.nobody else snapshot
 
-    def zones(self, now_ns: int) -> BodyZones:
-        return self._zones[self._index(now_ns)]
+    def zones(self, now_ns: int) -> BodyZones | None:
+        return self._zones[self._index(now_ns)] if self._zones else None
 
     def _index(self, now_ns: int) -> int:
         index, rest = divmod(now_ns - VIRTUAL_START_NS, self._period_ns)
@@ -238,10 +238,7 @@ class _PlayedRisk(RiskEngine):
     ) -> Assessment:
         """Judge the zones of this tick: separation and levels alone are computed."""
         engine = self._engine
-        if self._played.nobody:
-            bodies = engine.zones(snapshot, None)
-        else:
-            bodies = self._played.zones(snapshot.now_ns)
+        bodies = self._played.zones(snapshot.now_ns) or engine.zones(snapshot, None)
         findings = engine.separation(bodies, engine.robots(snapshot.now_ns))
         return engine.levels(snapshot, bodies, findings)
 
@@ -318,19 +315,3 @@ class _Recorder:
         log.levels = [watch.levels[stamp] for stamp in stamps]
         log.controllers = reports
         return log
-
-
-def _empty(snapshot: PeopleSnapshot) -> PeopleSnapshot:
-    """Return the snapshot without people and without reasons against an empty room."""
-    return replace(
-        snapshot,
-        ids=(),
-        history=snapshot.history[:0],
-        observed=snapshot.observed[:0],
-        capture_ns=snapshot.capture_ns[:0],
-        last_positions=snapshot.last_positions[:0],
-        joint_age_s=snapshot.joint_age_s[:0],
-        lost=(),
-        reasons=(),
-        inferred=None,
-    )
