@@ -272,7 +272,7 @@ def _real(
     from hri_predict.datasets.corruption import standard
     from hri_predict.evaluation import report
     from hri_predict.evaluation.recordings import baselines, built, judge_by
-    from hri_predict.machine.workers import workers_for
+    from hri_predict.machine.hiring import workers_for
 
     own = {name: _settings(name, weights) for name, weights in asked.items()}
     predictors = {name: built(settings) for name, settings in own.items()}  # errors before the work

@@ -15,7 +15,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from hri_predict.errors import ConfigError
@@ -185,21 +184,3 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-def workers_for(jobs: int, cluster: str | None = None, reads: Sequence[Path] = ()) -> Workers:
-    """Those who do the work.
-
-    Args:
-        jobs: number of processes; 1: this one.
-        cluster: address of a Dask scheduler, whose workers do it instead.
-        reads: files that the tasks read. A cluster's workers must find the same there.
-
-    Raises:
-        ConfigError: no scheduler answers at the address, or the extra is missing.
-    """
-    if cluster is not None:
-        from hri_predict.machine.cluster import Cluster
-
-        return Cluster(cluster, reads)
-    return ThisProcess() if jobs == 1 else Processes(jobs)

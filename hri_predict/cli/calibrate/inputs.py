@@ -35,7 +35,7 @@ class Data(NamedTuple):
         Raises:
             ConfigError: the cluster cannot be used.
         """
-        from hri_predict.machine.workers import workers_for
+        from hri_predict.machine.hiring import workers_for
 
         weights = getattr(settings, "weights", None)
         reads = [] if weights is None else [Path(weights)]

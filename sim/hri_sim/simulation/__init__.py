@@ -12,8 +12,8 @@ from hri_predict.clock import VirtualClock
 from hri_predict.errors import ConfigError, UnusableRecordingError
 from hri_predict.files import read_text
 from hri_predict.joint_map import MAP_ENDINGS
+from hri_predict.machine.hiring import workers_for
 from hri_predict.machine.identity import code_digest
-from hri_predict.machine.workers import workers_for
 from hri_predict.peers import SimulationReport, SimulationRequest
 from hri_predict.recording.recording import names_of
 from hri_predict.run.session import VIRTUAL_START_NS

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.errors import ConfigError, HriPredictError
-from hri_predict.machine.workers import workers_for
+from hri_predict.machine.hiring import workers_for
 from hri_predict.node.listeners import Tick
 from hri_predict.peers import OcclusionRequest, OcclusionRow
 from hri_predict.people.settings import PeopleSettings

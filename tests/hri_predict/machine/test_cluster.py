@@ -12,7 +12,7 @@ import pytest
 from hri_predict.errors import ConfigError
 from hri_predict.machine import cluster as module
 from hri_predict.machine.cluster import Cluster
-from hri_predict.machine.workers import workers_for
+from hri_predict.machine.hiring import workers_for
 from tests.hri_predict.machine import jobs
 from tests.hri_predict.machine.dask_processes import scheduler, worker
 

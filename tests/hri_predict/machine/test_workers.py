@@ -6,7 +6,8 @@ import pytest
 
 from hri_predict.errors import ConfigError
 from hri_predict.machine import workers as module
-from hri_predict.machine.workers import Processes, ThisProcess, workers_for
+from hri_predict.machine.hiring import workers_for
+from hri_predict.machine.workers import Processes, ThisProcess
 from tests.hri_predict.machine import jobs
 
 TASKS = [(n,) for n in range(7)]

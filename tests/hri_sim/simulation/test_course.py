@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hri_predict.skeleton import CANONICAL
-from hri_sim.referee import Referee, TruePeople
+from hri_sim.referee import Contact, Referee, TruePeople
 from hri_sim.simulation.course import Course, CourseReferee, SharedTruth
 
 STEP_NS = 40_000_000
@@ -37,7 +37,8 @@ def course(cell, ticks=60, seed=0):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("tells", [False, True])
 def test_a_course_is_judged_as_tick_by_tick(cell, seed, tells):
-    made, told = course(cell, seed=seed), ([], [])
+    made = course(cell, seed=seed)
+    told: tuple[list[Contact], list[Contact]] = ([], [])
     slow = Referee(cell.models, 0.3, None, told[0].append if tells else None)
     for stamp, people, robots in zip(made.stamps_ns, made.people, made.robots, strict=True):
         slow.observe(stamp, people, robots)
