@@ -7,6 +7,7 @@ between its ends and the greatest velocity is 15/8 of the mean, so limits are ch
 """
 
 import os
+from bisect import bisect_right
 from pathlib import Path
 from typing import Annotated
 
@@ -59,6 +60,7 @@ class Trajectory:
     def __init__(self, times_s: Floats, positions: Floats) -> None:
         self.duration_s = float(times_s[-1])
         self._times = times_s
+        self._moments: list[float] = times_s.tolist()
         self._positions = positions
         span = np.diff(times_s)[:, None]
         self._acceleration = 10 / np.sqrt(3) * np.abs(np.diff(positions, axis=0)) / span**2
@@ -74,6 +76,8 @@ class Trajectory:
             phase_s: (...) how far along the cycle, in seconds at full speed; any size.
             rate: (...) phase per second: 1 is full speed, 0 standing.
         """
+        if isinstance(phase_s, float) and isinstance(rate, float):
+            return self._at_one(phase_s, rate)
         phase = np.asarray(phase_s, dtype=np.float64) % self.duration_s
         i = self._move_of(phase)
         span = (self._times[i + 1] - self._times[i])[..., None]
@@ -82,6 +86,18 @@ class Trajectory:
         move = self._positions[i + 1] - start
         q: Floats = start + move * (x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
         qd = move * (30.0 * x * x * (1.0 - x) ** 2) / span * np.asarray(rate)[..., None]
+        return q, qd
+
+    def _at_one(self, phase_s: float, rate: float) -> tuple[Floats, Floats]:
+        """``at_phase`` of one place, in plain numbers: a controller asks in each of its cycles."""
+        phase = phase_s % self.duration_s
+        i = min(bisect_right(self._moments, phase) - 1, len(self._moments) - 2)
+        span = self._moments[i + 1] - self._moments[i]
+        x = (phase - self._moments[i]) / span
+        start = self._positions[i]
+        move = self._positions[i + 1] - start
+        q: Floats = start + move * (x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
+        qd: Floats = move * (30.0 * x * x * (1.0 - x) ** 2) / span * rate
         return q, qd
 
     def acceleration_most(self, from_s: Floats, to_s: Floats) -> Floats:
