@@ -18,7 +18,7 @@ from hri_predict.node.second_sender import SecondSender
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
-from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.predictors.runner import Prediction
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
@@ -51,7 +51,7 @@ class Node:
         self,
         *,
         people: People,
-        prediction: PredictionRunner,
+        prediction: Prediction,
         risk: RiskEngine,
         robots: Sequence[RobotTracker],
         links: Sequence[Link],

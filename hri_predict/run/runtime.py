@@ -18,6 +18,7 @@ from typing import Protocol
 
 from hri_predict.clock import VirtualClock
 from hri_predict.link import Link
+from hri_predict.machine.realtime import steady
 from hri_predict.monitoring.pace import Pace
 from hri_predict.protocol.messages import NodeState
 from hri_predict.protocol.reasons import Reason
@@ -73,10 +74,11 @@ def run_real_time(
     try:
         assembly.prediction.start()
         node.announce(clock.now_ns(), NodeState.STARTING, Reason.STARTING)
-        with _quiet_collector():  # before the first deadline, because a collection takes long
+        with _quiet_collector(), contextlib.ExitStack() as last:  # before the first deadline, because a collection takes long
             start_ns = clock.now_ns()
             assembly.source.open(start_ns)
             feeder.start()
+            last.enter_context(steady(assembly.config.node.realtime))  # no thread inherits it
             _loop(
                 assembly=assembly,
                 pace=pace,
