@@ -12,7 +12,7 @@ from hri_predict.machine.realtime import can_have_process
 from hri_predict.node.node import Listener, Node
 from hri_predict.node.publisher import Publisher
 from hri_predict.people.people import People
-from hri_predict.predictors.base import Predictor
+from hri_predict.predictors.base import Predictor, PredictorSettings
 from hri_predict.predictors.building import predictor_of
 from hri_predict.predictors.process.remote import Job
 from hri_predict.predictors.process.runner import ProcessRunner
@@ -72,10 +72,7 @@ def build_prediction(config: Config) -> Prediction:
     """
     settings, realtime = config.predictor.resolved(config.base_dir), config.node.realtime
     deadline_s = LATE_FRACTION / config.node.rate_hz
-    wanted = settings.process
-    if wanted == "auto":
-        wanted = settings.takes_long and can_have_process()
-    if not wanted:
+    if not has_own_process(settings):
         return PredictionRunner(predictor_of(settings), deadline_s)
     job = Job(
         settings=settings,
@@ -84,6 +81,13 @@ def build_prediction(config: Config) -> Prediction:
         lock_memory=realtime.lock_memory,
     )
     return ProcessRunner(job, deadline_s)
+
+
+def has_own_process(settings: PredictorSettings) -> bool:
+    """Whether a predictor gets a process of its own in real time."""
+    if settings.process == "auto":
+        return settings.takes_long and can_have_process()
+    return settings.process
 
 
 def build_robots(config: Config) -> tuple[RobotModel, ...]:

@@ -74,7 +74,8 @@ def run_real_time(
     try:
         assembly.prediction.start()
         node.announce(clock.now_ns(), NodeState.STARTING, Reason.STARTING)
-        with _quiet_collector(), contextlib.ExitStack() as last:  # before the first deadline, because a collection takes long
+        # before the first deadline, because a collection takes long
+        with _quiet_collector(), contextlib.ExitStack() as last:
             start_ns = clock.now_ns()
             assembly.source.open(start_ns)
             feeder.start()
