@@ -73,18 +73,15 @@ class Worker:
         self._windows: shared.SharedWindows | None = None
         self._asked = 0
         self._owed_since: float | None = None  # perf_counter; the oldest unanswered window, at most
-        self._link, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self._link, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            with far:
+                self.process = _started([far.fileno(), self._memory])
+        except BaseException:
+            os.close(self._memory)
+            raise
         self._readable = select.poll()
         self._readable.register(self._link, select.POLLIN)
-        with far:
-            own = [far.fileno(), self._memory]
-            path = json.dumps(sys.path)  # third parties' predictors lie where the node finds them
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _BEGIN, path, *map(str, own), str(os.getpid())],
-                pass_fds=own,
-                stdin=subprocess.DEVNULL,
-                stdout=sys.__stderr__ or subprocess.DEVNULL,  # the node's output is its own
-            )
 
     def begin(self, limit_s: float) -> Description:
         """Wait until the predictor is built, and let the worker begin.
@@ -191,6 +188,17 @@ class Worker:
                 return message
             _log(message[len(LOG) :])
         return None
+
+
+def _started(own: list[int]) -> subprocess.Popen[bytes]:
+    """The process, which inherits the descriptors ``own``."""
+    path = json.dumps(sys.path)  # third parties' predictors lie where the node finds them
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", _BEGIN, path, *map(str, own), str(os.getpid())],
+        pass_fds=own,
+        stdin=subprocess.DEVNULL,
+        stdout=sys.__stderr__ or subprocess.DEVNULL,  # the node's output is its own
+    )
 
 
 def _log(line: bytes) -> None:

@@ -13,6 +13,7 @@ import logging
 import os
 import signal
 import socket
+from pathlib import Path
 from typing import Any
 
 ASKED = ANSWERED = b"."
@@ -31,6 +32,8 @@ def main(arguments: list[str]) -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the node ends it, by the socket
         signal.signal(number, signal.SIG_IGN)
     _end_with(parent)
+    with contextlib.suppress(OSError):  # where memory runs out, this process goes, not the node
+        Path("/proc/self/oom_score_adj").write_text("500")
     link = socket.socket(fileno=link_descriptor)
     logging.basicConfig(level=logging.WARNING, handlers=[_ToNode(link)])
     job = json.loads(link.recv(MAX_MESSAGE) or b"{}")

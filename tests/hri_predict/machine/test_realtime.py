@@ -47,9 +47,12 @@ def in_thread(work):
 def test_the_loops_thread_alone_has_the_priority(as_before):
     others = []
     go = threading.Event()
-    sooner = threading.Thread(
-        target=lambda: (go.wait(10), others.append(os.sched_getscheduler(0))), daemon=True
-    )
+
+    def looks_later():
+        go.wait(10)
+        others.append(os.sched_getscheduler(0))
+
+    sooner = threading.Thread(target=looks_later, daemon=True)
     sooner.start()
     with steady(RealtimeSettings(priority=5)):
         assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO

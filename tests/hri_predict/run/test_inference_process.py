@@ -44,15 +44,15 @@ class Killer(View):
     """Kills the worker at the 25th tick, and keeps each tick's state and reason."""
 
     def __init__(self):
-        self.seen, self.assembly = [], None
+        self.seen = []
 
     def bind(self, assembly):
-        self.assembly = assembly
+        self.prediction = assembly.prediction
 
     def on_tick(self, tick):
         self.seen.append((tick.status.node_state, tick.status.reason))
         if len(self.seen) == 25:
-            os.kill(self.assembly.prediction._started.process.pid, signal.SIGKILL)
+            os.kill(self.prediction._started.process.pid, signal.SIGKILL)
 
 
 @pytest.mark.realtime

@@ -24,6 +24,9 @@ class Some:
     def __init__(self, skeleton):
         self.skeleton = skeleton
 
+    def predict(self, history, observed):
+        raise AssertionError
+
 
 def there_and_back(described):
     return Description.from_data(json.loads(json.dumps(described.as_data())))

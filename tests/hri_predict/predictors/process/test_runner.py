@@ -95,7 +95,7 @@ def test_a_predictor_that_dies_is_started_anew(started, tmp_path, caplog):
 
 
 def test_a_predictor_that_always_dies_is_started_ever_more_seldom(started, monkeypatch):
-    pauses = []
+    pauses: list[float] = []
     runner = started(does="die")
     monkeypatch.setattr(runner._stopping, "wait", pauses.append)
     for _ in range(4):
@@ -210,6 +210,7 @@ def test_the_worker_ends_with_a_node_that_is_killed_and_leaves_nothing(odd, does
     with subprocess.Popen(
         [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as node:
+        assert node.stdout is not None
         worker = int(node.stdout.readline())
         assert not is_gone(worker)
         for pid in (node.pid, worker):  # memory without a name cannot be left behind
