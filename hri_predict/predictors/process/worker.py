@@ -49,6 +49,8 @@ def main(arguments: list[str]) -> int:
     except HriPredictError as error:
         _tell(link, {"error": str(error)})
         return 2
+    except ConnectionError:  # the node ended while this process was at work
+        return 0
     return 0
 
 
