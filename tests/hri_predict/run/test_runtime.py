@@ -16,6 +16,7 @@ import pytest
 
 from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.errors import LinkError
+from hri_predict.machine.realtime import RealtimeSettings
 from hri_predict.protocol.messages import NodeState
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 from hri_predict.source import NOT_KNOWN_NS
@@ -97,7 +98,7 @@ def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
         source=source or Source(),
         links=tuple(links),
         prediction=prediction,
-        config=SimpleNamespace(node=SimpleNamespace(rate_hz=rate_hz)),
+        config=SimpleNamespace(node=SimpleNamespace(rate_hz=rate_hz, realtime=RealtimeSettings())),
     )
 
 
