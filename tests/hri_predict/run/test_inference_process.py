@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 import yaml
@@ -41,10 +42,10 @@ def config_of(tmp_path, **predictor):
 
 
 class Killer(View):
-    """Kills the worker at the 25th tick, and keeps each tick's state and reason."""
+    """Kills the worker at the 25th tick, and stops the node when it has recovered."""
 
     def __init__(self):
-        self.seen = []
+        self.seen, self.recovered = [], threading.Event()
 
     def bind(self, assembly):
         self.prediction = assembly.prediction
@@ -53,20 +54,22 @@ class Killer(View):
         self.seen.append((tick.status.node_state, tick.status.reason))
         if len(self.seen) == 25:
             os.kill(self.prediction._started.process.pid, signal.SIGKILL)
+        elif FAILED in self.seen[25:] and self.seen[-1][0] is NodeState.RUNNING:
+            self.recovered.set()
+
+
+FAILED = (NodeState.DEGRADED, Reason.PREDICTOR_FAILED)
 
 
 @pytest.mark.realtime
 def test_a_worker_killed_in_mid_run_degrades_the_node_which_goes_on_and_recovers(tmp_path):
     config = configuration.load(config_of(tmp_path, name="constant_velocity", process=True))
     view = Killer()
-    summary = run(config.quiet(), Options(duration_s=8.0, view=view))
-    assert summary.counted["predictor_restarts"] == 1
-    assert summary.counted["predictor_failures"] >= 1
-    after = view.seen[25:-1]
-    assert (NodeState.DEGRADED, Reason.PREDICTOR_FAILED) in after
-    assert after[-1][0] is NodeState.RUNNING
-    missed = summary.counted.get("missed_ticks", 0)
-    assert summary.ticks + missed >= 190  # 8 s at 25 Hz: no tick waited for the new worker
+    summary = run(config.quiet(), Options(duration_s=60.0, view=view), view.recovered)
+    assert view.recovered.is_set()
+    assert summary.counted["predictor_restarts"] >= 1
+    assert view.seen.count(FAILED) >= 2  # the ticks went on meanwhile
+    assert summary.counted["predictor_failures"] >= 2
 
 
 @pytest.mark.realtime
