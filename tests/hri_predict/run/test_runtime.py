@@ -335,6 +335,9 @@ def test_the_interpreter_is_left_as_it_was():
     assert sys.getswitchinterval() == before
 
 
+# -- virtual time
+
+
 def test_virtual_ticks_are_exact_and_links_are_served_around_each():
     link = Link("a")
     assembly = make(rate_hz=25.0, links=[link], virtual=True)

@@ -29,6 +29,3 @@ def test_signals_set_the_event_and_are_put_back(number):
         assert signal.getsignal(number) is signal.default_int_handler
     finally:
         signal.signal(number, at_start)
-
-
-# -- virtual time
