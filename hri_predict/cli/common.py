@@ -81,7 +81,7 @@ def predictor_settings(
     Raises:
         ConfigError: there is no such predictor, it has no weights, or does not reach so far.
     """
-    model = registry.load("predictors", name).settings_model
+    model = registry.predictor_settings(name)
     asked: dict[str, Any] = {"name": name, "rate_hz": rate_hz, "horizon_s": horizon_s}
     if weights is not None:
         if "weights" not in model.model_fields:

@@ -64,7 +64,7 @@ def predictors(
 
 def _has_weights(name: str) -> bool:
     from hri_predict.predictors.neural.network import network_class_of
-    from hri_predict.predictors.neural.predictor import shipped_weights
+    from hri_predict.predictors.neural.settings import shipped_weights
 
     return network_class_of(name) is not None and shipped_weights(name).is_file()
 

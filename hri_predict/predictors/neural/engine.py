@@ -14,7 +14,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -24,10 +24,10 @@ from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, PredictorError
 from hri_predict.machine.cache import cached, forget
 from hri_predict.predictors.neural.network import Network, Window
+from hri_predict.predictors.neural.settings import EngineName
 
 log = logging.getLogger(__name__)
 
-EngineName = Literal["auto", "torch", "onnxruntime"]
 AGREES_M = 1e-4
 """How far a copy's forecasts may be from torch's: rounding gives a hundredth of it."""
 

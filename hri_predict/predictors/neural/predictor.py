@@ -7,16 +7,14 @@ subtracted in double precision, so a forecast is equally precise anywhere in the
 
 import logging
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 import torch
-from pydantic import Field
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, PredictorError
-from hri_predict.files import package_path
-from hri_predict.predictors.base import Forecast, PredictorSettings, checked
+from hri_predict.predictors.base import Forecast, checked
 from hri_predict.predictors.masked import at_step, last_observed, steps_to_cover
 from hri_predict.predictors.neural.body import (
     BODY,
@@ -24,8 +22,9 @@ from hri_predict.predictors.neural.body import (
     SHARED_CANONICAL,
     from_canonical,
 )
-from hri_predict.predictors.neural.engine import EngineName, engine_for
+from hri_predict.predictors.neural.engine import engine_for
 from hri_predict.predictors.neural.network import NetworkClass
+from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights, read_header
 from hri_predict.skeleton import CANONICAL, Skeleton
 
@@ -39,35 +38,6 @@ _CARRIED = {
     "neck": ("l_shoulder", "r_shoulder"),
     "head_top": ("head",),
 }
-
-
-class NeuralSettings(PredictorSettings):
-    """Settings of the trained predictors."""
-
-    weights: str | None = Field(
-        None, min_length=1, description="file of weights; by default the shipped one"
-    )
-    threads: int = Field(1, ge=1, le=64, description="CPU threads that the network may use")
-    engine: EngineName = Field(
-        "auto",
-        description="what computes the network: torch; onnxruntime (an exported copy, up to twice"
-        " as fast for one person); or auto, the copy where it agrees with torch",
-    )
-
-    def resolved(self, base_dir: Path) -> Self:
-        """Copy with the path ``weights`` resolved against the configuration's folder."""
-        if self.weights is None:
-            return self
-        return self.model_copy(update={"weights": str(base_dir / self.weights)})
-
-    def files(self) -> tuple[Path, ...]:
-        """Its weights."""
-        return (shipped_weights(self.name) if self.weights is None else Path(self.weights),)
-
-
-def shipped_weights(method: str) -> Path:
-    """Path of the shipped weights of a method; the file may be missing."""
-    return package_path("weights", f"{method}.safetensors")
 
 
 class NeuralPredictor:

@@ -51,7 +51,8 @@ from hri_predict.predictors.neural.network import (
     last_pose,
     mpjpe,
 )
-from hri_predict.predictors.neural.predictor import NeuralPredictor, NeuralSettings
+from hri_predict.predictors.neural.predictor import NeuralPredictor
+from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
 from hri_predict.predictors.sinn.start import Start, gated
 from hri_predict.predictors.sinn.symplectic import (

@@ -4,8 +4,6 @@ Nothing here asserts that anything is fast: slow ticks are made, and what must f
 """
 
 import itertools
-import os
-import signal
 import sys
 import threading
 import time
@@ -16,8 +14,9 @@ import pytest
 
 from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.errors import LinkError
+from hri_predict.machine.realtime import RealtimeSettings
 from hri_predict.protocol.messages import NodeState
-from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
+from hri_predict.run.runtime import run_real_time, run_virtual
 from hri_predict.source import NOT_KNOWN_NS
 from tests.hri_predict.run.fakes import MS, Node, Source
 
@@ -48,7 +47,9 @@ def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
         source=source or Source(),
         links=tuple(links),
         prediction=prediction,
-        config=SimpleNamespace(node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed")),
+        config=SimpleNamespace(
+            node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed", realtime=RealtimeSettings())
+        ),
     )
 
 
@@ -275,28 +276,6 @@ def test_the_interpreter_is_left_as_it_was():
     before = sys.getswitchinterval()
     run_real_time(assembly=make(), stop=threading.Event(), duration_s=0.05)
     assert sys.getswitchinterval() == before
-
-
-def test_a_hangup_that_is_ignored_stays_ignored():
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with stop_on_signals(threading.Event()):
-            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGHUP, before)
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signals_set_the_event_and_are_put_back(number):
-    stop, at_start = threading.Event(), signal.getsignal(number)
-    signal.signal(number, signal.default_int_handler)  # under nohup SIGHUP is ignored
-    try:
-        with stop_on_signals(stop):
-            os.kill(os.getpid(), number)
-            assert stop.wait(5)
-        assert signal.getsignal(number) is signal.default_int_handler
-    finally:
-        signal.signal(number, at_start)
 
 
 # -- virtual time

@@ -22,7 +22,8 @@ from hri_predict.predictors.neural.network import (
     Window,
     last_pose,
 )
-from hri_predict.predictors.neural.predictor import NeuralPredictor, NeuralSettings
+from hri_predict.predictors.neural.predictor import NeuralPredictor
+from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.risk.zones.calibration import identity
 
 pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed")
