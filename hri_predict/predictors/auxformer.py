@@ -31,6 +31,7 @@ Where this differs from the paper, and why:
 """
 
 import math
+from collections.abc import Callable
 from typing import Literal, Self, cast
 
 import torch
@@ -49,7 +50,7 @@ from hri_predict.predictors.neural.network import (
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 
-_PER_METRE = 10.0  # the input is divided by 100 mm (section 5.2)
+PER_METRE = 10.0  # the input is divided by 100 mm (section 5.2)
 
 
 class AuxFormerOptions(NetworkOptions):
@@ -170,8 +171,14 @@ class AuxFormer(Network):
         """Predict (B, H, J, 3) in the body frame; only observed coordinates are read."""
         return self.forward_filled(Window(self._filled(window), window.observed))
 
+    def lean(self) -> Callable[[Window], Tensor]:
+        """See ``auxformer_lean``."""
+        from hri_predict.predictors.auxformer_lean import lean  # it builds on this module
+
+        return lean(self)
+
     def forward_filled(self, window: Window) -> Tensor:
-        """``forward`` without filling in again."""
+        """``forward`` of a window that ``enter`` has filled, without filling in again."""
         tokens = self._features(window.positions, window.observed, future=True)
         return self._future(self.predict, tokens, window.positions)
 
@@ -260,13 +267,13 @@ class AuxFormer(Network):
             both = functional.pad(seen[:, 1:] & seen[:, :-1], (0, 0, 0, 0, 1, 0))
             step = functional.pad(filled[:, 1:] - filled[:, :-1], (0, 0, 0, 0, 1, 0))
             parts.append(torch.where(both, step, 0.0))
-        coordinates = torch.cat(parts, -1) * _PER_METRE
+        coordinates = torch.cat(parts, -1) * PER_METRE
         places = self.step + self.joint
         tokens = torch.where(seen, self.coordinate(coordinates), self.hidden) + places[:past]
         if future:
             ahead = (self.hidden + places[past:]).expand(filled.shape[0], -1, -1, -1)
             tokens = torch.cat([tokens, ahead], 1)
-        for layer, observed_only in self._order():
+        for layer, observed_only in self.order():
             if not observed_only:
                 tokens = layer(tokens, None)
             elif future:
@@ -276,7 +283,7 @@ class AuxFormer(Network):
                 tokens = layer(tokens, observed)
         return cast(Tensor, self.norm(tokens))
 
-    def _order(self) -> list[tuple[nn.Module, bool]]:
+    def order(self) -> list[tuple[nn.Module, bool]]:
         """Layers in order, and whether each attends to observed tokens only (Table 7)."""
         observed = [(layer, True) for layer in self.observed_layers]
         full = [(layer, False) for layer in self.full_layers]
@@ -286,14 +293,17 @@ class AuxFormer(Network):
 
     def _past(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
         """(N, T, J, 3) metres: the filled input plus the head's output."""
-        return filled + cast(Tensor, head(tokens[:, : filled.shape[1]])) / _PER_METRE
+        return filled + cast(Tensor, head(tokens[:, : filled.shape[1]])) / PER_METRE
 
     def _future(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
         """(N, H, J, 3) metres: the last filled pose plus the head's output."""
-        count, past, joints, _ = filled.shape
-        change = head(tokens[:, past:]).view(count, self.future_tokens, joints, -1, 3)
+        return self.ahead_of(head, tokens[:, filled.shape[1] :], filled)
+
+    def ahead_of(self, head: nn.Module, future: Tensor, filled: Tensor) -> Tensor:
+        """The same of future tokens alone, (N, future tokens, J, F)."""
+        change = head(future).unflatten(3, (self.options.future_stride, 3))
         change = change.transpose(2, 3).flatten(1, 2)[:, : self.shape.horizon_steps]
-        return filled[:, -1:] + change / _PER_METRE
+        return filled[:, -1:] + change / PER_METRE
 
 
 class _Layer(nn.Module):

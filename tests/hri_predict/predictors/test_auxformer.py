@@ -262,8 +262,8 @@ def test_switches_leave_their_parts_out() -> None:
     assert alone.denoise is None
     assert not alone.observed_layers
     iterative, separate = _network(), _network(order="separate")
-    assert [seen for _, seen in iterative._order()] == [True, False, True, False]
-    assert [seen for _, seen in separate._order()] == [True, True, False, False]
+    assert [seen for _, seen in iterative.order()] == [True, False, True, False]
+    assert [seen for _, seen in separate.order()] == [True, True, False, False]
 
 
 def test_auxiliary_tasks_cost_nothing_at_run_time() -> None:
