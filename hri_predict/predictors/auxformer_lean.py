@@ -13,19 +13,51 @@ The same as ``AuxFormer.forward_filled`` but for rounding:
 - Heads have projections of their own, so nothing is split or transposed.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Protocol
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hri_predict.predictors.auxformer import PER_METRE, Attention, AuxFormer
-from hri_predict.predictors.neural.network import Window
+from hri_predict.predictors.auxformer_attention import (
+    PER_METRE,
+    Attention,
+    AuxFormerOptions,
+    Layer,
+)
+from hri_predict.predictors.neural.network import Shape, Window
 
 _LARGEST = 60.0  # e^60 is 1e26 and e^-60 1e-26: far inside single precision, times any values
 
 
-def lean(network: AuxFormer) -> Callable[[Window], Tensor]:
+class Parts(Protocol):
+    """What is read of a network; see ``AuxFormer``."""
+
+    shape: Shape
+    options: AuxFormerOptions
+    future_tokens: int
+    coordinate: nn.Linear
+    joint: nn.Parameter
+    step: nn.Parameter
+    hidden: nn.Parameter
+    norm: nn.LayerNorm
+    predict: nn.Linear
+
+    def modules(self) -> Iterator[nn.Module]:
+        """All of its parts."""
+
+    def order(self) -> list[tuple[Layer, bool]]:
+        """Layers in order, and whether each attends to observed tokens only."""
+
+    def forward_filled(self, window: Window) -> Tensor:
+        """Predict (B, H, J, 3) of a filled window."""
+
+    def ahead_of(self, head: nn.Module, future: Tensor, filled: Tensor) -> Tensor:
+        """(B, H, J, 3) metres of future tokens (B, future tokens, J, F)."""
+
+
+def lean(network: Parts) -> Callable[[Window], Tensor]:
     """The lean forward pass, where attention's products are small enough, or the plain one."""
     if max(_bound(a) for a in network.modules() if isinstance(a, Attention)) > _LARGEST:
         return network.forward_filled
@@ -61,15 +93,16 @@ class _Head:
 
 def _heads(attention: Attention) -> list[_Head]:
     count = attention.heads
-    weight, bias = attention.qkv.weight, attention.qkv.bias
-    assert isinstance(attention.norm.bias, Tensor)
-    bias = (weight @ attention.norm.bias + bias).view(count, 3, -1)
-    weight = (weight * attention.norm.weight).view(count, 3, -1, weight.shape[1])
+    qkv, size = attention.qkv, attention.qkv.in_features
+    bias = (qkv.weight @ attention.norm.bias + qkv.bias).view(count, 3, -1)
+    weight = (qkv.weight * attention.norm.weight).view(count, 3, -1, size)
     scale = attention.scale or weight.shape[2] ** -0.5
     first = attention.ffn[0]
     assert isinstance(first, nn.Linear)
     parts = first.weight.chunk(count, 1)
-    return [_Head(*each, scale, out) for *each, out in zip(weight, bias, parts, strict=True)]
+    return [
+        _Head(qkv, added, scale, out) for qkv, added, out in zip(weight, bias, parts, strict=True)
+    ]
 
 
 class _Attention:
@@ -109,7 +142,7 @@ class _Attention:
 
 
 class _Lean:
-    def __init__(self, network: AuxFormer) -> None:
+    def __init__(self, network: Parts) -> None:
         self.network = network
         o, past = network.options, network.shape.history_steps
         self.order = [

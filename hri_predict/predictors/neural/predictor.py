@@ -27,7 +27,9 @@ from hri_predict.skeleton import CANONICAL, Skeleton
 
 log = logging.getLogger(__name__)
 
-_WARM_UP_CALLS = 2  # the first calls of a network allocate and choose kernels
+# The first calls of a network allocate and choose kernels. Then another number of people costs
+# nothing once; the most take their memory here, not in the loop.
+_WARM_UP_PEOPLE = (1, 2, 16)
 _STRETCH = 2  # times the trained horizon; beyond it a chained network drifts far
 
 
@@ -188,12 +190,12 @@ class NeuralPredictor:
             )
 
     def _warm_up(self, path: Path) -> None:
-        """Predict for one person and for two, so that the first tick is not late.
+        """Predict for one person, two and many, so that no tick is late.
 
         Raises:
             PredictorError: a forecast is not finite.
         """
-        for people in range(1, _WARM_UP_CALLS + 1):
+        for people in _WARM_UP_PEOPLE:
             shape = (people, self.history_steps, len(self.skeleton.joints))
             observed = np.ones(shape, dtype=bool)
             observed[:, 0] = False  # so that the filling runs, too

@@ -9,6 +9,8 @@ begins there, so it is computed once; and what is the same for the three directi
 Sums are taken in another order, so results differ by rounding.
 """
 
+from typing import cast
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -119,18 +121,19 @@ class _Gates:
         gru = operator.grus[0]
         assert isinstance(gru, nn.GRU)
         joints, self.hidden = operator.joints, gru.hidden_size
-        weights = gru.weight_ih_l0
+        weights, added = cast(Tensor, gru.weight_ih_l0), cast(Tensor, gru.bias_ih_l0)
+        of_state, added_to_state = cast(Tensor, gru.weight_hh_l0), cast(Tensor, gru.bias_hh_l0)
         columns = weights[:, : joints * _PER_JOINT].view(-1, joints, _PER_JOINT)
         alike = torch.cat([columns[..., :1], columns[..., 2:]], -1)
         self.alike = alike.flatten(1).t().contiguous()  # magnitude, mask, place
         self.angle = columns[..., 1].t().contiguous()
         self.place = columns[..., 3:].flatten(1).t().contiguous()
         label = weights[:, joints * _PER_JOINT :].t()[:, None]  # (3, 1, gates)
-        known, inside = gru.bias_hh_l0.split([2 * self.hidden, self.hidden])
-        self.bias = label + gru.bias_ih_l0 + F.pad(known, (0, self.hidden))
+        known, inside = added_to_state.split([2 * self.hidden, self.hidden])
+        self.bias = label + added + F.pad(known, (0, self.hidden))
         self.at_rest = self.bias + columns[..., 0].sum(1) * REST_SPEED
         self.inside = inside  # the new state's part that the reset gate scales
-        opening, new = gru.weight_hh_l0.split([2 * self.hidden, self.hidden])
+        opening, new = of_state.split([2 * self.hidden, self.hidden])
         self.opening, self.new = opening.t().contiguous(), new.t().contiguous()
 
     def of_frames(self, alike: Tensor, angles: Tensor) -> tuple[Tensor, Tensor]:

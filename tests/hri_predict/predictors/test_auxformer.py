@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from hri_predict.errors import ConfigError
-from hri_predict.predictors.auxformer import Attention, AuxFormer, AuxFormerOptions
+from hri_predict.predictors.auxformer import AuxFormer
+from hri_predict.predictors.auxformer_attention import Attention, AuxFormerOptions
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, Target, Window, mpjpe
 from hri_predict.settings import validated

@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from hri_predict.predictors import auxformer_lean
-from hri_predict.predictors.auxformer import AuxFormer, AuxFormerOptions
+from hri_predict.predictors.auxformer import AuxFormer
+from hri_predict.predictors.auxformer_attention import AuxFormerOptions
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import _probe
 from hri_predict.predictors.neural.network import Network, Shape, Window
