@@ -40,11 +40,11 @@ class Leaning(Network):
     def __init__(self, shape=SHAPE, lean=0.1):
         super().__init__(shape)
         self.options = NetworkOptions()
-        self.lean = nn.Parameter(torch.full((1, shape.horizon_steps, 1, 3), lean))
+        self.offset = nn.Parameter(torch.full((1, shape.horizon_steps, 1, 3), lean))
         self.requires_grad_(False)
 
     def forward(self, window):
-        return last_pose(window) + self.lean
+        return last_pose(window) + self.offset
 
 
 class Branching(Leaning):
