@@ -173,6 +173,11 @@ def summarise(
         "strange_states": node.strange_states,
         "acknowledges": node.acknowledges,
         "acknowledges_refused": node.acknowledges_refused,
+        "load_sheds": node.shedding.sheds,
+        **{
+            f"ticks_without_{kind.__name__.lower()}s": ticks
+            for kind, ticks in node.shedding.without.items()
+        },
         **node.robot_counters,
     }
     counted |= {name: count for name, count in extra.items() if count}

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hri_predict import registry
 from hri_predict.discovery.services import DiscoverySettings
@@ -27,6 +27,7 @@ from hri_predict.run.commissioned import CommissioningSettings
 from hri_predict.settings import Settings, validated
 from hri_predict.source import SourceSettings
 
+MAX_TICKS_HZ = 100.0
 MAX_ROBOTS = 8
 MAX_LINKS = 32  # each link has its own thread
 MAX_ZONES = 32
@@ -39,6 +40,16 @@ class NodeSettings(Settings):
 
     rate_hz: float = Field(
         25.0, ge=10, le=100, description="cycles per second; controllers expect at least 10"
+    )
+    ticks: Literal["fixed", "capture"] = Field(
+        "fixed",
+        description="fixed: at rate_hz; capture: when a scene is in, and at rate_hz at least",
+    )
+    max_rate_hz: float | None = Field(
+        None,
+        ge=10,
+        le=MAX_TICKS_HZ,
+        description="with ticks: capture, most cycles per second; default: 100",
     )
     source: dict[str, Any]
     predictor: dict[str, Any] = {"name": "constant_velocity"}
@@ -61,6 +72,24 @@ class NodeSettings(Settings):
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; without it, nothing is announced"
     )
+
+    @model_validator(mode="after")
+    def _rates_fit(self) -> Self:
+        if self.max_rate_hz is None:
+            return self
+        if self.ticks == "fixed":
+            raise ValueError("max_rate_hz has no effect with ticks: fixed; remove it")
+        if self.max_rate_hz < self.rate_hz:
+            raise ValueError(
+                f"max_rate_hz {self.max_rate_hz:g} is below rate_hz {self.rate_hz:g}, the least; "
+                "raise the one or lower the other"
+            )
+        return self
+
+    @property
+    def largest_rate_hz(self) -> float:
+        """Most cycles per second, for which links must have room."""
+        return self.rate_hz if self.ticks == "fixed" else self.max_rate_hz or MAX_TICKS_HZ
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -66,7 +66,8 @@ def test_loops_without_the_compiler_agree_too(seed):
     histories, constant = drawn(CANONICAL, seed, 0.6), tables(CANONICAL, REST, NEAREST)
     found = entering._enter_loops(histories, constant)
     compiled = entering.enter(histories, constant)
-    for one, other in zip(found, compiled, strict=True):
+    for name in Entered._fields:
+        one, other = getattr(found, name), getattr(compiled, name)
         np.testing.assert_allclose(one, other, rtol=0, atol=ROUNDING_M)
     forecast = np.ones((len(found.window), 2, 28, 3), dtype=np.float32)
     np.testing.assert_allclose(
