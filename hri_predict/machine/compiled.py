@@ -12,6 +12,9 @@ import os
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hri_predict.machine.cache import cache_folder
 
 log = logging.getLogger(__name__)
@@ -53,6 +56,17 @@ def part(function: Callable[P, R]) -> Callable[P, R]:
     """
     _PARTS.append(function)
     return function
+
+
+def plain(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same numbers as compiled loops take them: in one piece, writable, double precision.
+
+    Loops are compiled anew for arrays of another type, and those of another order or that may not
+    be written are of another type. That must not happen while robots move.
+    """
+    if array.flags.carray and array.dtype == np.float64:
+        return array
+    return np.array(array, np.float64, order="C")
 
 
 def is_compiled() -> bool:
