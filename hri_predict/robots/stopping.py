@@ -30,7 +30,7 @@ class StoppingTable:
     """
 
     def __init__(self, speeds: Floats, times: Floats, distances: Floats) -> None:
-        self._speeds, self._times = speeds, times
+        self._speeds, self._times, self._distances = speeds, times, distances
         self._distance_curve = np.append(0.0, speeds), np.append(0.0, distances)
         self.stretch = 1.0
 
@@ -45,6 +45,11 @@ class StoppingTable:
         covering = (row for row in stopping.rows if row.payload_kg >= heaviest)
         row = next(covering, stopping.rows[-1])
         return cls(np.array(stopping.speed_m_s), np.array(row.time_s), np.array(row.distance_m))
+
+    @property
+    def rows(self) -> tuple[Floats, Floats, Floats]:
+        """Speeds, times and distances as given."""
+        return self._speeds, self._times, self._distances
 
     def times_s(self, speeds: Floats) -> Floats:
         """Seconds from the onset of braking to rest, for any number of speeds at once."""
