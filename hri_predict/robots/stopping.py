@@ -6,7 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.arrays import Floats, Ints
+from hri_predict.machine.compiled import plain
 from hri_predict.robots.file import StoppingFile
 
 STANDING_M_S = 0.001
@@ -135,12 +136,21 @@ class StoppingCurve:
         if not (np.isfinite(table).all() and (table >= 0).all()):
             raise ValueError("stopping time and distance must be finite and not negative")
         time_s, distance_m = np.maximum.accumulate(table, axis=0).T
-        return cls(speeds, time_s, distance_m)
+        return cls(speeds, plain(time_s), plain(distance_m))
 
     @property
     def max_speed_m_s(self) -> float:
         """The highest speed in the table."""
         return float(self.speed_m_s[-1])
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, Floats]:
+        """Speeds, times and distances."""
+        return self.speed_m_s, self.time_s, self.distance_m
+
+    def highest(self, counts: Ints) -> tuple[float, ...]:
+        """The highest of the first so many speeds, for each number; 0 if there are none."""
+        return tuple(float(self.speed_m_s[n - 1]) if n > 0 else 0.0 for n in counts.tolist())
 
     def at(self, speed_m_s: float) -> tuple[float, float]:
         """T_s and S_s at a speed, interpolated between the table's speeds."""

@@ -22,8 +22,9 @@ from hri_predict.risk.levels.machine import Advised, LevelMachine
 from hri_predict.risk.levels.modes import Decision, Modes, Situation
 from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.permitted import NEAR_M
 from hri_predict.risk.separation.stage import Findings, RobotFindings
-from hri_predict.risk.separation.terms import NEAR_M, Finding
+from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
