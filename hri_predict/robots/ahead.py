@@ -12,9 +12,9 @@ from hri_predict.arrays import Floats, Ints
 from hri_predict.machine.compiled import kernel, part
 from hri_predict.robots.stopping import STANDING_M_S, StoppingTable
 
-Tables = tuple[Floats, Floats, Floats, Floats, float]
-"""(T,) speeds and times and (T,) distances of a stopping table (m/s, s, m), (B, 2) speeds and times
-of the moving base's, nothing without one, and by how much all are stretched."""
+Tables = tuple[Floats, Floats, Floats, Floats, Floats, float]
+"""(T,) speeds, times and distances of a stopping table (m/s, s, m); (B,) speeds and times of the
+moving base's, nothing without one; and by how much all are stretched."""
 Speeds = tuple[Floats, Floats, float]
 """(G,) phases of one cycle of a path, both ends, s; (G,) speed of the fastest point there at full
 speed, m/s; and the step between the phases."""
@@ -58,11 +58,11 @@ def _phases_by_arrays(
     rate = rates(speeds_m_s, brakes)
     speed = rate * speed_at(brakes)
     table = StoppingTable(*tables[:3])
-    table.stretch = tables[4]
+    table.stretch = tables[5]
     stopping_s = table.times_s(speed)
     if len(tables[3]):
-        base = StoppingTable(tables[3][:, 0], tables[3][:, 1], np.zeros(len(tables[3])))
-        base.stretch = tables[4]
+        base = StoppingTable(tables[3], tables[4], np.zeros(len(tables[3])))
+        base.stretch = tables[5]
         stopping_s = np.maximum(stopping_s, base.times_s(speed))
     after = np.maximum(times_s - reaction_s, 0.0)
     travel = table.travel_s(speed[:, None], after, 0.0, stopping_s[:, None])
@@ -89,9 +89,9 @@ def _phases_by_loops(
         full_m_s = _between(brakes % closed[-1], closed, fastest)
         rate = min(1.0, speeds_m_s[m] / max(full_m_s, 1e-9))
         speed = rate * full_m_s
-        stopping_s = _stopping_s(speed, tables[0], tables[1], tables[4])
+        stopping_s = _stopping_s(speed, tables[0], tables[1], tables[5])
         if len(tables[3]):
-            of_base_s = _stopping_s(speed, tables[3][:, 0], tables[3][:, 1], tables[4])
+            of_base_s = _stopping_s(speed, tables[3], tables[4], tables[5])
             stopping_s = max(stopping_s, of_base_s)
         stands_s[m] = reaction_s + stopping_s
         hold = _hold_s(speed, stopping_s, tables)
@@ -122,7 +122,7 @@ def _straight_by_arrays(
     """
     (q, qd), (factor, stopping_s, speed_m_s), (times_s, reaction_s) = joints, moves, times
     table = StoppingTable(*tables[:3])
-    table.stretch = tables[4]
+    table.stretch = tables[5]
     factor = factor[:, None]
     travel = table.travel_s(factor * speed_m_s, times_s, reaction_s, stopping_s[:, None])
     u = factor * travel  # seconds at qd itself, from here on
@@ -218,7 +218,7 @@ def _stretches_by_loops(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats,
         last = 0
         for k in range(places):
             phase = phases_s[m, k] % cycle_s
-            first, last = last, min(np.searchsorted(times, phase, side="right") - 1, count - 1)
+            first, last = last, min(_before(times, phase), count - 1)
             far = False
             if k == 0:
                 first = last
@@ -249,13 +249,26 @@ def _stretches_by_loops(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats,
 
 
 @part
+def _before(xs: Floats, x: float) -> int:
+    """The last of ascending numbers that is at most ``x``; the first is."""
+    low, high = 0, len(xs)
+    while low + 1 < high:
+        middle = (low + high) // 2
+        if xs[middle] <= x:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@part
 def _between(x: float, xs: Floats, ys: Floats) -> float:
     """As ``numpy.interp`` of one number."""
     if x >= xs[-1]:
         return float(ys[-1])
     if x < xs[0]:
         return float(ys[0])
-    i = np.searchsorted(xs, x, side="right") - 1
+    i = _before(xs, x)
     return float((ys[i + 1] - ys[i]) / (xs[i + 1] - xs[i]) * (x - xs[i]) + ys[i])
 
 
@@ -267,7 +280,7 @@ def _followed(passed: Floats, time_s: float, start_s: float, step_s: float) -> f
         return start_s + last * step_s
     if time_s < 0.0:
         return start_s
-    i = np.searchsorted(passed, time_s, side="right") - 1
+    i = _before(passed, time_s)
     return start_s + (i + (time_s - passed[i]) / (passed[i + 1] - passed[i])) * step_s
 
 
@@ -291,7 +304,7 @@ def _hold_s(speed: float, stopping_s: float, tables: Tables) -> float:
         else:
             distance = _between(speed, speeds, distances)
         beyond = max(speed / speeds[-1], 1.0)
-        distance *= beyond * beyond * tables[4]
+        distance *= beyond * beyond * tables[5]
     return min(max(2 * distance / speed - stopping_s, 0.0), stopping_s)
 
 

@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 
-_NO_BASE = np.empty((0, 2))
+_NO_BASE = np.empty(0)
 
 
 class RobotModel:
@@ -234,29 +234,24 @@ class RobotModel:
         """
         if np.isnan(speed_m_s):
             raise ValueError("speed is NaN")
+        if self.mobile is None:
+            return self.table.at(speed_m_s)
         speed = np.array(speed_m_s)
-        return float(self.stopping_times(speed)), float(self._stopping_m(speed))
+        return float(self.stopping_times(speed)), float(self.mobile.distances_m(self.table, speed))
 
     @property
     def stopping_tables(self) -> Tables:
         """How it stops, as arrays; see ``ahead``."""
-        base = _NO_BASE
+        speeds = times = _NO_BASE
         if self.mobile is not None:
             speeds, times, _ = self.mobile.table.rows
-            base = np.column_stack([speeds, times])
-        return *self.table.rows, base, self.stretch
+        return *self.table.rows, speeds, times, self.stretch
 
     def stopping_times(self, speeds: Floats) -> Floats:
         """The times of ``stopping``, for any number of speeds at once."""
         if self.mobile is not None:
             return self.mobile.times_s(self.table, speeds)
         return self.table.times_s(speeds)
-
-    def _stopping_m(self, speeds: Floats) -> Floats:
-        """The distances of ``stopping``, for any number of speeds at once."""
-        if self.mobile is not None:
-            return self.mobile.distances_m(self.table, speeds)
-        return self.table.distances_m(speeds)
 
     def stopping_capsules(
         self,

@@ -65,6 +65,16 @@ class StoppingTable:
         distance: Floats = np.interp(speeds, knots, distances) * (beyond * self.stretch)
         return np.where(speeds >= STANDING_M_S, distance, 0.0)
 
+    def at(self, speed: float) -> tuple[float, float]:
+        """Time and distance at one speed, quickly."""
+        if not speed >= STANDING_M_S:
+            return 0.0, 0.0
+        beyond = max(speed / float(self._speeds[-1]), 1.0)
+        knots, distances = self._distance_curve
+        time_s = float(np.interp(speed, self._speeds, self._times))
+        distance_m = float(np.interp(speed, knots, distances))
+        return time_s * (beyond * self.stretch), distance_m * (beyond**2 * self.stretch)
+
     def hold_s(self, speeds: Floats, stopping_s: Floats) -> Floats:
         """How much later than the brake command a uniform deceleration sets in.
 

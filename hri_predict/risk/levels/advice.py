@@ -7,9 +7,8 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import compress, count
 from typing import Any
-
-import numpy as np
 
 from hri_predict.arrays import Ints
 from hri_predict.people.snapshot import PeopleSnapshot
@@ -328,10 +327,12 @@ def _detail(
         parts.append(f"person {ids[who.person]}, {segment}, {where(robot, who)}")
         if who.slack_m < 0:
             parts.append(f"{-who.slack_m:.2f} m too close for the robot's present speed")
-    for i in np.flatnonzero(speeds.fast):
+    for i in compress(count(), speeds.fast.tolist()):
         joint = JOINTS[speeds.fastest_joint[i]]
         parts.append(f"person {ids[i]} is fast: {joint} {speeds.fastest_m_s[i]:.1f} m/s")
-    parts += [f"speed of person {ids[i]} unknown" for i in np.flatnonzero(speeds.unknown)]
+    parts += [
+        f"speed of person {ids[i]} unknown" for i in compress(count(), speeds.unknown.tolist())
+    ]
     if demand.reason in (Reason.ZONE_OCCUPIED, Reason.ZONE_ENTRY_PREDICTED):
         inside = demand.reason is Reason.ZONE_OCCUPIED
         names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]

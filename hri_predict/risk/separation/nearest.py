@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -69,10 +70,12 @@ class BodiesInTime:
             steps: for each robot, how many of the K steps are wanted.
         """
         places = [Capsules(r.a[None], r.b[None], r.radius[None]) for r in robots]
-        step = np.arange(self._steps)[: steps[0]]
-        if len(steps) > 1:
-            step = np.concatenate([np.arange(n) for n in steps])
-        found = self._search(_one_by_one(places), step, np.repeat(np.arange(len(robots)), steps))
+        step, place = np.empty((2, sum(steps)), np.int64)
+        end = 0
+        for i, count in enumerate(steps):
+            begin, end = end, end + count
+            step[begin:end], place[begin:end] = np.arange(count), i
+        found = self._search(_one_by_one(places), step, place)
         return _parted(found, steps)
 
     def least(self, robots: Sequence[Courses]) -> list[NearestInTime]:
@@ -127,10 +130,12 @@ def _one_by_one(robots: Sequence[Capsules]) -> Capsules:
         return robots[0]
     links = max(r.radius.shape[1] for r in robots)
 
-    def joined(parts: Sequence[Floats]) -> Floats:
-        return np.concatenate(
-            [np.concatenate([p, *[p[:, :1]] * (links - p.shape[1])], axis=1) for p in parts]
-        )
+    def joined(parts: list[Floats]) -> Floats:
+        for i, each in enumerate(parts):
+            missing = links - each.shape[1]
+            if missing:
+                parts[i] = np.concatenate([each, *[each[:, :1]] * missing], axis=1)
+        return np.concatenate(parts)
 
     return Capsules(
         joined([r.a for r in robots]),
@@ -140,7 +145,7 @@ def _one_by_one(robots: Sequence[Capsules]) -> Capsules:
 
 
 def _parted(found: NearestInTime, counts: Sequence[int]) -> list[NearestInTime]:
-    ends = np.cumsum(counts).tolist()
+    ends = list(accumulate(counts))
     return [
         NearestInTime(
             found.distance[start:end],

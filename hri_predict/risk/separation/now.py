@@ -176,20 +176,17 @@ def by_standard(
         by_motion: whether to look for a receding robot. Zones over time take its motion into
             account already.
     """
-    everybody = np.arange(len(bodies.zones.ids))
-    who = everybody if who is None else who
+    groups: list[tuple[Ints | None, Ints | None, float]] = [(who, None, 0.0)]
     beyond_m_s = bodies.speeds.beyond_standard_m_s
-    all_segments = np.arange(len(bodies.zones.segments))
-    groups = [(who, all_segments, 0.0)]
-    for person in who[who < len(beyond_m_s)]:
-        fast = np.flatnonzero(beyond_m_s[person] > 0)
-        if fast.size:
-            groups.append((np.array([person]), fast, float(beyond_m_s[person].max())))
+    for person, human_m_s in enumerate(beyond_m_s.max(1, initial=0.0).tolist()):
+        if human_m_s > 0 and (who is None or person in who):
+            segments = np.flatnonzero(beyond_m_s[person] > 0)
+            groups.append((np.array([person]), segments, human_m_s))
     found = []
-    for people, segments, human_m_s in groups:
+    for people, some, human_m_s in groups:
         near = standing
         if near is None or human_m_s > 0:
-            near = _nearest_now(bodies.zones.capsules, motion, people, segments)
+            near = _nearest_now(bodies.zones.capsules, motion, people, some)
         alone = at_distance(
             robot,
             motion,

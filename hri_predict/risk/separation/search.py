@@ -159,7 +159,7 @@ def _search_by_loops(people: Arrays, spheres: Spheres, robot: Arrays, courses: C
     places, links = robot_radius.shape
     groups = len(count)
     distance, who = enough_m.copy(), np.zeros((3, groups), np.int64)
-    parts = np.empty((places, links, 5))
+    parts, far = np.empty((places, links, 5)), np.empty(segments)
     for q in range(places):
         for c in range(links):
             square = 0.0
@@ -192,13 +192,19 @@ def _search_by_loops(people: Arrays, spheres: Spheres, robot: Arrays, courses: C
                     off_x, off_y = x - around[0, p, k], y - around[1, p, k]
                     off_z = z - around[2, p, k]
                     square = off_x * off_x + off_y * off_y + off_z * off_z
-                    if _is_beyond(square, bound + size + around[_SIZE, p, k]):
+                    reach = bound + size + around[_SIZE, p, k]
+                    reach = 0.0 if reach < 0.0 else reach
+                    if square > reach * reach:
                         continue
-                    for s in range(segments):
+                    for s in range(segments):  # without a branch: several at once
                         off_x, off_y = x - each[0, p, k, s], y - each[1, p, k, s]
                         off_z = z - each[2, p, k, s]
                         square = off_x * off_x + off_y * off_y + off_z * off_z
-                        if _is_beyond(square, bound + size + each[_SIZE, p, k, s]):
+                        reach = bound + size + each[_SIZE, p, k, s]
+                        reach = 0.0 if reach < 0.0 else reach
+                        far[s] = square - reach * reach
+                    for s in range(segments):
+                        if far[s] > 0.0:  # not if NaN
                             continue
                         exact = _axis_distance(a[p, k, s], b[p, k, s], robot_a[q, c], robot_b[q, c])
                         exact = exact - radius[p, k, s] - robot_radius[q, c]
@@ -209,14 +215,6 @@ def _search_by_loops(people: Arrays, spheres: Spheres, robot: Arrays, courses: C
                             who[0, g], who[1, g], who[2, g] = p, s, c
         distance[g] = best
     return distance, who[0], who[1], who[2]
-
-
-@part
-def _is_beyond(square: float, reach: float) -> bool:
-    """Whether spheres of this squared distance are farther apart than ``reach``; not if NaN."""
-    if reach < 0.0:
-        return square >= 0.0
-    return square > reach * reach
 
 
 @part

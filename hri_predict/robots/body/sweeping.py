@@ -51,37 +51,42 @@ def ends_of(geometry: Geometry, links: Floats) -> Floats:
 
 
 def _moving_by_loops(geometry: Geometry, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
-    axes, link, radius = geometry[3], geometry[4], geometry[6]
-    slides = geometry[2]
+    slides, axes, link, radius = geometry[2], geometry[3], geometry[4], geometry[6]
     places, joints = q.shape
-    links = np.empty((joints + 1, 3, 4))
-    ends, speed = np.empty((2, places, len(link), 3)), np.empty(places)
+    links = np.empty((places, joints + 1, 3, 4))
+    ends, speed = _place(geometry, q, links), np.empty(places)
     turn, shift = np.zeros((joints + 1, 3)), np.zeros((joints + 1, 3))
+    axis, at = np.empty(3), np.empty(3)
     for m in range(places):
-        _place(geometry, q[m], links, ends[:, m])
         for i in range(joints):
-            x, y, z = _turned(links[i], axes[i, :, 0])
-            x, y, z = x * qd[m, i], y * qd[m, i], z * qd[m, i]
-            turn[i + 1], shift[i + 1] = turn[i], shift[i]
-            if slides[i]:
-                _add(shift[i + 1], x, y, z)
-                continue
-            at_x, at_y, at_z = _turned(links[i], axes[i, :, 1])
-            at_x, at_y, at_z = at_x + links[i, 0, 3], at_y + links[i, 1, 3], at_z + links[i, 2, 3]
-            _add(turn[i + 1], x, y, z)
-            _add(shift[i + 1], at_y * z - at_z * y, at_z * x - at_x * z, at_x * y - at_y * x)
+            for r in range(3):
+                axis[r], at[r] = 0.0, links[m, i, r, 3]
+                for c in range(3):
+                    axis[r] += links[m, i, r, c] * axes[i, c, 0]
+                    at[r] += links[m, i, r, c] * axes[i, c, 1]
+                axis[r] *= qd[m, i]
+            for r in range(3):
+                s, t = (r + 1) % 3, (r + 2) % 3
+                turn[i + 1, r], shift[i + 1, r] = turn[i, r], shift[i, r]
+                if slides[i]:
+                    shift[i + 1, r] += axis[r]
+                else:
+                    turn[i + 1, r] += axis[r]
+                    shift[i + 1, r] += at[s] * axis[t] - at[t] * axis[s]
         speed[m] = -inf
         for c in range(len(link)):
-            w, v = turn[link[c]], shift[link[c]]
-            fastest = -inf
+            n = link[c]
+            fastest, around = -inf, 0.0
             for e in range(2):
-                end = ends[e, m, c]
-                x = v[0] + (w[1] * end[2] - w[2] * end[1])
-                y = v[1] + (w[2] * end[0] - w[0] * end[2])
-                z = v[2] + (w[0] * end[1] - w[1] * end[0])
-                fastest = _larger(fastest, sqrt(x * x + y * y + z * z))
-            around = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * radius[c]
-            speed[m] = _larger(speed[m], fastest + around)
+                square = 0.0
+                for r in range(3):
+                    s, t = (r + 1) % 3, (r + 2) % 3
+                    turned = turn[n, s] * ends[e, m, c, t] - turn[n, t] * ends[e, m, c, s]
+                    square += (shift[n, r] + turned) ** 2
+                fastest = _larger(fastest, sqrt(square))
+            for r in range(3):
+                around += turn[n, r] * turn[n, r]
+            speed[m] = _larger(speed[m], fastest + sqrt(around) * radius[c])
     return ends, speed
 
 
@@ -116,24 +121,17 @@ def _swept_by_loops(
     q, dq, ddq, half = path
     paths, places, joints = q.shape
     count = len(radius)
+    links = np.empty((1, joints + 1, 3, 4))
+    ends = _place(geometry, q.reshape(paths * places, joints), links)
     a, b = np.empty((paths, places, count, 3)), np.empty((paths, places, count, 3))
-    grown = np.empty((paths, places, count))
-    links, ends = np.empty((joints + 1, 3, 4)), np.empty((2, 2, count, 3))
-    first, bend = np.empty(count), np.empty(count)
+    grown, first, bend = np.empty((paths, places, count)), np.empty(count), np.empty(count)
     for m in range(paths):
         of = m if dq.shape[0] > 1 else 0
-        now = 0
         for k in range(places):
-            before = now
-            if k == 0 or (q[m, k] != q[m, k - 1]).any():
-                now = 1 - now
-                _place(geometry, q[m, k], links, ends[now])
-                if k == 0:
-                    before = now
-            h = half[m, k]
-            first[:], bend[:] = 0.0, 0.0
+            at, h = k if dq.shape[1] > 1 else 0, half[m, k]
+            for c in range(count):
+                first[c], bend[c] = 0.0, 0.0
             turning, turned = 0.0, 0.0
-            at = k if dq.shape[1] > 1 else 0
             for i in range(joints if h != 0.0 else 0):
                 rate, rise = dq[of, at, i], ddq[of, at, i]
                 if slides[i]:
@@ -149,16 +147,19 @@ def _swept_by_loops(
                 for c in range(count):
                     first[c] += turning * arms[c, i]
                     bend[c] += double * arms[c, i]
+            now = m * places + k
+            before = now - 1 if k > 0 else now
             for c in range(count):
                 farther = 0.0
                 for e in range(2):
-                    x = ends[now, e, c, 0] - ends[before, e, c, 0]
-                    y = ends[now, e, c, 1] - ends[before, e, c, 1]
-                    z = ends[now, e, c, 2] - ends[before, e, c, 2]
-                    farther = max(farther, 0.5 * sqrt(x * x + y * y + z * z))
-                for j in range(3):
-                    a[m, k, c, j] = 0.5 * (ends[now, 0, c, j] + ends[before, 0, c, j])
-                    b[m, k, c, j] = 0.5 * (ends[now, 1, c, j] + ends[before, 1, c, j])
+                    square = 0.0
+                    for r in range(3):
+                        off = ends[e, now, c, r] - ends[e, before, c, r]
+                        square += off * off
+                    farther = max(farther, 0.5 * sqrt(square))
+                for r in range(3):
+                    a[m, k, c, r] = 0.5 * (ends[0, now, c, r] + ends[0, before, c, r])
+                    b[m, k, c, r] = 0.5 * (ends[1, now, c, r] + ends[1, before, c, r])
                 grown[m, k, c] = radius[c] + min(farther + bend[c] * (h * h / 2), first[c] * h)
     return a, b, grown
 
@@ -167,49 +168,60 @@ def _swept_by_loops(
 
 
 @part
-def _place(geometry: Geometry, q: Floats, links: Floats, ends: Floats) -> None:
-    """Write the poses (N+1, 3, 4) of the links and the ends (2, C, 3) of the capsules at ``q``."""
-    blocks, slides, link, points = geometry[1], geometry[2], geometry[4], geometry[5]
-    links[0] = geometry[0]
-    local = np.empty((3, 4))
-    for i in range(len(q)):
-        x, y = (q[i], 0.0) if slides[i] else (sin(q[i]), cos(q[i]))
+def _place(geometry: Geometry, q: Floats, links: Floats) -> Floats:
+    """Ends (2, M, C, 3) of the capsules at ``q`` (M, N); a place like the one before is copied.
+
+    ``links`` (M, N+1, 3, 4) takes the poses of the links; (1, N+1, 3, 4): they are not wanted.
+    """
+    base, blocks, slides, link, points = (
+        geometry[0],
+        geometry[1],
+        geometry[2],
+        geometry[4],
+        geometry[5],
+    )
+    places, joints = q.shape
+    ends = np.empty((2, places, len(link), 3))
+    for m in range(places):
+        at = m if len(links) > 1 else 0
+        moves = m == 0 or len(links) > 1
+        for i in range(joints):
+            moves = moves or q[m, i] != q[m - 1, i]
+        if not moves:
+            for e in range(2):
+                for c in range(len(link)):
+                    for row in range(3):
+                        ends[e, m, c, row] = ends[e, m - 1, c, row]
+            continue
         for row in range(3):
             for column in range(4):
-                j = 4 * row + column
-                local[row, column] = blocks[i, 0, j] + x * blocks[i, 1, j] + y * blocks[i, 2, j]
-        for row in range(3):
-            u, v, w = links[i, row, 0], links[i, row, 1], links[i, row, 2]
-            for column in range(4):
-                links[i + 1, row, column] = (
-                    u * local[0, column] + v * local[1, column] + w * local[2, column]
-                )
-            links[i + 1, row, 3] += links[i, row, 3]
-    for c in range(len(link)):
-        pose = links[link[c]]
-        for e in range(2):
+                links[at, 0, row, column] = base[row, column]
+        for i in range(joints):
+            x, y = (q[m, i], 0.0) if slides[i] else (sin(q[m, i]), cos(q[m, i]))
+            for j in range(4):
+                u = blocks[i, 0, j] + x * blocks[i, 1, j] + y * blocks[i, 2, j]
+                v = blocks[i, 0, j + 4] + x * blocks[i, 1, j + 4] + y * blocks[i, 2, j + 4]
+                w = blocks[i, 0, j + 8] + x * blocks[i, 1, j + 8] + y * blocks[i, 2, j + 8]
+                for row in range(3):
+                    links[at, i + 1, row, j] = (
+                        links[at, i, row, 0] * u
+                        + links[at, i, row, 1] * v
+                        + links[at, i, row, 2] * w
+                    )
             for row in range(3):
-                ends[e, c, row] = (
-                    pose[row, 0] * points[c, 0, e]
-                    + pose[row, 1] * points[c, 1, e]
-                    + pose[row, 2] * points[c, 2, e]
-                    + pose[row, 3]
-                )
-
-
-@part
-def _turned(pose: Floats, v: Floats) -> tuple[float, float, float]:
-    x = pose[0, 0] * v[0] + pose[0, 1] * v[1] + pose[0, 2] * v[2]
-    y = pose[1, 0] * v[0] + pose[1, 1] * v[1] + pose[1, 2] * v[2]
-    z = pose[2, 0] * v[0] + pose[2, 1] * v[1] + pose[2, 2] * v[2]
-    return x, y, z
-
-
-@part
-def _add(to: Floats, x: float, y: float, z: float) -> None:
-    to[0] += x
-    to[1] += y
-    to[2] += z
+                links[at, i + 1, row, 3] += links[at, i, row, 3]
+        for c in range(len(link)):
+            n = link[c]
+            for e in range(2):
+                x, y, z = points[c, 0, e], points[c, 1, e], points[c, 2, e]
+                for row in range(3):
+                    ends[e, m, c, row] = (
+                        links[at, n, row, 0] * x
+                        + links[at, n, row, 1] * y
+                        + links[at, n, row, 2] * z
+                        + links[at, n, row, 3]
+                    )
+    return ends
 
 
 @part
