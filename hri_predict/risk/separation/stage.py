@@ -26,6 +26,7 @@ from hri_predict.risk.separation.now import by_circle, by_standard
 from hri_predict.risk.separation.outlook import Outlook, outlooks
 from hri_predict.risk.separation.terms import Finding, worst_of
 from hri_predict.risk.separation.unseen import beside_view
+from hri_predict.risk.separation.warm_up import warm_up
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
@@ -109,6 +110,10 @@ class Separation:
         self._times_s = times_s
         self._horizon_s = horizon_s
         self._farthest_m = [_farthest(r, times_s) for r in robots]
+
+    def warm_up(self) -> None:
+        """Compile what is compiled, before time matters."""
+        warm_up(self._robots, self._times_s)
 
     def revise(self, robot: int) -> None:
         """Take the stopping curve of a robot from its model again: it was measured to stop late."""
