@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hri_predict.arrays import Floats
 from hri_predict.risk.separation import search
 
 SIZES = st.tuples(*(st.integers(1, n) for n in (3, 4, 4, 3, 3)))
@@ -20,9 +21,9 @@ VERSIONS = pytest.mark.parametrize(
 def capsules(rng: np.random.Generator, kind: str, *shape: int) -> search.Arrays:
     """Capsules on a coarse grid, where many are equally near, or anywhere."""
     if kind == "anywhere":
-        a = rng.normal(size=(*shape, 3))
+        a: Floats = rng.normal(size=(*shape, 3))
         return a, a + rng.normal(size=(*shape, 3)) * 0.5, rng.random(shape) * 0.3
-    a = rng.integers(-2, 3, (*shape, 3)) * 0.5
+    a = np.asarray(rng.integers(-2, 3, (*shape, 3)) * 0.5)
     along = rng.integers(-1, 2, (*shape, 3)) * 0.5
     along[rng.random(shape) < 0.3] = 0.0  # spheres
     radius = np.where(rng.random(shape) < 0.5, 0.0, 0.25)  # of no size, or touching
