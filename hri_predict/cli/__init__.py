@@ -2,7 +2,9 @@
 
 import errno
 import logging
+import os
 import sys
+import time
 from typing import NoReturn
 
 from hri_predict.errors import HriPredictError
@@ -11,10 +13,20 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 class _Line(logging.Formatter):
-    """``warning: ...`` or ``error: ...``, as the commands' own lines begin."""
+    """``12:03:07.512 warning: ...``: the local time, so that lines can be compared with alerts.
+
+    Under systemd the journal keeps the time, so the lines begin with the severity, as the
+    commands' own lines do.
+    """
+
+    _in_journal = "JOURNAL_STREAM" in os.environ
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        return f"{record.levelname.lower()}: {record.message}"
+        line = f"{record.levelname.lower()}: {record.message}"
+        if self._in_journal:
+            return line
+        at = time.strftime("%H:%M:%S", time.localtime(record.created))
+        return f"{at}.{record.msecs:03.0f} {line}"
 
 
 def main() -> None:

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from hri_predict import registry
 from hri_predict.cli.common import wrapped_widths
-from hri_predict.cli.terminal_view import COLOURS
+from hri_predict.cli.terminal.view import COLOURS
 from hri_predict.errors import ConfigError, HriPredictError, LinkError
 from hri_predict.link import ObservesFleet, Transport
 from hri_predict.monitoring.fleet import SILENT, SILENT_S, UNKNOWN, CellRow, Fleet

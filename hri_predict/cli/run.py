@@ -16,7 +16,7 @@ from hri_predict.cli.check.commissioned import (
     is_as_commissioned,
 )
 from hri_predict.cli.common import JointMapOption, map_path
-from hri_predict.cli.terminal_view import TerminalView
+from hri_predict.cli.terminal.view import TerminalView
 from hri_predict.errors import ConfigError
 from hri_predict.monitoring.summary import Summary
 from hri_predict.run import config as configuration

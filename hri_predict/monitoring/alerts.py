@@ -136,6 +136,7 @@ class Alerts:
         for advice in advices:
             # a new reason for unknown is news; the reason for a stop may change with every step
             why = advice.reason if advice.level in (Level.UNKNOWN, Level.FAULT) else None
+            is_clear = advice.level is Level.CLEAR  # then the reason is a note
             was = self._states.get(advice.robot)
             if was == (advice.level, why):
                 continue
@@ -149,7 +150,7 @@ class Alerts:
                     was=was[0].name.lower() if was is not None else "none",
                     reason=advice.reason.text,
                     detail=advice.detail,
-                    clears_when=advice.reason.clears_when,
+                    clears_when="" if is_clear else advice.reason.clears_when,
                     separation_m=advice.separation_m,
                     speed_limit_m_s=advice.speed_limit_m_s,
                 )

@@ -301,10 +301,11 @@ class RobotModel:
         each = [plain(np.broadcast_to(v, lead).reshape(-1)) for v in (scale, stopping_s)]
         at_s = plain(np.asarray(times_s))
         moves = each[0], each[1], speed_m_s
-        path, half = straight((q, qd), self.stopping_tables, moves, (at_s, reaction_s))
-        shape = *lead, *path.shape[1:]
-        none = np.zeros(self.dof)
-        return self.swept_capsules(path.reshape(shape), np.abs(qd), none, half.reshape(shape[:-1]))
+        joints = plain(q), plain(qd)
+        places, half = straight(joints, self.stopping_tables, moves, (at_s, reaction_s))
+        shape, none = (*lead, *places.shape[1:]), np.zeros(self.dof)
+        half = half.reshape(shape[:-1])
+        return self.swept_capsules(places.reshape(shape), np.abs(qd), none, half)
 
     def swept_capsules(
         self, q: Floats, dq_most: Floats, ddq_most: Floats, half: Floats

@@ -27,7 +27,7 @@ from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names
-from hri_predict.recording.recording import Recording, check_rate, recording_of_one
+from hri_predict.recording.recording import Recording, check_rate, noted, recording_of_one
 
 # Exceptions that a damaged archive or header can raise.
 _BROKEN: tuple[type[Exception], ...] = (OSError, EOFError, ValueError, KeyError, SyntaxError)
@@ -117,10 +117,11 @@ def _whole_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording
             f"recording {path}: 'world_ok' is {ok.dtype} of shape {ok.shape}; expected one truth "
             f"value for each of the {len(positions)} frames"
         )
-    positions[..., 1] -= _number(path, arrays, "floor_height", 0.0)  # y is up
+    floor_m = _number(path, arrays, "floor_height", 0.0)
+    positions[..., 1] -= floor_m  # y is up
     positions[ok == 0] = np.nan
     begin = min(int(first), len(positions))
-    return _recording(
+    recording = _recording(
         path=path,
         kind="cmu",
         joint_map=joint_map,
@@ -128,6 +129,7 @@ def _whole_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording
         arrays=arrays,
         person=person,
     )
+    return noted(recording, _moved(floor_m))
 
 
 def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
@@ -138,10 +140,11 @@ def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
             f"{len(names)} joints; give each joint its own name"
         )
     positions = _positions(path, arrays["positions"], len(names))
-    positions[..., 2] -= _number(path, arrays, "floor_height", 0.0)  # z is up
+    floor_m = _number(path, arrays, "floor_height", 0.0)
+    positions[..., 2] -= floor_m  # z is up
     positions[~_flags(path, arrays, "valid", shape=positions.shape[:2], default=True)] = np.nan
     positions[_flags(path, arrays, "jump", shape=positions.shape[:2], default=False)] = np.nan
-    return _recording(
+    recording = _recording(
         path=path,
         kind="motion",
         joint_map=map_of_names(names),
@@ -149,6 +152,15 @@ def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
         arrays=arrays,
         person=person,
     )
+    return noted(recording, _moved(floor_m))
+
+
+def _moved(floor_m: float) -> str:
+    """What the reader did to the heights, in words; "" if nothing."""
+    if not floor_m:
+        return ""
+    way = "lowered" if floor_m > 0 else "raised"
+    return f"heights are {way} by {abs(floor_m) * 100:.1f} cm, so that the floor is at 0"
 
 
 def _flags(

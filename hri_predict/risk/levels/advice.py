@@ -29,6 +29,11 @@ from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.skeleton import JOINTS
 
+STANDS_M_S = 0.01
+"""A robot that is slower stands, as far as words go."""
+_TOO_CLOSE = "too close for the robot's present speed"
+_TOO_NEAR_TO_START = "too close for the standing robot to start"
+
 
 class Levels:
     """The stage: call it with findings.
@@ -161,9 +166,10 @@ class Levels:
             bodies,
             findings.named,
             demand=demand,
+            level=advised.level,
             reason=reason,
             who=who,
-            tool=findings.robots[robot].tool,
+            found=findings.robots[robot],
         )
         return Advice(
             robot=robot,
@@ -311,22 +317,25 @@ def _detail(
     named: Sequence[NamedZoneState],
     *,
     demand: Demand,
+    level: Level,
     reason: Reason,
     who: Finding | None,
-    tool: int | None,
+    found: RobotFindings,
 ) -> str:
-    """The problem and its remedy, in words."""
+    """The problem and its remedy, in words; at *clear*, what there is to note."""
     if reason is Reason.NONE:
         return ""
     ids, speeds = bodies.zones.ids, bodies.speeds
-    parts = [f"{robot.name}: {reason.text}"]
+    is_clear = level is Level.CLEAR
+    parts = [f"{robot.name}: {'nobody is too close; note: ' if is_clear else ''}{reason.text}"]
     if demand.reason not in (Reason.NONE, reason):
         parts.append(demand.reason.text)
     if who is not None:
         segment = bodies.zones.segments[who.segment]
         parts.append(f"person {ids[who.person]}, {segment}, {where(robot, who)}")
         if who.slack_m < 0:
-            parts.append(f"{-who.slack_m:.2f} m too close for the robot's present speed")
+            stands = found.speed_m_s < STANDS_M_S
+            parts.append(f"{-who.slack_m:.2f} m {_TOO_NEAR_TO_START if stands else _TOO_CLOSE}")
     for i in compress(count(), speeds.fast.tolist()):
         joint = JOINTS[speeds.fastest_joint[i]]
         parts.append(f"person {ids[i]} is fast: {joint} {speeds.fastest_m_s[i]:.1f} m/s")
@@ -337,9 +346,9 @@ def _detail(
         inside = demand.reason is Reason.ZONE_OCCUPIED
         names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]
         parts.append("zone " + ", ".join(names))
-    if robot.tools and tool is None:
+    if robot.tools and found.tool is None:
         parts.append("no tool is confirmed: the worst of all counts")
-    return f"{'; '.join(parts)}; clears when {reason.clears_when}"
+    return "; ".join(parts if is_clear else [*parts, f"clears when {reason.clears_when}"])
 
 
 def where(robot: RobotConstants, people: Finding) -> str:

@@ -1,5 +1,6 @@
 """The engine on a UR5e: what it advises, why, and what it never calls clear."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -159,6 +160,18 @@ def test_who_runs_is_named_and_counts_as_fast(mode):
     assert ran < walked if mode == "iso" else ran <= walked
     far = cell.settle(8.0, history=run[None], observed=observed)
     assert (far.level, far.reason) == (Level.CLEAR, Reason.PERSON_FAST)
+    assert "nobody is too close; note: " in far.detail  # else it contradicts the level
+    assert "clears when" not in far.detail
+
+
+@pytest.mark.parametrize(
+    ("turn", "words"), [(0.3, "the robot's present speed"), (0.0, "the standing robot to start")]
+)
+def test_how_much_too_close_is_said_of_the_robot_as_it_moves(turn, words):
+    cell = Cell(SETTINGS.model_copy(update={"mode": "iso"}))
+    cell.turn = turn
+    detail = cell.settle(0.6).detail
+    assert re.search(rf"\d m too close for {words}", detail)
 
 
 def test_a_forecast_that_is_no_forecast_is_not_used():

@@ -22,12 +22,12 @@ ARM = load_robot(
     RobotSettings(name="arm", model="ur5e", room_from_robot=Pose(), max_speed_m_s=1.0), None
 )
 MOBILE = load_robot(mobile.settings_of(), None)
-NEAR = {"rtol": 1e-10, "atol": 1e-10}
+NEAR = 1e-10
 
 
 def near(one, other) -> None:
     for a, b in zip(one, other, strict=True):
-        np.testing.assert_allclose(a, b, **NEAR)
+        np.testing.assert_allclose(a, b, rtol=NEAR, atol=NEAR)
 
 
 @pytest.fixture(scope="module", params=["arm", "on a base", "with rails"])

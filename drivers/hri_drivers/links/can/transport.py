@@ -106,9 +106,9 @@ class CanTransport:
             )
         except Exception as error:  # vendors' drivers raise anything
             raise LinkError(f"{self._name}: {_remedy(error, self.interface)}") from error
-        if self.interface == "slcan" and not _lock(bus):
+        if self.interface == "slcan" and (why := _why_not_locked(bus)):
             _shut(bus)
-            raise LinkError(f"{self._name}: in use by another program; close that program first")
+            raise LinkError(f"{self._name}: {why}")
         if self._filters and "can_filters" not in self._arguments and _filters_itself(bus):
             bus.set_filters(list(self._filters))
         _forget_backlog(bus)
@@ -310,20 +310,22 @@ def _forget_backlog(bus: can.BusABC) -> None:
         port.reset_input_buffer()
 
 
-def _lock(bus: can.BusABC) -> bool:
-    """Lock an slcan adapter's port for this process, if the system can do that."""
-    port: Any = getattr(bus, "serialPortOrig", None)
+def _why_not_locked(bus: can.BusABC) -> str:
+    """Lock an slcan adapter's port for this process; say why not, "" where there is no lock.
+
+    The file is locked itself: pyserial's ``exclusive`` would set the port up once more, and any
+    trouble with that would look like another program.
+    """
+    descriptor = getattr(getattr(bus, "serialPortOrig", None), "fd", None)
+    if not isinstance(descriptor, int):  # a URL; Windows locks anyway
+        return ""
+    import fcntl
+
     try:
-        port.exclusive = True
-    except OSError:
-        return False
-    except (
-        AttributeError,
-        ValueError,
-        NotImplementedError,
-    ):  # a URL; Windows locks anyway
-        pass
-    return True
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return open_remedy(error, "channel")
+    return ""
 
 
 def _shut(bus: can.BusABC) -> None:

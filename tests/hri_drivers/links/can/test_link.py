@@ -1,5 +1,7 @@
 """What only CAN does: python-can's interfaces, slcan over real pseudo-terminals, the DBC."""
 
+import errno
+import fcntl
 import json
 import os
 import subprocess
@@ -130,6 +132,18 @@ def test_an_adapter_serves_one_program_alone():
     with pytest.raises(LinkError, match="in use by another program"):
         CanTransport(interface="slcan", channel=controller.path, options=FAST).open()
     first.close()
+    controller.close()
+
+
+def test_other_trouble_with_the_lock_is_not_called_another_program(monkeypatch):
+    controller = Controller()
+
+    def no_lock(_descriptor, _operation):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", no_lock)
+    with pytest.raises(LinkError, match="No locks available"):
+        CanTransport(interface="slcan", channel=controller.path, options=FAST).open()
     controller.close()
 
 

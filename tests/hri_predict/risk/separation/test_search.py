@@ -20,10 +20,11 @@ VERSIONS = pytest.mark.parametrize(
 
 def capsules(rng: np.random.Generator, kind: str, *shape: int) -> search.Arrays:
     """Capsules on a coarse grid, where many are equally near, or anywhere."""
+    a: Floats
     if kind == "anywhere":
-        a: Floats = rng.normal(size=(*shape, 3))
+        a = np.asarray(rng.normal(size=(*shape, 3)))
         return a, a + rng.normal(size=(*shape, 3)) * 0.5, rng.random(shape) * 0.3
-    a = np.asarray(rng.integers(-2, 3, (*shape, 3)) * 0.5)
+    a = np.array(rng.integers(-2, 3, (*shape, 3)) * 0.5)
     along = rng.integers(-1, 2, (*shape, 3)) * 0.5
     along[rng.random(shape) < 0.3] = 0.0  # spheres
     radius = np.where(rng.random(shape) < 0.5, 0.0, 0.25)  # of no size, or touching

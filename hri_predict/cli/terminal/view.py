@@ -1,0 +1,219 @@
+"""A live view for the terminal: a plan of the room, the advice, and what is wrong.
+
+A thread of its own draws the newest tick; the node's loop only stores the tick here. The page fits
+the terminal, from 80 x 24 characters on.
+"""
+
+import threading
+from collections import deque
+from types import TracebackType
+
+import numpy as np
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.layout import Layout
+from rich.live import Live
+from rich.panel import Panel
+from rich.segment import Segment
+from rich.table import Table
+from rich.text import Text
+
+from hri_predict.cli.terminal.plan import Extent, Plan
+from hri_predict.geometry import Capsules
+from hri_predict.node.listeners import Tick
+from hri_predict.protocol.messages import Advice, Level
+from hri_predict.run.assemble import Assembly
+from hri_predict.run.session import View
+from hri_predict.source import SourceCounters, live_part
+
+COLOURS = {
+    Level.UNKNOWN: "magenta",
+    Level.CLEAR: "green",
+    Level.WARN: "yellow",
+    Level.SLOW: "dark_orange",
+    Level.STOP: "red",
+    Level.FAULT: "white on red",
+}
+REDRAW_HZ = 8.0
+SIDE, LEAST_SIDE = 58, 36  # columns beside the plan
+MOST_ROWS = 40
+_CHANGES = 8  # that are remembered; the page shows as many as fit
+_TROUBLE = {
+    "unknown_joints": "joints of unknown names",
+    "malformed": "not understood",
+    "unauthenticated": "not authenticated",
+    "crc_errors": "CRC errors",
+    "lost": "lost",
+    "overrun": "too many",
+}
+
+
+class TerminalView(View):
+    """Shows the newest tick until it is closed; use it as a context manager."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self._console = console or Console(stderr=True)
+        self._live = Live(console=self._console, auto_refresh=False, transient=True)
+        self._assembly: Assembly | None = None
+        self._extent = Extent(np.zeros((0, 2)))
+        self._tick: Tick | None = None
+        self._start_ns: int | None = None
+        self._changes: deque[Text] = deque(maxlen=_CHANGES)
+        self._levels: dict[int, Level] = {}
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._draw_often, name="view", daemon=True)
+
+    def bind(self, assembly: Assembly) -> None:
+        """Take the assembly whose robots and links are shown."""
+        self._assembly = assembly
+        bases = [robot.base[:2] for robot in assembly.robots if robot.base is not None]
+        self._extent = Extent(np.array(bases).reshape(-1, 2))
+
+    def on_tick(self, tick: Tick) -> None:
+        """Store the newest tick for the drawing thread."""
+        if self._start_ns is None:
+            self._start_ns = tick.now_ns
+        for advice in tick.advices:
+            if self._levels.get(advice.robot) is not advice.level:
+                self._levels[advice.robot] = advice.level
+                self._changes.append(self._change(tick, advice))
+        self._tick = tick
+
+    def __enter__(self) -> "TerminalView":
+        self._live.start()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        self._thread.join(timeout=2.0)
+        self._live.stop()
+
+    def _draw_often(self) -> None:
+        while not self._stop.wait(1.0 / REDRAW_HZ):
+            page = self.page()
+            if page is not None:
+                self._live.update(page, refresh=True)
+
+    def page(self) -> RenderableType | None:
+        """The page for the console as large as it is now; ``None`` before the first tick."""
+        tick, assembly = self._tick, self._assembly
+        if tick is None or assembly is None:
+            return None
+        columns, rows = self._console.size.width, min(self._console.size.height - 1, MOST_ROWS)
+        side = min(SIDE, max(LEAST_SIDE, columns - 64))
+        layout = Layout()
+        layout.split_row(
+            self._plan(tick, assembly, columns - side - 4, rows - 2),
+            Layout(_Cropped(self._side(tick, assembly), rows), size=side),
+        )
+        return _High(layout, rows)
+
+    def _seconds(self, now_ns: int) -> float:
+        return (now_ns - (self._start_ns or now_ns)) * 1e-9
+
+    def _change(self, tick: Tick, advice: Advice) -> Text:
+        text = Text(f"{self._seconds(tick.now_ns):6.1f} s ", no_wrap=True, overflow="ellipsis")
+        text.append(f"{advice.level.name:8}", style=COLOURS[advice.level])
+        return text.append(advice.reason.text)
+
+    def _side(self, tick: Tick, assembly: Assembly) -> list[RenderableType]:
+        """The parts beside the plan, the most important first: what does not fit is cut off."""
+        changes = Group(*reversed(self._changes))  # the newest first
+        return [
+            *(self._advice_panel(tick, advice, assembly) for advice in tick.advices),
+            Panel(_links(assembly), title="source and links"),
+            Panel(changes, title="changes, newest first"),
+        ]
+
+    def _advice_panel(self, tick: Tick, advice: Advice, assembly: Assembly) -> Panel:
+        table = Table.grid(padding=(0, 1))
+        robot = assembly.trackers[advice.robot].at(tick.now_ns)
+        limit = advice.speed_limit_m_s
+        level = Text(f" {advice.level.name} ", style=f"bold reverse {COLOURS[advice.level]}")
+        table.add_row("advice", level)
+        table.add_row("reason", advice.reason.text)
+        table.add_row("nearest", _metres(advice.separation_m))
+        speed = f"{robot.speed_m_s:.2f}" if robot.q is not None else "-"
+        table.add_row("speed", f"{speed} of {'-' if limit is None else f'{limit:.2f}'} m/s allowed")
+        table.add_row("node", f"{tick.status.node_state.name.lower()}, people {tick.status.people}")
+        name = assembly.config.node.robots[advice.robot].name
+        return Panel(table, title=f"{name}  t = {self._seconds(tick.now_ns):.1f} s")
+
+    def _plan(self, tick: Tick, assembly: Assembly, columns: int, rows: int) -> Panel:
+        robots = [
+            model.capsules(q)
+            for tracker, model in zip(assembly.trackers, assembly.robots, strict=True)
+            if (q := tracker.at(tick.now_ns).q) is not None
+        ]
+        people = [] if tick.snapshot is None else list(tick.snapshot.last_positions)
+        for points in (*people, *(capsules.a for capsules in robots)):
+            self._extent.include(points)
+        plan = Plan(self._extent, max(columns, 1), max(rows, 1))
+        if tick.assessment is not None and len(tick.assessment.zones.ids):
+            zones = tick.assessment.zones
+            middle, every = len(zones.times_s) // 2, zones.capsules
+            for p in range(len(zones.ids)):
+                zone = Capsules(every.a[p, middle], every.b[p, middle], every.radius[p, middle])
+                plan.capsules(zone, "·", "bright_black")
+        for capsules in robots:
+            plan.capsules(capsules, "█", "blue")
+        for person in people:
+            plan.dots(person, "o", "bold yellow")
+        legend = f"{1 / plan.column_m:.3g} columns/m: o person █ robot · zone"
+        return Panel(plan.text(), title=legend)
+
+
+class _High:
+    """A part of a fixed height in lines, whatever the terminal's is."""
+
+    def __init__(self, part: RenderableType, rows: int) -> None:
+        self._part, self._rows = part, rows
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        yield from console.render(self._part, options.update_height(self._rows))
+
+
+class _Cropped:
+    """Parts below each other, cut off at a number of lines."""
+
+    def __init__(self, parts: list[RenderableType], rows: int) -> None:
+        self._parts, self._rows = parts, rows
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        lines = console.render_lines(Group(*self._parts), options.update(height=None))
+        for line in lines[: self._rows]:
+            yield from line
+            yield Segment.line()
+
+
+def _links(assembly: Assembly) -> Table:
+    table = Table.grid(padding=(0, 1))
+    live = live_part(assembly.source)
+    if live is not None:
+        heard = Text(f"{live.counters.scenes} scenes", no_wrap=True)
+        table.add_row(Text("source", style="green" if live.connected else "red"), heard)
+        for line in trouble(live.counters):
+            table.add_row("", Text(line, style="red"))
+    for link in assembly.links:
+        counters = link.counters
+        table.add_row(
+            Text(link.name, style="green" if link.connected else "red"),
+            f"{counters.messages_sent} sent, {counters.messages_received} received",
+        )
+    return table
+
+
+def trouble(counters: SourceCounters) -> list[str]:
+    """What goes wrong at a live source, a line each; its newest error last."""
+    counts = ((getattr(counters, name), words) for name, words in _TROUBLE.items())
+    lines = [f"{count} {words}" for count, words in counts if count]
+    return [*lines, counters.last_error] if counters.last_error else lines
+
+
+def _metres(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f} m"
