@@ -9,7 +9,7 @@ from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.errors import RobotError
 from hri_predict.geometry import Capsules
 from hri_predict.machine.compiled import plain
-from hri_predict.robots.ahead import Tables, straight
+from hri_predict.robots.body.ahead import Tables, straight
 from hri_predict.robots.body.shape import Shape
 from hri_predict.robots.body.sweep import Pieces
 from hri_predict.robots.body.sweeping import capsules_of, ends_of, moving_capsules, swept_capsules

@@ -14,8 +14,8 @@ import numpy as np
 from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules
 from hri_predict.machine.compiled import plain
-from hri_predict.robots import ahead
-from hri_predict.robots.ahead import stretches
+from hri_predict.robots.body import ahead
+from hri_predict.robots.body.ahead import stretches
 from hri_predict.robots.model import RobotModel
 from hri_predict.robots.trajectory import Trajectory
 

@@ -17,7 +17,7 @@ from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, RobotError, nearest
 from hri_predict.files import data_path, read_yaml
 from hri_predict.machine.compiled import plain
-from hri_predict.robots.ahead import Moves, at_phases
+from hri_predict.robots.body.ahead import Moves, at_phases
 from hri_predict.robots.model import RobotModel
 from hri_predict.settings import Settings, validated
 

@@ -60,7 +60,7 @@ class BodiesInTime:
         """
         step = np.arange(self._steps)
         place = step if len(robot.radius) > 1 else np.zeros_like(step)
-        return self._search(robot, step, place)
+        return self._search(robot, (step, place))
 
     def standing(self, robots: Sequence[Capsules], steps: Sequence[int]) -> list[NearestInTime]:
         """``nearest`` of each of several robots that stay where they are.
@@ -75,7 +75,7 @@ class BodiesInTime:
         for i, count in enumerate(steps):
             begin, end = end, end + count
             step[begin:end], place[begin:end] = np.arange(count), i
-        found = self._search(_one_by_one(places), step, place)
+        found = self._search(_one_by_one(places), (step, place))
         return _parted(found, steps)
 
     def least(self, robots: Sequence[Courses]) -> list[NearestInTime]:
@@ -97,25 +97,26 @@ class BodiesInTime:
         else:
             first_place, steps = np.concatenate(first), np.concatenate(count)
             enough_m = np.concatenate([r.enough_m for r in robots])
-        found = self._search(
-            _one_by_one(flat), np.ones(len(steps), np.int64), first_place, steps, enough_m
-        )
+        first_step = np.ones(len(steps), np.int64)
+        found = self._search(_one_by_one(flat), (first_step, first_place), steps, enough_m)
         return _parted(found, counts)
 
     def _search(
         self,
         robot: Capsules,
-        first_step: Ints,
-        first_place: Ints,
+        first: tuple[Ints, Ints],
         count: Ints | None = None,
         enough_m: Floats | None = None,
     ) -> NearestInTime:
-        """See ``search``; without ``count``, each course is one step, however far it is."""
+        """See ``search``; ``first`` are steps and places with which courses begin.
+
+        Without ``count``, each course is one step, however far it is.
+        """
         if count is None:
-            count = np.ones(len(first_step), np.int64)
+            count = np.ones(len(first[0]), np.int64)
         if enough_m is None:
-            enough_m = np.full(len(first_step), np.inf)
-        courses = first_step, first_place, count, enough_m
+            enough_m = np.full(len(first[0]), np.inf)
+        courses = *first, count, enough_m
         return NearestInTime(*search(self._people, self._spheres, _plain(robot), courses))
 
 

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.robots import ahead
-from hri_predict.robots.body import sweeping
+from hri_predict.robots.body import ahead, sweeping
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.plan import Plan
 from hri_predict.robots.trajectory import load_trajectory
