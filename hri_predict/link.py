@@ -317,8 +317,12 @@ class ObservesFleet(Protocol):
         """What hears the Status, Advice and Schema of all cells of one site, or of all sites."""
 
 
-def check_load(load: LinkLoad) -> None:
+def check_load(load: LinkLoad, rate_key: str = "rate_hz") -> None:
     """Refuse a link that cannot carry what must always fit.
+
+    Args:
+        load: the link's.
+        rate_key: of the configuration; it sets ``load.rate_hz``.
 
     Raises:
         LinkError: one line with the load and what would fit.
@@ -326,19 +330,19 @@ def check_load(load: LinkLoad) -> None:
     if load.spare >= 0:
         return
     reserved = 1.0 - load.load - load.spare
-    remedies = _remedies(load, 1.0 - reserved)
+    remedies = _remedies(load, 1.0 - reserved, rate_key)
     raise LinkError(
         f"link '{load.name}': {load.load:.0%} load and {reserved:.0%} reserved_load do not fit; "
         f"{' or '.join(remedies)}"
     )
 
 
-def _remedies(load: LinkLoad, room: float) -> Sequence[str]:
+def _remedies(load: LinkLoad, room: float, rate_key: str) -> Sequence[str]:
     remedies = []
     per_cycle = sum(load.details[message.__name__] for message in (Status, Advice))
     rate_hz = load.rate_hz * (room - (load.load - per_cycle)) / per_cycle
     if rate_hz >= MIN_STATUS_HZ:
-        remedies.append(f"lower rate_hz from {load.rate_hz:g} to {int(rate_hz)}")
+        remedies.append(f"lower {rate_key} from {load.rate_hz:g} to {int(rate_hz)}")
     needed = load.bitrate * load.load / room
     faster = next((b for b in load.bitrates if b >= needed and b > load.bitrate), None)
     if faster is not None:

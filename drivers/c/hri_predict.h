@@ -19,7 +19,7 @@
 
 /* generated: begin (renew: hri-predict protocol c-header) */
 #define HRI_SCHEMA_VERSION 2u
-#define HRI_SCHEMA_HASH 0x071BE6FDu
+#define HRI_SCHEMA_HASH 0xDB28BBACu
 #define HRI_DEFAULT_BASE_ID 0x680u
 #define HRI_LAST_NUMBER 0x5Fu
 #define HRI_MAX_ROBOTS 8u
@@ -105,6 +105,7 @@
 #define HRI_REASON_SECOND_SENDER 49u
 #define HRI_REASON_CLOCK_DRIFT 50u
 #define HRI_REASON_CALIBRATION_DRIFT 51u
+#define HRI_REASON_LOAD_SHED 52u
 #define HRI_REASON_TEACH 60u
 #define HRI_REASON_RECOVERY 61u
 #define HRI_REASON_MUTED 62u

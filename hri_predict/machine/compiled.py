@@ -21,6 +21,7 @@ log = logging.getLogger(__name__)
 
 _SWITCH = "HRI_PREDICT_COMPILED"
 _PARTS: list[Callable[..., Any]] = []  # marked, and not yet known to numba
+_FAILED: list[str] = []
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -43,10 +44,34 @@ def kernel(loops: Callable[..., Any], otherwise: Callable[P, R]) -> Callable[P, 
         nonlocal chosen
         if chosen is None:
             compiler = _compiler()
-            chosen = otherwise if compiler is None else compiler(loops)
+            chosen = otherwise if compiler is None else _unless_it_fails(compiler(loops), otherwise)
         return chosen(*args, **kwargs)
 
     return call
+
+
+def _unless_it_fails(compiled: Callable[P, R], otherwise: Callable[P, R]) -> Callable[P, R]:
+    """``compiled``, and once that cannot be compiled or called ``otherwise`` for good."""
+    working = True
+
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        nonlocal working
+        if working:
+            try:
+                return compiled(*args, **kwargs)
+            except Exception as error:  # no fault of a compiler may end the node
+                working = False
+                _say_once(f"{error}".partition("\n")[0])
+        return otherwise(*args, **kwargs)
+
+    return call
+
+
+def _say_once(why: str) -> None:
+    """One line for all loops that fail."""
+    if not _FAILED:
+        log.warning("compiled loops fail, so arrays compute instead, which is slower: %s", why)
+    _FAILED.append(why)
 
 
 def part(function: Callable[P, R]) -> Callable[P, R]:

@@ -173,6 +173,11 @@ def summarise(
         "strange_states": node.strange_states,
         "acknowledges": node.acknowledges,
         "acknowledges_refused": node.acknowledges_refused,
+        "load_sheds": node.shedding.sheds,
+        **{
+            f"ticks_without_{kind.__name__.lower()}s": ticks
+            for kind, ticks in node.shedding.without.items()
+        },
         **node.robot_counters,
     }
     counted |= {name: count for name, count in extra.items() if count}
@@ -234,8 +239,9 @@ def _link_trouble(link: dict[str, Any]) -> str:
 
 def _recording(report: dict[str, Any]) -> str:
     lost = f", {report['dropped']} lost" if report["dropped"] else ""
-    ended = f"; it ended early: {report['error']}" if report["error"] else ""
-    return f"{report['path']}: {report['written']} messages{lost}{ended}"
+    ended = f"; incomplete: {report['error']}" if report["error"] else ""
+    files = f" in {report['files']} files" if report["files"] != 1 else ""
+    return f"{report['path']}: {report['written']} messages{files}{lost}{ended}"
 
 
 def _evidence(report: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Remembers
 from hri_predict.node.publisher import Publisher
 from hri_predict.node.second_sender import SecondSender
+from hri_predict.node.shedding import Shedding
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
@@ -24,8 +25,10 @@ from hri_predict.protocol.messages import (
     Advice,
     Level,
     NodeState,
+    Pose,
     RobotState,
     Status,
+    Zone,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.engine import RiskEngine
@@ -45,6 +48,9 @@ class Node:
     ``acknowledges`` (each id counts once), ``acknowledges_refused`` (those of them that were
     refused), ``listener_failures``, ``strange_states`` (RobotStates of a robot that the link's
     controller does not control).
+
+    Attributes:
+        shedding: what is left out while ticks take too long; whoever measures them tells it.
     """
 
     def __init__(
@@ -70,6 +76,7 @@ class Node:
         self._publisher = publisher
         self._predictor_index = predictor_index
         self._listeners = listeners
+        self.shedding = Shedding()
         self._cycle = 0
         self._last_ack: dict[str, int] = {}  # per link: the last id that was counted
         self.scenes_in = self.frames_in = self.assess_failures = self.acknowledges = 0
@@ -100,6 +107,8 @@ class Node:
             reasons = (reason,) if reason is not None else ()
             assessment = self._risk.assess(snapshot, forecast, reasons)
             advices, reasons = assessment.advices, assessment.reasons
+            if self.shedding.active:
+                reasons = (*reasons, Reason.LOAD_SHED)
             if second_sender:
                 advices = tuple(replace(advice, level=Level.FAULT) for advice in advices)
         except Exception:  # last line of defence: the robots stop, whatever failed
@@ -138,6 +147,10 @@ class Node:
             assessment=None,
         )
 
+    def warm_up(self) -> None:
+        """See ``RiskEngine.warm_up``."""
+        self._risk.warm_up()
+
     def self_check(self) -> dict[str, Any] | None:
         """See ``RiskEngine.self_check``."""
         return self._risk.self_check()
@@ -174,12 +187,13 @@ class Node:
         assessment: Assessment | None,
     ) -> Tick:
         zones = assessment.zones if assessment is not None else None
+        leaves_out = self.shedding.leaves_out
         messages = self._publisher.publish(
             now_ns=now_ns,
             status=status,
             advices=advices,
-            zones=zones,
-            forecast=forecast,
+            zones=None if leaves_out(Zone) else zones,
+            forecast=None if leaves_out(Pose) else forecast,
             snapshot=snapshot,
         )
         tick = Tick(

@@ -18,7 +18,7 @@ _GONE = {
 class PeopleSettings(Settings):
     """Settings for tracking people, losing them and finding them again."""
 
-    max_people: int = Field(8, ge=1, le=64, description="most people tracked at the same time")
+    max_people: int = Field(16, ge=1, le=64, description="most people tracked at the same time")
     max_gap_s: float | None = Field(
         None,
         gt=0,

@@ -51,6 +51,7 @@ class Reason(IntEnum):
     SECOND_SENDER = 49
     CLOCK_DRIFT = 50
     CALIBRATION_DRIFT = 51
+    LOAD_SHED = 52
     TEACH = 60
     RECOVERY = 61
     MUTED = 62
@@ -204,6 +205,10 @@ _TEXT = {
         "for minutes forecasts missed more often than the calibration states",
         "forecasts hold as stated for about an hour with people, or the node runs with a "
         "calibration of this site",
+    ),
+    Reason.LOAD_SHED: (
+        "the node's cycles take too long: poses, and then zones, are not sent; the advice is whole",
+        "cycles have been short enough for at least 5 s",
     ),
     Reason.SECOND_SENDER: (
         "somebody else sends with this node's ids",

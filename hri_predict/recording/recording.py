@@ -45,6 +45,7 @@ class Recording:
         received: messages of controllers during the recording: (link, message); "mcap" only.
         note: something the user should know, such as where a cut file was cut; "" if nothing.
         config: text of the recording node's configuration; "mcap" only.
+        utc_ns: (N,) the arrivals in UTC, nanoseconds since 1970; empty if that is not known.
     """
 
     path: Path
@@ -57,6 +58,7 @@ class Recording:
     received: Sequence[tuple[str, Received]] = ()
     note: str = ""
     config: str = ""
+    utc_ns: Sequence[int] = ()
 
     @property
     def duration_s(self) -> float:

@@ -191,10 +191,11 @@ def build_link(
             raise ConfigError(f"link {settings.name}: kind '{settings.kind}' cannot be simulated")
         settings = settings.model_copy(update={cls.port_field: port})
     settings = settings.resolved(config.base_dir)
-    rate_hz, robots = config.node.rate_hz, advised(config, settings)
+    rate_hz, robots = config.node.largest_rate_hz, advised(config, settings)
     shapes = state_shapes(config, robots)
     with registry.building(f"link '{settings.name}'"):
-        check_load(load_of(config, settings))
+        fixed = config.node.ticks == "fixed"
+        check_load(load_of(config, settings), "rate_hz" if fixed else "max_rate_hz")
         if settings.faults:
             faulty = registry.load("faults", "link")
             inner = transport if transport is not None else cls.make_transport(settings)
@@ -210,7 +211,7 @@ def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
     """
     robots = advised(config, settings)
     cls = registry.load("links", settings.kind)
-    return cls.load(settings, config.node.rate_hz, robots, state_shapes(config, robots))
+    return cls.load(settings, config.node.largest_rate_hz, robots, state_shapes(config, robots))
 
 
 def state_shapes(config: Config, robots: Sequence[int]) -> list[StateShape]:

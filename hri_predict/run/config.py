@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hri_predict import registry
 from hri_predict.discovery.services import DiscoverySettings
@@ -20,6 +20,7 @@ from hri_predict.monitoring.alerts import AlertSettings
 from hri_predict.node.memory import StateSettings
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.predictors.base import PredictorSettings
+from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.engine import RiskSettings
 from hri_predict.robots.model import RobotSettings
@@ -27,6 +28,7 @@ from hri_predict.run.commissioned import CommissioningSettings
 from hri_predict.settings import Settings, validated
 from hri_predict.source import SourceSettings
 
+MAX_TICKS_HZ = 100.0
 MAX_ROBOTS = 8
 MAX_LINKS = 32  # each link has its own thread
 MAX_ZONES = 32
@@ -40,6 +42,16 @@ class NodeSettings(Settings):
     rate_hz: float = Field(
         25.0, ge=10, le=100, description="cycles per second; controllers expect at least 10"
     )
+    ticks: Literal["fixed", "capture"] = Field(
+        "fixed",
+        description="fixed: at rate_hz; capture: when a scene is in, and at rate_hz at least",
+    )
+    max_rate_hz: float | None = Field(
+        None,
+        ge=10,
+        le=MAX_TICKS_HZ,
+        description="with ticks: capture, most cycles per second; default: 100",
+    )
     source: dict[str, Any]
     predictor: dict[str, Any] = {"name": "constant_velocity"}
     people: PeopleSettings = PeopleSettings()
@@ -48,7 +60,9 @@ class NodeSettings(Settings):
     zones: list[NamedZoneSettings] = Field([], max_length=MAX_ZONES)
     links: list[dict[str, Any]] = Field([], max_length=MAX_LINKS)
     alerts: AlertSettings = AlertSettings()
-    record: str | None = Field(None, min_length=1, description="file to record into (MCAP)")
+    record: RecordSettings | None = Field(
+        None, description="file to record into (MCAP), or a folder that can be left on"
+    )
     state: StateSettings | None = Field(
         None, description="file in which latches and lost people survive the node"
     )
@@ -61,6 +75,24 @@ class NodeSettings(Settings):
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; without it, nothing is announced"
     )
+
+    @model_validator(mode="after")
+    def _rates_fit(self) -> Self:
+        if self.max_rate_hz is None:
+            return self
+        if self.ticks == "fixed":
+            raise ValueError("max_rate_hz has no effect with ticks: fixed; remove it")
+        if self.max_rate_hz < self.rate_hz:
+            raise ValueError(
+                f"max_rate_hz {self.max_rate_hz:g} is below rate_hz {self.rate_hz:g}, the least; "
+                "raise the one or lower the other"
+            )
+        return self
+
+    @property
+    def largest_rate_hz(self) -> float:
+        """Most cycles per second, for which links must have room."""
+        return self.rate_hz if self.ticks == "fixed" else self.max_rate_hz or MAX_TICKS_HZ
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,6 +164,28 @@ class Config:
     def opened_links(self) -> tuple[LinkSettings, ...]:
         """The links to open; closed links count in the delay budget, too."""
         return () if self.mute else self.links
+
+    def aside(self) -> "Config":
+        """Return this configuration without what belongs to the live cell alone.
+
+        Its alert log and commands, recordings, state, evidence and announcement: a replay with the
+        cell's configuration must not touch them. Alert lines on the terminal stay.
+        """
+        node = self.node.model_copy(
+            update={
+                "alerts": AlertSettings(terminal=self.node.alerts.terminal),
+                "record": None,
+                "state": None,
+                "evidence": None,
+                "discovery": None,
+            }
+        )
+        return replace(self, node=node)
+
+    def with_alerts_of(self, live: "Config") -> "Config":
+        """Return this configuration with the alerts of another one."""
+        node = self.node.model_copy(update={"alerts": live.node.alerts})
+        return replace(self, node=node)
 
     def quiet(self) -> "Config":
         """Return this configuration without alert lines on the terminal, for use with a view."""

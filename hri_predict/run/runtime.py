@@ -1,9 +1,8 @@
 """Runs an assembled node: in real time, or stepped on the virtual clock.
 
-Both run the same ``Node`` with the same codecs. In real time the loop keeps absolute deadlines: a
-late tick is counted and does not delay the ticks after it. On the virtual clock everything,
-including the mock controllers, runs in one thread in a fixed order, so that two runs give the same
-bytes.
+Both run the same ``Node`` with the same codecs, and ``Ticks`` says when it ticks. In real time a
+late tick is counted. On the virtual clock everything, including the mock controllers, runs in one
+thread in a fixed order, so that two runs give the same bytes.
 """
 
 import contextlib
@@ -14,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Protocol
+from typing import Any, Protocol
 
 from hri_predict.clock import VirtualClock
 from hri_predict.link import Link
@@ -22,6 +21,7 @@ from hri_predict.monitoring.pace import Pace
 from hri_predict.protocol.messages import NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.run.assemble import Assembly
+from hri_predict.run.ticks import Ticks, ticks_of
 from hri_predict.source import NOT_KNOWN_NS, live_part, wait_for
 
 log = logging.getLogger(__name__)
@@ -57,6 +57,7 @@ def run_real_time(
         LinkError: a link's device is absent at start.
     """
     clock, node, pace = assembly.clock, assembly.node, Pace()
+    node.warm_up()  # before anybody hears of the node: it may take long
     started: list[Link] = []
     try:
         for link in assembly.links:
@@ -67,24 +68,26 @@ def run_real_time(
             link.stop()
         raise
     exhausted = threading.Event()
-    feeder = threading.Thread(
-        target=_feed, args=(assembly, pace, stop, exhausted), name="source", daemon=True
-    )
+    feeder: threading.Thread | None = None
     try:
         assembly.prediction.start()
         node.announce(clock.now_ns(), NodeState.STARTING, Reason.STARTING)
         with _quiet_collector():  # before the first deadline, because a collection takes long
             start_ns = clock.now_ns()
             assembly.source.open(start_ns)
+            shared: dict[str, Any] = {
+                "assembly": assembly,
+                "pace": pace,
+                "ticks": _ticks(assembly, start_ns),
+                "stop": stop,
+                "exhausted": exhausted,
+            }
+            feeder = threading.Thread(target=_feed, kwargs=shared, name="source", daemon=True)
             feeder.start()
             _loop(
-                assembly=assembly,
-                pace=pace,
-                stop=stop,
-                start_ns=start_ns,
-                duration_s=duration_s,
+                **shared,
+                end_ns=None if duration_s is None else start_ns + round(duration_s * 1e9),
                 until_exhausted=until_exhausted,
-                exhausted=exhausted,
                 each_tick=each_tick,
             )
     finally:
@@ -95,51 +98,56 @@ def run_real_time(
         for link in started:
             link.stop()
         assembly.prediction.stop()
-        if feeder.ident is not None:  # never close a source while its thread still polls it
+        if feeder is not None:  # never close a source while its thread still polls it
             feeder.join(SOURCE_END_S)
         assembly.source.close()
     return pace
+
+
+def _ticks(assembly: Assembly, start_ns: int) -> Ticks:
+    return ticks_of(assembly.config.node, assembly.source.rate_hz, start_ns)
 
 
 def _loop(
     *,
     assembly: Assembly,
     pace: Pace,
+    ticks: Ticks,
     stop: threading.Event,
-    start_ns: int,
-    duration_s: float | None,
-    until_exhausted: bool,
     exhausted: threading.Event,
+    end_ns: int | None,
+    until_exhausted: bool,
     each_tick: Callable[[int], None] | None,
 ) -> None:
-    clock, period_ns = assembly.clock, round(1e9 / assembly.config.node.rate_hz)
-    end_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
-    deadline_ns = start_ns
+    clock, node = assembly.clock, assembly.node
     while not stop.is_set():
-        clock.wait_until(deadline_ns, stop)
+        ticks.wait(clock, stop)
         now_ns = clock.now_ns()
-        if now_ns < deadline_ns:
-            continue  # woken to stop
+        if now_ns < ticks.due_ns:
+            continue  # woken to stop, or by a capture that has to wait
         if end_ns is not None and now_ns >= end_ns:
             return
         if until_exhausted and exhausted.is_set():
             return
+        ticks.begin(now_ns)
         began = time.perf_counter()
-        assembly.node.tick(now_ns)
+        node.tick(now_ns)
         pace.note(time.perf_counter() - began)
         if each_tick is not None:
             each_tick(now_ns)
-        deadline_ns += period_ns
-        behind = (clock.now_ns() - deadline_ns) // period_ns
-        if clock.now_ns() > deadline_ns:
-            pace.late_ticks += 1
-        if behind > 0:  # whole cycles were missed: skip them, keep the phase
-            pace.missed_ticks += behind
-            deadline_ns += behind * period_ns
+        ended = ticks.end(clock.now_ns())
+        pace.late_ticks += ended.is_late
+        pace.missed_ticks += ended.missed
+        node.shedding.note(ended.used, now_ns)
 
 
 def _feed(
-    assembly: Assembly, pace: Pace, stop: threading.Event, exhausted: threading.Event
+    *,
+    assembly: Assembly,
+    pace: Pace,
+    ticks: Ticks,
+    stop: threading.Event,
+    exhausted: threading.Event,
 ) -> None:
     """Run the source's thread: deliver scenes as they arrive, poll a failing source again."""
     source, clock = assembly.source, assembly.clock
@@ -155,6 +163,8 @@ def _feed(
             while not stop.is_set() and (scene := source.poll(clock.now_ns())) is not None:
                 assembly.node.receive(scene, clock.now_ns())
                 delivered = True
+            if delivered:  # all that are in give one tick
+                ticks.captured()
             if not delivered and due_ns <= clock.now_ns():
                 clock.wait_until(clock.now_ns() + SOURCE_IDLE_NS, stop)
         except Exception:
@@ -205,18 +215,17 @@ def _steps(
 ) -> None:
     clock, node = assembly.clock, assembly.node
     assert isinstance(clock, VirtualClock)
-    period_ns = round(1e9 / assembly.config.node.rate_hz)
     start_ns = clock.now_ns()
     assembly.source.open(start_ns)
     end_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
-    tick_ns = start_ns
+    ticks = _ticks(assembly, start_ns)
     node.announce(start_ns, NodeState.STARTING, Reason.STARTING)
     while True:
         source_ns = assembly.source.next_ns()
         if source_ns is None and duration_s is None:
             break
         beside_ns = beside.next_ns() if beside is not None else None
-        now_ns = min(t for t in (source_ns, beside_ns, tick_ns) if t is not None)
+        now_ns = min(t for t in (source_ns, beside_ns, ticks.due_ns) if t is not None)
         now_ns = max(now_ns, clock.now_ns())
         if end_ns is not None and now_ns >= end_ns:
             break
@@ -224,11 +233,14 @@ def _steps(
         if source_ns is not None and source_ns <= now_ns:
             while (scene := assembly.source.poll(now_ns)) is not None:
                 node.receive(scene, now_ns)
+                ticks.captured()
             if assembly.source.next_ns() == source_ns:  # no scene: poll again at the next tick
-                clock.advance_to(tick_ns if beside_ns is None else min(tick_ns, beside_ns))
+                due_ns = ticks.due_ns
+                clock.advance_to(due_ns if beside_ns is None else min(due_ns, beside_ns))
         if beside is not None and beside_ns is not None and beside_ns <= now_ns:
             beside.step(now_ns)
-        if tick_ns <= now_ns:
+        if ticks.due_ns <= now_ns:
+            ticks.begin(now_ns)
             for link in assembly.links:
                 link.service(now_ns)
             began = time.perf_counter()
@@ -238,7 +250,6 @@ def _steps(
                 link.service(now_ns)
             if each_tick is not None:
                 each_tick(now_ns)
-            tick_ns += period_ns
     node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
 
 

@@ -14,26 +14,51 @@ from hri_predict import registry
 from hri_predict.cli.common import progress
 from hri_predict.errors import ConfigError
 
-_SPANS = ("wait", "node", "link", "total")
+_SPANS = ("wait", "inference", "node", "link", "total")
+_RATES_HZ = (25.0, 100.0)
+_MOST_PEOPLE = 16
+_COUNTS = ("scenes", "missed", "late_ticks")
 
 
 def links(
+    *,
     only: Annotated[
         str | None, typer.Option(help="Measure only the kinds of link whose name contains this.")
     ] = None,
     seconds: Annotated[
         float, typer.Option(help="Seconds to measure each kind of link at each rate.")
     ] = 20.0,
+    rate: Annotated[
+        list[float] | None,
+        typer.Option(help="Ticks, or captures, per second; may be repeated. Default: 25 and 100."),
+    ] = None,
+    ticks: Annotated[
+        str, typer.Option(help="fixed: ticks at a fixed rate. capture: one for each capture.")
+    ] = "fixed",
+    predictor: Annotated[
+        str, typer.Option(help="The node's predictor; a network, to measure its inference too.")
+    ] = "zero_velocity",
+    people: Annotated[int, typer.Option(help="How many people stand in the room.")] = 2,
+    wires: Annotated[bool, typer.Option(help="Measure how full a serial wire gets, too.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
     """Measure the delay from a scene's arrival to the last byte, and the load of a serial wire.
 
     This runs in real time, so other programs disturb it: the machine's load is printed, too.
 
-    Example: hri-predict bench links --only serial --seconds 5
+    Example: hri-predict bench links --only "serial pty 921600" --ticks capture --rate 25
     """
     if not 1.0 <= seconds <= 3600.0:
         raise ConfigError(f"--seconds {seconds:g}: give 1 to 3600")
+    if ticks not in ("fixed", "capture"):
+        raise ConfigError(f"--ticks {ticks}: give fixed or capture")
+    if not 1 <= people <= _MOST_PEOPLE:
+        raise ConfigError(f"--people {people}: give 1 to {_MOST_PEOPLE}")
+    least = 10.0 if ticks == "fixed" else 12.5  # the floor is four fifths of it
+    rates = tuple(rate or _RATES_HZ)
+    for each in rates:
+        if not least <= each <= 100.0:
+            raise ConfigError(f"--rate {each:g}: give {least:g} to 100")
     bench = registry.load("simulations", "links")
     names = [name for name in bench.kinds() if only is None or only.lower() in name.lower()]
     if not names:
@@ -41,9 +66,10 @@ def links(
             f"--only {only}: no kind of link has this in its name ({', '.join(bench.kinds())})"
         )
     load = [os.getloadavg()[0]]
-    delays = _told("delays", bench.delays(names, seconds), len(names) * len(bench.RATES_HZ))
+    rows = bench.delays(names, rates, seconds, ticks=ticks, predictor=predictor, people=people)
+    delays = _told("delays", rows, len(names) * len(rates))
     fills = []
-    if any(name.startswith("serial") for name in names):
+    if wires and any(name.startswith("serial") for name in names):
         fills = _told("serial wires", bench.capacities(seconds), 2 * len(bench.BAUDRATES))
     load.append(os.getloadavg()[0])
     if as_json:
@@ -67,19 +93,19 @@ def _told(what: str, rows: Iterable[dict[str, Any]], count: int) -> list[dict[st
 
 def _delay_table(rows: list[dict[str, Any]]) -> Table:
     table = Table(
-        title="Scene's arrival to last byte of Advice and Status, without inference, p50 / p99 ms",
+        title="Scene's arrival to last byte of Advice and Status, p50 / p99 ms",
         title_justify="left",
     )
-    table.add_column("link")
-    heads = ("Hz", "wait for tick", "node", "link", "total", "scenes", "missed")
+    table.add_column("link", no_wrap=True)
+    heads = ("Hz", "wait for tick", "inference", "node", "link", "total", *_COUNTS)
     for name in heads:
-        table.add_column(name, justify="right")
+        table.add_column(name.replace("_", " "), justify="right")
     for row in rows:
         if "not_here" in row:
             table.add_row(row["link"], f"{row['rate_hz']:g}", "not available")
             continue
         spans = [_pair(row.get(f"{span}_ms")) for span in _SPANS]
-        counts = (str(row["scenes"]), str(row["missed"]))
+        counts = [str(row[count]) for count in _COUNTS]
         table.add_row(row["link"], f"{row['rate_hz']:g}", *spans, *counts)
     return table
 

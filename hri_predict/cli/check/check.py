@@ -49,6 +49,7 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
+from hri_predict.run.ticks_told import race_notes, ticks_facts, ticks_line
 
 
 def check(
@@ -104,6 +105,7 @@ def check(
 def _print(found: dict[str, Any]) -> None:
     console = Console(markup=False)  # names and sources are the user's, and may hold brackets
     console.print(_delay_table(found))
+    console.print(ticks_line(found["ticks"]), highlight=False, soft_wrap=True)
     if found["risk"]["robots"]:
         console.print(_risk_table(found["risk"]))
     for name, facts in found["contact"].items():
@@ -175,6 +177,7 @@ def examine(config: Config) -> dict[str, Any]:
     }
     return {
         "path": str(config.path),
+        "ticks": ticks_facts(config.node, source.rate_hz),
         "delay_budget_s": terms,
         "reaction_time_s": reaction_time_s,
         "refuse_advice_older_than_s": reaction_time_s - terms["controller_reaction"],
@@ -200,6 +203,7 @@ def examine(config: Config) -> dict[str, Any]:
         "notes": [
             *(note for robot in config.node.robots for note in mode_notes(robot)),
             *_notes(config),
+            *race_notes(config.node, source.rate_hz),
             *evidence_notes(evidence),
             *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),

@@ -5,7 +5,7 @@ It is a pure function of this tick's bodies and robots, and has no memory. It on
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
 
 import numpy as np
@@ -53,6 +53,7 @@ class RobotFindings:
         asked: what the robot's controllers ask for.
         not_backing_out: why it would not recede from everybody if it backed out; "" if it would, or
             if nobody asks.
+        motion: the robot as it was judged; ``None`` if the situation is unknown.
     """
 
     unknown: tuple[Reason, ...] = ()
@@ -64,6 +65,7 @@ class RobotFindings:
     tool: int | None = None
     asked: Asked = NOTHING_ASKED
     not_backing_out: str = ""
+    motion: RobotMotion | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +177,7 @@ class Separation:
             unseen=unseen,
             speed_m_s=motion.speed_m_s,
             tool=motion.tool,
+            motion=motion,
         )
 
     def _not_backing_out(

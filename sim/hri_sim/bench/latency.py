@@ -1,14 +1,15 @@
 """The delay of a scene through the node and onto a wire, in real time.
 
-The whole node runs: two people near a moving robot, zones and poses on the links, and a baseline
-predictor, whose time is subtracted. The other end of a serial line is a process that takes bytes at
-the line's rate (``hri_sim.wires.far_end``). The source sends one scene per second more than the
-node ticks, so that every phase between the two occurs.
+The whole node runs: people near a moving robot, and zones and poses on the links. The other end of
+a serial line is a process that takes bytes at the line's rate (``hri_sim.wires.far_end``). At a
+fixed rate the source sends one scene per second more than the node ticks, so that every phase
+between the two occurs. With a tick for each capture the floor is four fifths of the source's rate.
 """
 
 import bisect
 import contextlib
 import itertools
+import math
 import threading
 import time
 from collections import deque
@@ -16,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -27,10 +28,9 @@ from hri_drivers.wires.transport import Transport
 from hri_predict.clock import MonotonicClock
 from hri_predict.link import LinkSettings
 from hri_predict.node.listeners import Listener, Tick
-from hri_predict.predictors.baselines import ZeroVelocity
 from hri_predict.protocol.messages import Status
 from hri_predict.run import assemble
-from hri_predict.run.config import Config, NodeSettings
+from hri_predict.run.config import Config, NodeSettings, predictor_settings
 from hri_predict.run.runtime import run_real_time
 from hri_predict.scene import Scene
 from hri_sim.people.procedural import ProceduralSettings
@@ -41,9 +41,9 @@ U = TypeVar("U")
 WARM_UP_S = 1.0  # people need a history, and first calls are slow
 CYCLES = 256  # the modulus of Status.cycle on the wire
 _CHANNELS = itertools.count()
-_PEOPLE = [
-    {"start": at, "script": [{"do": "wait", "seconds": 3600.0}]} for at in ([1.3, 0.3], [2.0, -1.0])
-]
+FLOOR = 0.8
+"""With a tick for each capture: ``rate_hz`` as a part of the source's."""
+_PLACES = ([1.3, 0.3], [2.0, -1.0])
 
 Wire = tuple[LinkSettings, Transport[Any]]
 
@@ -159,15 +159,38 @@ class _Watch(Listener):
         self.inference_ns = 0
 
 
-def latency(kind: str, rate_hz: float, seconds: float) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """What the node does while it is measured.
+
+    Attributes:
+        ticks: as in the configuration.
+        predictor: its name.
+        people: how many stand near the robot.
+    """
+
+    ticks: Literal["fixed", "capture"] = "fixed"
+    predictor: str = "zero_velocity"
+    people: int = 2
+
+
+def latency(kind: str, rate_hz: float, seconds: float, load: Load) -> dict[str, Any]:
     """Run the node on a wire of this kind.
+
+    Args:
+        kind: of ``KINDS``.
+        rate_hz: of the ticks at a fixed rate, and of the source.
+        seconds: measured, after a warm-up.
+        load: see ``Load``.
 
     Returns:
         Milliseconds, p50 and p99: ``wait`` from a scene's arrival until the next tick begins;
-        ``node`` from there until that tick's Advice and Status are posted, without inference;
-        ``link`` from there until their last byte was written; ``total`` is all three. ``scenes``
-        is the number of scenes measured, ``missed`` the number of ticks whose Status was replaced
-        by a newer one and never written.
+        ``inference`` in that tick; ``node`` from its begin until Advice and Status are posted,
+        without inference; ``link`` from there until their last byte was written; ``total`` is all
+        four. ``scenes`` is the number of scenes measured, ``missed`` the number of ticks whose
+        Status was replaced by a newer one and never written. ``ticks``, ``late_ticks``,
+        ``missed_ticks``, ``sheds``, ``predictor_late``, ``superseded``, ``decimated``: counted over
+        the whole run.
 
     Raises:
         LinkError: this machine has no such wire.
@@ -175,19 +198,31 @@ def latency(kind: str, rate_hz: float, seconds: float) -> dict[str, Any]:
     watch = _Watch()
     with KINDS[kind]() as (settings, transport):
         timed = _Timed(transport)
-        config = _config(settings, rate_hz)
+        config = _config(settings, rate_hz, load)
         assembly = assemble.build(
             config, MonotonicClock(), transports={settings.name: timed}, listeners=[watch]
         )
         _time_inference(assembly.prediction.predictor, watch)
         _time_posting(assembly.links[0], watch)
-        run_real_time(assembly=assembly, stop=threading.Event(), duration_s=WARM_UP_S + seconds)
-        receiver = type(assembly.links[0]).receiver(settings)  # type: ignore[attr-defined]
+        pace = run_real_time(
+            assembly=assembly, stop=threading.Event(), duration_s=WARM_UP_S + seconds
+        )
+        link = assembly.links[0]
+        receiver = type(link).receiver(settings)  # type: ignore[attr-defined]
     written = _status_times(receiver, timed.written)
-    return {"link": kind, "rate_hz": rate_hz} | _figures(watch, written)
+    counted = {
+        "ticks": pace.ticks,
+        "late_ticks": pace.late_ticks,
+        "missed_ticks": pace.missed_ticks,
+        "sheds": assembly.node.shedding.sheds,
+        "predictor_late": assembly.prediction.late,
+        "superseded": link.counters.superseded,
+        "decimated": link.counters.decimated,
+    }
+    return {"link": kind, "rate_hz": rate_hz} | _figures(watch, written) | counted
 
 
-def _config(settings: LinkSettings, rate_hz: float) -> Config:
+def _config(settings: LinkSettings, rate_hz: float, load: Load) -> Config:
     """Return a cell with only this link, and a robot that needs no controller.
 
     It does not use the demo's file, which would load a network that is not needed.
@@ -200,17 +235,38 @@ def _config(settings: LinkSettings, rate_hz: float) -> Config:
         "max_speed_m_s": 1.0,
         "motion": {"kind": "trajectory", "file": "pick_and_place"},
     }
-    source = {"kind": "procedural", "rate_hz": rate_hz + 1.0, "noise_m": 0.004, "people": _PEOPLE}
-    predictor = {"name": "zero_velocity", "horizon_s": 1.2}
-    node = {"rate_hz": rate_hz, "source": source, "predictor": predictor, "robots": [robot]}
+    fixed = load.ticks == "fixed"
+    source = {
+        "kind": "procedural",
+        "rate_hz": rate_hz + 1.0 if fixed else rate_hz,
+        "noise_m": 0.004,
+        "people": _people(load.people),
+    }
+    predictor = {"name": load.predictor, "horizon_s": 1.2}
+    node = {
+        "rate_hz": rate_hz if fixed else FLOOR * rate_hz,
+        "ticks": load.ticks,
+        "source": source,
+        "people": {"max_people": load.people},
+        "predictor": predictor,
+        "robots": [robot],
+    }
     return Config(
         path=Path("bench links"),
         text="",
         node=NodeSettings.model_validate(node),
         source=ProceduralSettings.model_validate(source),
-        predictor=ZeroVelocity.settings_model.model_validate(predictor),
+        predictor=predictor_settings(predictor, "bench links"),
         links=(settings,),
     )
+
+
+def _people(count: int) -> list[dict[str, Any]]:
+    """People who stand: two near the robot, the others on a circle of 3 m around it."""
+    around = [2 * math.pi * k / 16 for k in range(max(0, count - len(_PLACES)))]
+    places = [*_PLACES, *([3 * math.cos(a), 3 * math.sin(a)] for a in around)]
+    script = [{"do": "wait", "seconds": 3600.0}]
+    return [{"start": at, "script": script} for at in places[:count]]
 
 
 def _time_inference(predictor: Any, watch: _Watch) -> None:
@@ -266,9 +322,10 @@ def _figures(watch: _Watch, written: Sequence[tuple[int, int]]) -> dict[str, Any
             continue
         node_ns = tick.posted_ns - tick.began_ns - tick.inference_ns
         wait_ns = tick.began_ns - watch.arrived_ns[scenes - 1]
-        rows.append((wait_ns, node_ns, written_ns - tick.posted_ns))
-    spans_ms = np.array(rows, dtype=np.float64).reshape(-1, 3) * 1e-6
-    columns = dict(zip(("wait_ms", "node_ms", "link_ms"), spans_ms.T, strict=True))
+        rows.append((wait_ns, tick.inference_ns, node_ns, written_ns - tick.posted_ns))
+    spans_ms = np.array(rows, dtype=np.float64).reshape(-1, 4) * 1e-6
+    names = ("wait_ms", "inference_ms", "node_ms", "link_ms")
+    columns = dict(zip(names, spans_ms.T, strict=True))
     columns["total_ms"] = spans_ms.sum(axis=1)
     figures = {
         name: {f"p{q}": round(float(np.percentile(column, q)), 3) for q in (50, 99)}

@@ -1,14 +1,13 @@
 """The measurements of ``hri-predict bench links``: delays by kind of link, load of a wire."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from hri_predict.errors import LinkError
 from hri_sim.bench.capacity import saturate
-from hri_sim.bench.latency import KINDS, latency
+from hri_sim.bench.latency import KINDS, Load, latency
 
 BAUDRATES = (115_200, 921_600)
-RATES_HZ = (25.0, 100.0)
 
 
 def kinds() -> list[str]:
@@ -16,12 +15,17 @@ def kinds() -> list[str]:
     return list(KINDS)
 
 
-def delays(names: list[str], seconds: float) -> Iterator[dict[str, Any]]:
-    """Yield the result of ``latency`` for each kind and rate, or why this machine has no wire."""
+def delays(
+    names: list[str], rates_hz: Sequence[float], seconds: float, /, **load: Any
+) -> Iterator[dict[str, Any]]:
+    """Yield the result of ``latency`` for each kind and rate, or why this machine has no wire.
+
+    ``load`` as in ``Load``.
+    """
     for name in names:
-        for rate_hz in RATES_HZ:
+        for rate_hz in rates_hz:
             try:
-                yield latency(name, rate_hz, seconds)
+                yield latency(name, rate_hz, seconds, Load(**load))
             except LinkError as error:
                 yield {"link": name, "rate_hz": rate_hz, "not_here": str(error)}
 

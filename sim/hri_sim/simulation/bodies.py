@@ -22,6 +22,7 @@ from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.risk.zones.human_speed import joined_speeds
 from hri_predict.run import assemble
 from hri_predict.run.session import VIRTUAL_START_NS
+from hri_predict.run.ticks import Ticks, ticks_of
 from hri_sim.simulation.approach import ApproachSource, exact
 from hri_sim.simulation.cell import Cell, Variant, with_risk
 from hri_sim.simulation.foreknown import TrueFuture, foreknown
@@ -70,7 +71,8 @@ def compute(
     runner = PredictionRunner(cell.predictor, deadline_s=None)
     engines = engines_of(cell, source, clock, variants)
     found = Bodies([], [], {name: [] for name in engines})
-    for tick_ns in _ticks(source, people, round(1e9 / config.node.rate_hz)):
+    ticks = ticks_of(config.node, source.rate_hz, VIRTUAL_START_NS)
+    for tick_ns in _ticks(source, people, ticks):
         snapshot = people.snapshot(tick_ns)
         forecast, reason = runner.run(snapshot)
         reasons = (reason,) if reason is not None else ()
@@ -102,20 +104,23 @@ def engines_of(
     }
 
 
-def _ticks(source: ApproachSource, people: People, period_ns: int) -> Iterator[int]:
+def _ticks(source: ApproachSource, people: People, ticks: Ticks) -> Iterator[int]:
     """Yield the ticks up to the last scene; as in the node's loop, arrived scenes come first."""
-    tick_ns = VIRTUAL_START_NS
-    source.open(tick_ns)
+    source.open(VIRTUAL_START_NS)
+    now_ns = VIRTUAL_START_NS
     while (due_ns := source.next_ns()) is not None:
-        if due_ns > tick_ns:
-            yield tick_ns
-            tick_ns += period_ns
+        if due_ns > ticks.due_ns:
+            now_ns = max(now_ns, ticks.due_ns)
+            ticks.begin(now_ns)
+            yield now_ns
             continue
         scene = source.poll(due_ns)
         assert scene is not None
+        now_ns = due_ns
         people.receive(scene, due_ns)
-        if due_ns == tick_ns and source.next_ns() is None:
-            yield tick_ns
+        ticks.captured()
+        if ticks.due_ns <= now_ns and source.next_ns() is None:
+            yield now_ns
 
 
 def moved(bodies: Bodies, matrix: Floats, person: int) -> Bodies:

@@ -102,7 +102,7 @@ def run_episode(
     )
     trackers = cell.trackers(clock)
     advised = assemble.advised_on_links(config)
-    played = _Played(bodies, variant.name, config.node.rate_hz, nobody)
+    played = _Played(bodies, variant.name, nobody)
     engine = assemble.build_risk(config, source, cell.predictor, trackers)
     watch = _Watch()
     node = Node(
@@ -156,23 +156,18 @@ def cell_settings(config: Config) -> ApproachSettings:
 class _Played:
     """The stages' results by the tick's time."""
 
-    def __init__(self, bodies: Bodies, variant: str, rate_hz: float, nobody: bool) -> None:
+    def __init__(self, bodies: Bodies, variant: str, nobody: bool) -> None:
         self._bodies = bodies
         self._zones = bodies.zones[variant]
-        self._period_ns = round(1e9 / rate_hz)
+        self._at = {snapshot.now_ns: k for k, snapshot in enumerate(bodies.snapshots)}
         self.nobody = nobody
 
     def snapshot(self, now_ns: int) -> PeopleSnapshot:
-        snapshot = self._bodies.snapshots[self._index(now_ns)]
+        snapshot = self._bodies.snapshots[self._at[now_ns]]
         return _empty(snapshot) if self.nobody else snapshot
 
     def zones(self, now_ns: int) -> BodyZones:
-        return self._zones[self._index(now_ns)]
-
-    def _index(self, now_ns: int) -> int:
-        index, rest = divmod(now_ns - VIRTUAL_START_NS, self._period_ns)
-        assert rest == 0
-        return index
+        return self._zones[self._at[now_ns]]
 
 
 class _PlayedPeople(People):

@@ -16,6 +16,7 @@ import pytest
 
 from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.errors import LinkError
+from hri_predict.node.shedding import Shedding
 from hri_predict.protocol.messages import NodeState
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 from hri_predict.source import NOT_KNOWN_NS
@@ -29,6 +30,7 @@ class Source:
     def __init__(self, period_ns=10 * MS, count=None):
         self.period_ns, self.count = period_ns, count
         self.k, self.start_ns, self.polls, self.closed = 0, 0, 0, False
+        self.rate_hz = 1e9 / (period_ns or 10 * MS)
         self.fails: list[str] = []  # what to raise, one per poll
 
     def open(self, start_ns):
@@ -59,6 +61,12 @@ class Node:
         self.clock = clock
         self.ticks, self.scenes, self.said = [], [], []
         self.slow: dict[int, float] = {}  # tick -> seconds that it takes
+        self.shedding = Shedding()
+        self.warm = False
+
+    def warm_up(self):
+        assert not self.said, "it is warm before anybody hears of it"
+        self.warm = True
 
     def tick(self, now_ns):
         self.ticks.append(now_ns)
@@ -97,7 +105,7 @@ def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
         source=source or Source(),
         links=tuple(links),
         prediction=prediction,
-        config=SimpleNamespace(node=SimpleNamespace(rate_hz=rate_hz)),
+        config=SimpleNamespace(node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed")),
     )
 
 
@@ -116,33 +124,43 @@ def paced(tick_ms, duration_s=0.24):
 
     node.tick = tick
     pace = run_real_time(assembly=assembly, stop=threading.Event(), duration_s=duration_s)
-    return node.ticks, pace
+    return node.ticks, pace, node.shedding
 
 
 def test_deadlines_are_absolute():
-    ticks, pace = paced({k: k % 20 for k in range(12)})  # work that varies moves no deadline
+    ticks, pace, _ = paced({k: k % 20 for k in range(12)})  # work that varies moves no deadline
     assert ticks == list(range(0, 240, 20))
     assert (pace.ticks, pace.late_ticks, pace.missed_ticks) == (12, 0, 0)
     assert len(pace.tick_ms) == 12
 
 
 def test_a_late_tick_is_counted_and_pushes_nothing_back():
-    ticks, pace = paced({2: 25})
+    ticks, pace, _ = paced({2: 25})
     assert ticks == [0, 20, 40, 65, 80, 100, 120, 140, 160, 180, 200, 220]
     assert (pace.late_ticks, pace.missed_ticks) == (1, 0)
 
 
 def test_late_ticks_do_not_accumulate():
-    ticks, pace = paced({2: 110})  # until 150: the deadlines 60, 80, 100, 120 have passed by
+    ticks, pace, _ = paced({2: 110})  # until 150: the deadlines 60, 80, 100, 120 have passed by
     assert ticks == [0, 20, 40, 150, 160, 180, 200, 220]
     assert (pace.ticks, pace.late_ticks, pace.missed_ticks) == (8, 1, 4)
 
 
 def test_a_loop_that_is_always_too_slow_is_late_each_time_and_keeps_its_phase():
-    ticks, pace = paced(dict.fromkeys(range(99), 30))
+    ticks, pace, _ = paced(dict.fromkeys(range(99), 30))
     assert pace.late_ticks == pace.ticks
     assert all(b - a == 30 for a, b in itertools.pairwise(ticks))
     assert pace.missed_ticks == pytest.approx(240 / 20 - pace.ticks, abs=1)
+
+
+def test_ticks_that_take_nearly_their_whole_period_shed_load():
+    _, pace, shedding = paced(dict.fromkeys(range(99), 18))
+    assert (pace.late_ticks, shedding.sheds) == (0, 2)
+
+
+def test_ticks_with_room_shed_nothing():
+    _, _, shedding = paced(dict.fromkeys(range(99), 15))
+    assert shedding.sheds == 0
 
 
 def test_a_really_slow_tick_is_counted():
@@ -267,6 +285,7 @@ def test_it_ends_when_the_source_has_no_more():
     assembly = make(source=Source(count=10))
     run_real_time(assembly=assembly, stop=threading.Event(), until_exhausted=True)
     assert len(assembly.node.scenes) == 10
+    assert assembly.node.warm
     assert assembly.node.said == [NodeState.STARTING, NodeState.STOPPING]
 
 

@@ -1,12 +1,13 @@
 """An episode of played bodies is the episode of the whole node; and what protection changes."""
 
 import dataclasses
+import itertools
 
 import pytest
 
 from hri_sim.simulation.approach import over_floor
 from hri_sim.simulation.bodies import compute, joined, moved
-from hri_sim.simulation.cell import variants
+from hri_sim.simulation.cell import Cell, variants
 from hri_sim.simulation.episode import run_episode
 from hri_sim.simulation.motion import load_motion
 from hri_sim.simulation.results.outcome import Truth, outcome, prediction
@@ -41,6 +42,17 @@ def test_it_agrees_with_the_whole_node(cell, names, index):
         log = run_episode(cell=cell, scenario=scenario, variant=variant, bodies=bodies)
         assert disagreement(cell, scenario, variant, log) == ""
         assert log.controllers[0].counter_errors > 0  # messages were lost, the same ones
+
+
+@pytest.mark.long
+def test_with_a_tick_for_each_capture_it_agrees_too(cell):
+    node = cell.config.node.model_copy(update={"ticks": "capture"})
+    capture = Cell(dataclasses.replace(cell.config, node=node))
+    modes, scenario, bodies = episode(capture, ["procedural:1"], 0)
+    stamps = [snapshot.now_ns for snapshot in bodies.snapshots]
+    assert {b - a for a, b in itertools.pairwise(stamps)} - {40_000_000}  # not the fixed rate
+    log = run_episode(cell=capture, scenario=scenario, variant=modes[0], bodies=bodies)
+    assert disagreement(capture, scenario, modes[0], log) == ""
 
 
 @pytest.fixture(scope="module")

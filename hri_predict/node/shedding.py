@@ -1,0 +1,78 @@
+"""What the node leaves out when its ticks take too long: first poses, then zones.
+
+Status and Advice are never left out, nor anything that they rest on: only messages are. A tick that
+is late delays advice; a Pose or Zone that is missing does not.
+"""
+
+from collections.abc import Sequence
+
+from hri_predict.protocol.messages import Message, Pose, Zone
+
+HIGH = 0.8
+"""Part of a tick's time above which it was nearly late."""
+LOW = 0.6
+"""Part below which there is room again. What is left out saves less than the difference."""
+SHED_TICKS = 2
+"""So many ticks in a row above ``HIGH`` leave out one kind more: a single one may be chance."""
+RESTORE_NS = 5_000_000_000
+"""So long must ticks stay below ``LOW`` until one kind is sent again."""
+LONGEST_NS = 80_000_000_000
+"""The most that ``RESTORE_NS`` is doubled to, where ticks are soon too long again."""
+ORDER: Sequence[type[Message]] = (Pose, Zone)
+
+
+class Shedding:
+    """Decides from the ticks' durations; without durations (virtual time) nothing is left out.
+
+    Attributes:
+        without: kind of message -> ticks that went without it.
+        sheds: times that one kind more was left out.
+    """
+
+    def __init__(self) -> None:
+        self.without: dict[type[Message], int] = dict.fromkeys(ORDER, 0)
+        self.sheds = 0
+        self._left_out = 0  # of ``ORDER``
+        self._high = 0  # ticks in a row
+        self._calm_since_ns: int | None = None
+        self._patience_ns = RESTORE_NS
+        self._restored_ns: int | None = None
+
+    def leaves_out(self, kind: type[Message]) -> bool:
+        """Whether messages of this kind are left out now."""
+        return kind in ORDER[: self._left_out]
+
+    @property
+    def active(self) -> bool:
+        """Whether anything is left out now."""
+        return self._left_out > 0
+
+    def note(self, used: float, now_ns: int) -> None:
+        """Take what part of its time the tick at ``now_ns`` used."""
+        for kind in ORDER[: self._left_out]:
+            self.without[kind] += 1
+        self._high = self._high + 1 if used > HIGH else 0
+        if used >= LOW:
+            self._calm_since_ns = None
+        elif self._calm_since_ns is None:
+            self._calm_since_ns = now_ns
+        if self._high >= SHED_TICKS:
+            self._shed(now_ns)
+        elif self.active and self._is_calm(now_ns):
+            self._left_out -= 1
+            self._restored_ns = self._calm_since_ns = now_ns
+
+    def _shed(self, now_ns: int) -> None:
+        self._high = 0
+        if self._left_out == len(ORDER):
+            return
+        self._left_out += 1
+        self.sheds += 1
+        if self._restored_ns is not None:  # was it restored too soon?
+            soon = now_ns - self._restored_ns < self._patience_ns
+            self._patience_ns = min(2 * self._patience_ns, LONGEST_NS) if soon else RESTORE_NS
+            self._restored_ns = None
+
+    def _is_calm(self, now_ns: int) -> bool:
+        since_ns = self._calm_since_ns
+        return since_ns is not None and now_ns - since_ns >= self._patience_ns

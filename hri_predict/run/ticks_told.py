@@ -1,0 +1,54 @@
+"""What a person should know of a configuration's ticks: rates, and how long captures wait."""
+
+from typing import Any
+
+from hri_predict.run.config import NodeSettings
+
+RACE = 0.9
+"""A period of at least so much of the source's period, and not much more, races with captures."""
+
+
+def ticks_facts(node: NodeSettings, source_rate_hz: float) -> dict[str, Any]:
+    """Return when the node ticks, and how long a capture waits for that.
+
+    Of captures that come closer together than ticks, the newest counts. Neither the source's delay
+    nor the tick itself is in it.
+    """
+    apart_s, gap_s = 1.0 / source_rate_hz, 1.0 / node.largest_rate_hz
+    if node.ticks == "fixed":
+        most_s = min(gap_s, apart_s)
+        mean_s = most_s / 2
+    else:
+        most_s, mean_s = gap_s, apart_s / 2 if apart_s < gap_s else 0.0
+    return {
+        "ticks": node.ticks,
+        "rate_hz": node.rate_hz,
+        "largest_rate_hz": node.largest_rate_hz,
+        "source_rate_hz": source_rate_hz,
+        "wait_s": {"mean": mean_s, "most": most_s},
+    }
+
+
+def ticks_line(facts: dict[str, Any]) -> str:
+    """One line of what ``ticks_facts`` found."""
+    rates = f"{facts['rate_hz']:g} per second"
+    if facts["ticks"] == "capture":
+        rates = f"{facts['rate_hz']:g} to {facts['largest_rate_hz']:g} per second"
+    wait = facts["wait_s"]
+    return (
+        f"ticks: {facts['ticks']}, {rates}; a capture of the source's "
+        f"{facts['source_rate_hz']:.4g} per second waits {wait['mean'] * 1e3:.0f} ms on average "
+        f"and {wait['most'] * 1e3:.0f} ms at most"
+    )
+
+
+def race_notes(node: NodeSettings, source_rate_hz: float) -> list[str]:
+    """Return a note where ticks without a capture come just before captures."""
+    near = RACE * source_rate_hz < node.rate_hz <= source_rate_hz / RACE
+    if node.ticks == "fixed" or not near:
+        return []
+    return [
+        f"rate_hz {node.rate_hz:g} is about the source's {source_rate_hz:.4g}: a capture that "
+        "comes a little late just misses a tick, and waits for 1 / max_rate_hz; rate_hz up to "
+        f"{RACE * source_rate_hz:.3g} avoids it"
+    ]

@@ -1,0 +1,181 @@
+"""When ticks are due, at a fixed rate and with captures; no clock runs here."""
+
+import itertools
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hri_predict.clock import VirtualClock
+from hri_predict.run.config import NodeSettings
+from hri_predict.run.ticks import LEAVE_NS, CaptureTicks, FixedTicks, ticks_of
+
+MS = 1_000_000
+PERIOD, GAP = 40 * MS, 10 * MS
+
+
+def capture_ticks():
+    return CaptureTicks(0, period_ns=PERIOD, gap_ns=GAP, room_ns=30 * MS)
+
+
+def played(ticks, captures, end_ns, took_ns=0):
+    """When ticks begin if scenes come at ``captures`` and each tick takes ``took_ns``."""
+    waiting, now_ns, began = sorted(captures), 0, []
+    while now_ns < end_ns:
+        while waiting and waiting[0] <= max(now_ns, ticks.due_ns):
+            now_ns = max(now_ns, waiting.pop(0))
+            ticks.captured()
+        now_ns = max(now_ns, ticks.due_ns)
+        if now_ns >= end_ns:
+            break
+        ticks.begin(now_ns)
+        began.append(now_ns)
+        done_ns = now_ns + took_ns
+        while waiting and waiting[0] <= done_ns:  # they come while the tick runs
+            waiting.pop(0)
+            ticks.captured()
+        ticks.end(done_ns)
+        now_ns = done_ns
+    return began
+
+
+def test_a_capture_gives_a_tick_at_once():
+    assert played(capture_ticks(), [15 * MS, 48 * MS], 60 * MS) == [0, 15 * MS, 48 * MS]
+
+
+def test_without_captures_there_is_one_tick_each_period():
+    assert played(capture_ticks(), [], 130 * MS) == [0, 40 * MS, 80 * MS, 120 * MS]
+
+
+def test_when_the_source_stops_the_next_tick_comes_one_period_after_the_last():
+    assert played(capture_ticks(), [33 * MS], 120 * MS) == [0, 33 * MS, 73 * MS, 113 * MS]
+
+
+def test_a_burst_gives_one_tick():
+    assert played(capture_ticks(), [20 * MS] * 5, 50 * MS) == [0, 20 * MS]
+
+
+def test_a_capture_right_after_a_tick_waits_for_the_gap_and_no_longer():
+    assert played(capture_ticks(), [41 * MS], 60 * MS) == [0, 40 * MS, 50 * MS]
+
+
+def test_a_capture_just_when_the_floor_is_due_is_in_that_tick():
+    assert played(capture_ticks(), [40 * MS], 79 * MS) == [0, 40 * MS]
+
+
+def test_a_source_that_is_faster_than_the_largest_rate_gives_that_rate():
+    captures = [round(k * 1e9 / 240) for k in range(240)]
+    began = played(capture_ticks(), captures, 1_000 * MS)
+    assert began == [k * GAP for k in range(100)]
+
+
+def test_captures_during_a_long_tick_give_one_tick_as_soon_as_its_advice_has_left():
+    began = played(capture_ticks(), [20 * MS, 30 * MS, 40 * MS], 80 * MS, took_ns=35 * MS)
+    assert began == [0, 35 * MS + LEAVE_NS, 70 * MS + 2 * LEAVE_NS]
+
+
+def test_after_a_leap_of_the_clock_nothing_is_made_up_for():
+    ticks = capture_ticks()
+    ticks.begin(0)
+    ticks.captured()
+    ticks.begin(3_600_000 * MS)  # the machine slept
+    assert ticks.due_ns == 3_600_000 * MS + PERIOD
+
+
+@given(
+    st.lists(st.integers(0, 1_000 * MS), max_size=60),
+    st.integers(0, 70 * MS),
+)
+def test_ticks_are_never_nearer_than_the_gap_nor_farther_than_the_period(captures, took_ns):
+    began = played(capture_ticks(), captures, 1_000 * MS, took_ns)
+    apart = [b - a for a, b in itertools.pairwise(began)]
+    least, most = max(GAP, took_ns), max(PERIOD, took_ns + LEAVE_NS)
+    assert all(least <= each <= most for each in apart)
+    for capture in captures:  # none is forgotten
+        later = [b for b in began if b >= capture]
+        assert not later or later[0] <= capture + max(GAP, took_ns + LEAVE_NS)
+
+
+def test_a_tick_is_late_when_it_takes_longer_than_its_room():
+    ticks = capture_ticks()
+    ticks.begin(5 * MS)
+    assert not ticks.end(35 * MS).is_late
+    ticks.begin(45 * MS)
+    assert ticks.end(76 * MS).is_late
+
+
+def test_a_capture_wakes_whoever_waits():
+    ticks, stop = capture_ticks(), threading.Event()
+    ticks.begin(0)
+    clock = Waking(ticks)
+    ticks.wait(clock, stop)
+    assert clock.waited == PERIOD
+    assert ticks.due_ns == GAP  # so the loop waits again, until then
+    clock.wakes = False
+    ticks.wait(clock, stop)
+    assert clock.waited == GAP
+
+
+class Waking(VirtualClock):
+    """Somebody else brings a capture while it waits, and the event must be set by that."""
+
+    def __init__(self, ticks):
+        super().__init__(0)
+        self.ticks, self.wakes, self.waited = ticks, True, None
+
+    def wait_until(self, deadline_ns, wake=None):
+        self.waited = deadline_ns
+        assert not wake.is_set()
+        if self.wakes:
+            self.ticks.captured()
+            assert wake.is_set()
+
+
+def test_captures_change_nothing_at_a_fixed_rate():
+    ticks = FixedTicks(0, PERIOD)
+    assert played(ticks, [5 * MS, 39 * MS, 41 * MS], 130 * MS) == [k * PERIOD for k in range(4)]
+
+
+ROBOT = {"name": "a", "model": "ur5e", "room_from_robot": {}, "max_speed_m_s": 1.0}
+
+
+def settings(**keys):
+    return NodeSettings.model_validate({"source": {}, "robots": [ROBOT], **keys})
+
+
+def test_the_configuration_decides_and_fixed_is_the_default():
+    assert isinstance(ticks_of(settings(), 30.0, 0), FixedTicks)
+    ticks = ticks_of(settings(ticks="capture", rate_hz=20), 30.0, 0)
+    assert isinstance(ticks, CaptureTicks)
+    ticks.begin(0)
+    assert ticks.due_ns == 50 * MS
+    ticks.captured()
+    assert ticks.due_ns == 10 * MS  # 100 Hz at most, where nothing else is said
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "largest_hz", "source_hz", "room_ms"),
+    [(25, 100, 30, 1000 / 30), (25, 100, 10, 40), (25, 50, 240, 20)],
+)
+def test_a_tick_has_time_until_the_next_capture_or_the_floor(
+    rate_hz, largest_hz, source_hz, room_ms
+):
+    node = settings(ticks="capture", rate_hz=rate_hz, max_rate_hz=largest_hz)
+    ticks = ticks_of(node, source_hz, 0)
+    ticks.begin(0)
+    assert ticks.end(round(room_ms * MS)).used == pytest.approx(1.0, abs=1e-6)  # whole nanoseconds
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"max_rate_hz": 50}, "no effect with ticks: fixed"),
+        ({"ticks": "capture", "rate_hz": 50, "max_rate_hz": 40}, "below rate_hz 50"),
+        ({"ticks": "capture", "max_rate_hz": 240}, "less than or equal to 100"),
+        ({"ticks": "event"}, "'fixed' or 'capture'"),
+    ],
+)
+def test_rates_that_do_not_fit_are_refused(keys, words):
+    with pytest.raises(ValueError, match=words):
+        settings(**keys)
