@@ -11,6 +11,11 @@ Stamps = NDArray[np.int64]
 """Nanoseconds."""
 
 
+def plain_flags(flags: Bools) -> Bools:
+    """The same flags as compiled loops take them: in one piece and writable."""
+    return flags if flags.flags.carray else flags.copy()
+
+
 def known_median(rows: Floats) -> Floats:
     """Median of each row's numbers; on small arrays ten times as fast as ``numpy.nanmedian``.
 

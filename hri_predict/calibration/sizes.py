@@ -68,7 +68,7 @@ def measure_sizes(
     """
     skeleton = next(iter(methods.values()))[2].skeleton
     rate_hz = next(iter(methods.values()))[2].rate_hz
-    reach = BodyReach(limits or HumanLimits(), skeleton, rate_hz)
+    reach = BodyReach.of(limits or HumanLimits(), skeleton, rate_hz)
     sums: dict[str, Floats] = {}
     counts = np.zeros(len(skeleton.segments))
     for index, entry in enumerate(scores):

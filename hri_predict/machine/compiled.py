@@ -7,10 +7,14 @@ anew.
 """
 
 import functools
+import importlib.util
 import logging
 import os
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hri_predict.machine.cache import cache_folder
 
@@ -18,6 +22,7 @@ log = logging.getLogger(__name__)
 
 _SWITCH = "HRI_PREDICT_COMPILED"
 _PARTS: list[Callable[..., Any]] = []  # marked, and not yet known to numba
+_FAILED: list[str] = []
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -40,10 +45,34 @@ def kernel(loops: Callable[..., Any], otherwise: Callable[P, R]) -> Callable[P, 
         nonlocal chosen
         if chosen is None:
             compiler = _compiler()
-            chosen = otherwise if compiler is None else compiler(loops)
+            chosen = otherwise if compiler is None else _unless_it_fails(compiler(loops), otherwise)
         return chosen(*args, **kwargs)
 
     return call
+
+
+def _unless_it_fails(compiled: Callable[P, R], otherwise: Callable[P, R]) -> Callable[P, R]:
+    """``compiled``, and once that cannot be compiled or called ``otherwise`` for good."""
+    working = True
+
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        nonlocal working
+        if working:
+            try:
+                return compiled(*args, **kwargs)
+            except Exception as error:  # no fault of a compiler may end the node
+                working = False
+                _say_once(f"{error}".partition("\n")[0])
+        return otherwise(*args, **kwargs)
+
+    return call
+
+
+def _say_once(why: str) -> None:
+    """One line for all loops that fail."""
+    if not _FAILED:
+        log.warning("compiled loops fail, so arrays compute instead, which is slower: %s", why)
+    _FAILED.append(why)
 
 
 def part(function: Callable[P, R]) -> Callable[P, R]:
@@ -55,9 +84,29 @@ def part(function: Callable[P, R]) -> Callable[P, R]:
     return function
 
 
+def plain(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same numbers as compiled loops take them: in one piece, writable, double precision.
+
+    Loops are compiled anew for arrays of another type, and those of another order or that may not
+    be written are of another type. That must not happen while robots move.
+    """
+    if array.flags.carray and array.dtype == np.float64:
+        return array
+    return np.array(array, np.float64, order="C")
+
+
 def is_compiled() -> bool:
     """Whether numba compiles the loops of this process."""
     return _compiler() is not None
+
+
+def why_not_compiled() -> str:
+    """Why arrays compute, with the remedy; "" if numba is there. Imports nothing."""
+    if os.environ.get(_SWITCH, "1") == "0":
+        return f"{_SWITCH} is 0"
+    if importlib.util.find_spec("numba") is None:
+        return "numba is not installed; pip install 'hri-predict[accel]'"
+    return ""
 
 
 @functools.cache

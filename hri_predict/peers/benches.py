@@ -1,6 +1,7 @@
 """Contracts of the benches that ``hri_sim`` brings (``hri_predict.simulations``)."""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 
@@ -59,3 +60,46 @@ class TrackerBench(Protocol):
         self, chosen: Sequence[tuple[str, str]], walks: int, predictor: str, /
     ) -> Iterator[dict[str, Any]]:
         """A row of figures for each of these cases."""
+
+
+class NodeBench(Protocol):
+    """Measures the whole node in real time: entry point ``node``, a module.
+
+    Attributes:
+        WIRES: what ``heard`` knows: a serial line, a CAN bus, and a CAN adapter on a serial line.
+        AGE_WIRES: what ``ages`` knows.
+    """
+
+    @property
+    def WIRES(self) -> Sequence[str]: ...  # noqa: D102
+
+    @property
+    def AGE_WIRES(self) -> Sequence[str]: ...  # noqa: D102
+
+    def config(self, **wanted: Any) -> Any:
+        """A cell's ``run.config.Config`` with these people, robots, predictor, rate_hz, ..."""
+
+    def heard(
+        self,
+        *,
+        wire: str,
+        predictor: str,
+        rate_hz: float,
+        seconds: float,
+        cache: Path | None = None,
+    ) -> dict[str, Any]:
+        """A node in a process of its own, as another process hears it; figures by name.
+
+        Raises:
+            LinkError: this machine has no such wire, or the node did not start; says why.
+        """
+
+    def ages(
+        self,
+        *,
+        wires: tuple[str, ...],
+        rates_hz: tuple[float, ...],
+        predictors: tuple[str, ...],
+        seconds: float,
+    ) -> Iterator[dict[str, Any]]:
+        """A row of figures for each of these cases, or why there is no such wire."""

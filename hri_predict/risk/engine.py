@@ -5,6 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, fl
 from hri_predict.risk.contact.judges import contact_judges
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.levels.advice import Levels
+from hri_predict.risk.levels.grounds import grounds_of
 from hri_predict.risk.levels.modes import REASONS, admitted
 from hri_predict.risk.levels.near_miss import near_misses
+from hri_predict.risk.made_up import made_up_ticks
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
 from hri_predict.risk.separation.stage import Findings, Separation
@@ -110,16 +113,11 @@ class RiskEngine:
         named = [NamedZone(zone, settings.person_uncertainty_m) for zone in named_zones]
         longest_s = max((robot.longest_s for robot in constants), default=0.0)
         steps = max(horizon_steps, math.ceil(longest_s * forecast_rate_hz - 1e-9))
-        self._check = None
-        if calibration is not None:
-            self._check = SelfCheck(
-                SelfCheckConstants(),
-                level=settings.coverage.level,
-                of=settings.coverage.of,
-                rate_hz=forecast_rate_hz,
-                horizon_steps=horizon_steps,
-                ranges=calibration.motion_ranges(skeleton),
-            )
+        self._joints = len(skeleton.joints)
+        self._new_check = partial(
+            _self_check, settings, calibration, skeleton, (forecast_rate_hz, horizon_steps)
+        )
+        self._check = self._new_check()
         self._builder = ZoneBuilder(
             skeleton=skeleton,
             absent_parts=absent_parts,
@@ -155,6 +153,19 @@ class RiskEngine:
             horizon_s=horizon_s,
             segment_index=self._builder.segment_index,
         )
+
+    def warm_up(self) -> None:
+        """Have every loop compiled before time matters: a second from a copy, many without.
+
+        Nothing is remembered of it. Call it before the first tick.
+        """
+        kept, self._check = self._check, self._new_check()
+        try:
+            for tick in made_up_ticks(self._joints, self._horizon_steps, self._rate_hz):
+                self.zones(*tick)
+        finally:
+            self._check = kept
+        self._separation.warm_up()
 
     def assess(
         self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
@@ -232,7 +243,8 @@ class RiskEngine:
         said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *modes, *drift]
         reasons = dict.fromkeys(said)
         near = near_misses(findings, bodies)
-        return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near)
+        grounds = tuple(grounds_of(each, bodies, self._settings) for each in findings.robots)
+        return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near, grounds)
 
     def _remarks(self, robot: int, now_ns: int) -> tuple[Reason, ...]:
         """What a robot does other than advised."""
@@ -306,6 +318,24 @@ class RiskEngine:
     def _shape(self, snapshot: PeopleSnapshot) -> tuple[int, int, int, int]:
         """The shape of a forecast's positions."""
         return len(snapshot.ids), self._horizon_steps, snapshot.last_positions.shape[1], 3
+
+
+def _self_check(
+    settings: RiskSettings,
+    calibration: Calibration | None,
+    skeleton: Skeleton,
+    steps: tuple[float, int],
+) -> SelfCheck | None:
+    if calibration is None:
+        return None
+    return SelfCheck(
+        SelfCheckConstants(),
+        level=settings.coverage.level,
+        of=settings.coverage.of,
+        rate_hz=steps[0],
+        horizon_steps=steps[1],
+        ranges=calibration.motion_ranges(skeleton),
+    )
 
 
 def _obedience(robot: RobotConstants) -> Obedience:

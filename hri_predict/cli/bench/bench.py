@@ -1,317 +1,138 @@
 """``bench``: measure the node. Compare times only within one run, not between machines."""
 
 import json
-import resource
+import os
 import sys
-import timeit
-from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 
-from hri_predict import registry
+from hri_predict.cli.bench.faults import faults
 from hri_predict.cli.bench.fleet import fleet
 from hri_predict.cli.bench.joint_maps import joint_maps
 from hri_predict.cli.bench.links import links
+from hri_predict.cli.bench.memory import memory
 from hri_predict.cli.bench.predictors import predictors
-from hri_predict.cli.bench.risk import PEOPLE, SEGMENTS, TITLE, risk_calls
+from hri_predict.cli.bench.report import host, saved, table
+from hri_predict.cli.bench.report import plot as plots
+from hri_predict.cli.bench.report.rows import QUICK, Row, Scope
+from hri_predict.cli.bench.sections import SECTIONS
 from hri_predict.cli.bench.soak import soak
 from hri_predict.cli.bench.trackers import trackers
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError
-from hri_predict.node.listeners import Tick
-from hri_predict.peers import FaultOutcome
-from hri_predict.people.ring_buffer import RingBuffer
-from hri_predict.protocol import messages as m
-from hri_predict.protocol.can import CanReceiver, CanSender
-from hri_predict.protocol.reasons import Reason
-from hri_predict.protocol.serial import SerialReceiver, SerialSender
-from hri_predict.run import assemble
-from hri_predict.run import config as configuration
-from hri_predict.run.runtime import run_virtual
-from hri_predict.run.session import VIRTUAL_START_NS, Options, View, run
-from hri_predict.skeleton import JOINTS
+from hri_predict.cli.common import one_of, progress, tell, warn, without_effect
+from hri_predict.errors import ConfigError, HriPredictError
 
 app = typer.Typer(invoke_without_command=True)
-app.command()(predictors)
-app.command()(links)
-app.command()(fleet)
-app.command()(joint_maps)
-app.command()(trackers)
+for command in (predictors, links, fleet, joint_maps, trackers, faults, memory, soak):
+    app.command()(command)
 
-# Before this, bounded buffers (durations of ticks, round trips, history) are still filling up.
-WARM_UP_MINUTES = 6
-
-Json = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
+_WIDTH = 100  # where no terminal says
 
 
 @app.callback()
-def bench(context: typer.Context, as_json: Json = False) -> None:
-    """Measure the node: time of its parts and links, memory over an hour, reactions to faults.
+def bench(
+    *,
+    context: typer.Context,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A minute or two instead of a quarter of an hour.")
+    ] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help=f"Measure only this section. Repeatable: {', '.join(SECTIONS)}."),
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write all figures into this file, as JSON.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw them into this file (.png or .svg).")
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="Compare with this file of --save: ratios alone.")
+    ] = None,
+    worse_than: Annotated[
+        float | None,
+        typer.Option(
+            help="With --baseline: ratio from which a figure got worse.", show_default="1.5"
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """Measure the node: its parts, forecasts, age, jitter, load, scaling, start and speed.
 
-    Example: hri-predict bench
+    Exit status 1: with --baseline, something got worse by more than --worse-than times.
+
+    Example: hri-predict bench --quick --save before.json
     """
     if context.invoked_subcommand is not None:
+        flags: dict[str, Any] = {
+            "--quick": quick or None,
+            "--only": only,
+            "--save": save,
+            "--plot": plot,
+        }
+        flags |= {"--baseline": baseline, "--worse-than": worse_than, "--json": as_json or None}
+        without_effect(flags, f"before {context.invoked_subcommand}")
         return
-    rows = [*_ring_buffer(), *_codecs(), *_risk(), *_tick_overhead()]
+    factor = _factor(baseline, worse_than)
+    for name in only or ():
+        one_of("--only", name, tuple(SECTIONS))
+    if plot is not None:
+        plots.check(plot)
+    before = None if baseline is None else saved.read(baseline)
+    machine = host.machine()
+    if busy := host.busy(machine["load_average"]):
+        warn(busy)
+    chosen = [name for name in SECTIONS if not only or name in only]
+    told = _measured(chosen, QUICK if quick else Scope(), machine, save)
+    if plot is not None:
+        plots.plot(plot, told, host.described(machine))
+    changes = [] if before is None else saved.compare(before[1], told, factor)
     if as_json:
-        print(json.dumps(rows))
-        return
-    table = Table(title="Cost of the node's parts, microseconds", title_justify="left")
-    table.add_column("part")
-    for name in ("p50", "p99", "target"):
-        table.add_column(name, justify="right")
-    for row in rows:
-        aim = "" if row["aim_us"] is None else f"< {row['aim_us']:g}"
-        table.add_row(row["part"], f"{row['p50_us']:.1f}", f"{row['p99_us']:.1f}", aim)
-    Console().print(table)
-
-
-def _row(part: str, seconds: Any, aim_us: float | None) -> dict[str, Any]:
-    micro = np.asarray(seconds) * 1e6
-    return {
-        "part": part,
-        "p50_us": float(np.percentile(micro, 50)),
-        "p99_us": float(np.percentile(micro, 99)),
-        "aim_us": aim_us,
-    }
-
-
-def _timed(call: Callable[[], object], number: int = 20, repeat: int = 200) -> list[float]:
-    return [t / number for t in timeit.repeat(call, number=number, repeat=repeat)]
-
-
-def _ring_buffer() -> list[dict[str, Any]]:
-
-    buffer = RingBuffer(joints=len(JOINTS), capacity=256, max_gap_ns=100_000_000)
-    positions = np.zeros((len(JOINTS), 3))
-    observed = np.ones(len(JOINTS), bool)
-    stamp = [0]
-
-    def push() -> None:
-        stamp[0] += 33_000_000
-        buffer.push(stamp[0], positions, observed, stamp[0])
-
-    pushes = _timed(push)
-    windows = _timed(lambda: buffer.window(stamp[0], 25, 25.0))
-    return [
-        _row("ring buffer: push, 21 joints", pushes, 5),
-        _row("ring buffer: window of 25 steps", windows, 100),
-    ]
-
-
-def _codecs() -> list[dict[str, Any]]:
-
-    rows = []
-    for message in _messages():
-        name = type(message).__name__
-        for kind in ("classic CAN", "CAN FD", "serial"):
-            if kind == "classic CAN" and name in ("Zone", "Pose"):
-                continue
-            sender: Any
-            receiver: Any
-            if kind == "serial":
-                sender, receiver = SerialSender(), SerialReceiver()
-                coded = [sender.encode(message) for _ in range(4000)]
-                feed = receiver.feed
-            else:
-                fd = kind == "CAN FD"
-                sender, receiver = CanSender(fd=fd), CanReceiver(fd=fd)
-                coded = [sender.encode(message) for _ in range(4000)]
-
-                def feed(frames: Any, receiver: Any = receiver) -> None:
-                    for frame in frames:
-                        receiver.feed(frame)
-
-            units = iter(coded)
-            encode = _timed(lambda s=sender, m=message: s.encode(m))  # type: ignore[misc]
-            decode = _timed(lambda f=feed, u=units: f(next(u)))  # type: ignore[misc]
-            rows.append(_row(f"encode {name}, {kind}", encode, None))
-            rows.append(_row(f"decode {name}, {kind}", decode, None))
-    return rows
-
-
-def _messages() -> list[Any]:
-
-    capsules = tuple(
-        m.ZoneCapsule(i, (0.1 * i, 0.5, 1.0), (0.1 * i, 0.6, 1.3), 0.2) for i in range(17)
-    )
-    return [
-        m.Status(
-            node_state=m.NodeState.RUNNING,
-            reason=Reason.NONE,
-            people=1,
-            predictor=0,
-            cycle=1,
-            age_s=0.03,
-        ),
-        m.Advice(
-            robot=0,
-            level=m.Level.SLOW,
-            reason=Reason.PERSON_NEAR,
-            latch_id=0,
-            separation_m=1.2,
-            predicted_separation_m=0.8,
-            time_to_breach_s=0.5,
-            speed_limit_m_s=0.4,
-            body_part=3,
-            robot_link=5,
-            echo=17,
-            age_s=0.03,
-        ),
-        m.Schema(1, 0x12345678),
-        m.RobotState(
-            robot=0,
-            mode=m.RobotMode.AUTOMATIC,
-            counter=7,
-            positions=(0.1,) * 6,
-            velocities=(0.2,) * 6,
-        ),
-        m.Acknowledge(3, 9),
-        m.Zone(person=1, step=12, horizon_s=0.48, capsules=capsules, age_s=0.03),
-        m.Pose(
-            person=1,
-            step=12,
-            horizon_s=0.48,
-            joints=tuple((i, 0.1 * i, 0.5, 1.0) for i in range(21)),
-            age_s=0.03,
-        ),
-    ]
-
-
-def _risk() -> list[dict[str, Any]]:
-    """Time the slowest branch: people are so near that several speeds of each robot are tried."""
-    zones, judge = risk_calls()
-    return [
-        _row(TITLE, _timed(judge, number=5, repeat=100), 3000),
-        _row(f"zones of {PEOPLE} people x {SEGMENTS} segments", _timed(zones, 5, 100), None),
-    ]
-
-
-def _tick_overhead() -> list[dict[str, Any]]:
-    """Time the demo's ticks on the virtual clock, without the time spent in the predictor."""
-
-    config = configuration.load(configuration.shipped("demo.yaml")).with_predictor("zero_velocity")
-    clock = VirtualClock(VIRTUAL_START_NS)
-    cell = registry.load("cells", "mock")(
-        links=[link for link in config.links if link.simulate],
-        robots=config.node.robots,
-        base_dir=config.base_dir,
-        clock=clock,
-    )
-    assembly = assemble.build(config, clock, transports=cell.transports(), deadline=False)
-    inference: list[float] = []
-    predict = assembly.prediction.predictor.predict
-
-    def timed(*arguments: Any) -> Any:
-        began = timeit.default_timer()
-        forecast = predict(*arguments)
-        inference.append(timeit.default_timer() - began)
-        return forecast
-
-    assembly.prediction.predictor.predict = timed  # type: ignore[assignment,method-assign]
-    pace = run_virtual(assembly, cell, duration_s=20.0)
-    cell.stop()
-    ticks = np.asarray(pace.tick_ms)[5:] * 1e-3
-    mean_inference = float(np.mean(inference)) if inference else 0.0
-    return [_row("tick of the demo, without inference", ticks - mean_inference, 2000)]
-
-
-class _MemoryView(View):
-    """Samples the resident memory once a minute of node time."""
-
-    def __init__(self) -> None:
-        self.samples: list[float] = []
-        self._due_ns = 0
-
-    def on_tick(self, tick: Tick) -> None:
-        """Take a sample when a minute has passed."""
-        if tick.now_ns >= self._due_ns:
-            self._due_ns = tick.now_ns + 60_000_000_000
-            pages = int(Path("/proc/self/statm").read_text().split()[1])
-            self.samples.append(pages * resource.getpagesize() / 2**20)
-
-
-@app.command()
-def faults(
-    only: Annotated[
-        str | None, typer.Option(help="Run only faults whose name contains this.")
-    ] = None,
-    as_json: Json = False,
-) -> None:
-    """Run each fault of the fault table alone, with a person near; exit status 1 if one fails.
-
-    Example: hri-predict bench faults --only monitor
-    """
-    rows = []
-    for row in registry.load("faults", "table")(only):
-        rows.append(row)
-        print(f"{'ok  ' if row.fine else 'FAIL'} {row.fault}", file=sys.stderr)
-    if not rows:
-        raise ConfigError(
-            f"--only {only}: no fault's name contains this; run without --only to see all names"
-        )
-    if as_json:
-        print(json.dumps([asdict(row) for row in rows]))
+        print(json.dumps(saved.as_json(machine, told) | saved.changes_json(changes)))
     else:
-        Console(width=None if sys.stdout.isatty() else 150).print(_fault_table(rows))
-    if not all(row.fine for row in rows):
+        console = Console(width=None if sys.stdout.isatty() else _WIDTH)
+        for name, found in told.items():
+            table.show(console, f"{name}: {SECTIONS[name].about}", found)
+        if before is not None:
+            table.show_changes(console, changes, factor)
+            for line in saved.other_machine(before[0], machine):
+                console.print(f"- {line}", markup=False, highlight=False)
+        console.print(host.described(machine), markup=False, highlight=False)
+    if written := [path for path in (save, plot) if path is not None]:
+        tell(written)
+    if any(change.verdict == "worse" for change in changes):
         raise typer.Exit(1)
 
 
-def _fault_table(rows: list[FaultOutcome]) -> Table:
-    table = Table(title="Each fault alone, with a person near", title_justify="left")
-    for name in ("fault", "expected", "acted by"):
-        table.add_column(name)
-    for name in ("limit ms", "measured ms", "recovered ms"):
-        table.add_column(name, justify="right")
-    table.add_column("reason")
-    table.add_column("")
-    for row in rows:
-        times = (row.limit_ms, row.measured_ms, row.recovered_ms)
-        shown = ["-" if t is None else f"{t:.0f}" for t in times]
-        verdict = "ok" if row.fine else "FAIL"
-        table.add_row(row.fault, row.expected, row.acts, *shown, row.reason.lower(), verdict)
-    return table
+def _factor(baseline: Path | None, worse_than: float | None) -> float:
+    if baseline is None:
+        without_effect({"--worse-than": worse_than}, "without --baseline")
+    factor = 1.5 if worse_than is None else worse_than
+    if not 1.0 <= factor <= 100.0:
+        raise ConfigError(f"--worse-than {factor:g}: give 1 to 100")
+    return factor
 
 
-@app.command()
-def memory(
-    hours: Annotated[
-        float, typer.Option(help="Hours of node time to run, as fast as possible.")
-    ] = 1.0,
-    as_json: Json = False,
-) -> None:
-    """Measure resident memory over a long run of the demo's cell on the virtual clock.
-
-    The predictor is constant_velocity.
-
-    Example: hri-predict bench memory --hours 1
-    """
-    if not 0.2 <= hours <= 1000:
-        raise ConfigError(f"--hours {hours}: give 0.2 to 1000")
-    view = _MemoryView()
-    config = configuration.load(configuration.shipped("demo.yaml")).quiet()
-    config = config.with_predictor("constant_velocity")
-    run(config, Options(factor=None, duration_s=hours * 3600.0, view=view))
-    warm = max(WARM_UP_MINUTES, len(view.samples) // 10)
-    early, late = view.samples[warm], view.samples[-1]
-    result = {
-        "hours": hours,
-        "rss_mib_early": round(early, 2),
-        "rss_mib_end": round(late, 2),
-        "growth_percent": round(100.0 * (late / early - 1.0), 2),
-    }
-    if as_json:
-        print(json.dumps(result))
-        return
-    for name, value in result.items():
-        print(f"{name.replace('_', ' ')}: {value}")
-
-
-app.command()(soak)
+def _measured(
+    chosen: list[str], scope: Scope, machine: dict[str, Any], save: Path | None
+) -> dict[str, list[Row]]:
+    """Measure these sections; each is saved when it is done, so that none is lost."""
+    told: dict[str, list[Row]] = {}
+    with progress() as bar:
+        task = bar.add_task("", total=len(chosen))
+        for name in chosen:
+            told[name] = []
+            bar.update(task, description=name)
+            try:
+                for row in SECTIONS[name].rows(scope):
+                    told[name].append(row)
+                    bar.update(task, description=f"{name}: {row.part}"[:50])
+            except HriPredictError as error:  # the other sections are worth their while
+                told[name].append(Row(part="ended early", unit="", note=str(error)))
+            bar.advance(task)
+            machine["load_average_end"] = round(os.getloadavg()[0], 2)
+            if save is not None:
+                saved.save(save, saved.as_json(machine, told))
+    return told

@@ -7,6 +7,7 @@ step k. Only joints that were observed at both captures count.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,6 +89,27 @@ class Judged:
     widened: Floats
 
 
+class Ring(NamedTuple):
+    """Kept forecasts: S slots for people, R rows each.
+
+    Attributes:
+        stamps: (S, R) captures; ``NEVER``: the row is free.
+        knots: (S, R, H+1, J, 3) metres, from the capture on.
+        seen: (S, R, J) at the capture.
+        radius: (S, R, H, J) calibrated, metres.
+        widened: (S, R, H) factors; NaN: the radii were not in use.
+        rate_hz, horizon_steps: of the forecasts.
+    """
+
+    stamps: Stamps
+    knots: Floats
+    seen: Bools
+    radius: Floats
+    widened: Floats
+    rate_hz: float
+    horizon_steps: int
+
+
 class PastForecasts:
     """The forecasts of the last horizon, in a ring for each of a fixed number of people.
 
@@ -96,29 +118,31 @@ class PastForecasts:
         joints: J.
         rate_hz: steps per second of the forecasts.
         horizon_steps: H of the forecasts.
+
+    Attributes:
+        ring: what is kept.
     """
 
     def __init__(self, people: int, joints: int, rate_hz: float, horizon_steps: int) -> None:
-        self._rate_hz = rate_hz
-        self._horizon_steps = horizon_steps
         self._spacing_ns = round(SPACING_STEPS / rate_hz * 1e9)
         self._size = int(horizon_steps / SPACING_STEPS) + 2
-        ring = (people, self._size)
+        rows = (people, self._size)
         self._next: Ints = np.zeros(people, np.intp)
         self._newest: Stamps = np.full(people, NEVER)
-        self._stamps: Stamps = np.full(ring, NEVER)
         # zeros take memory only where they are written to
-        self._knots: Floats = np.zeros((*ring, horizon_steps + 1, joints, 3))
-        self._seen: Bools = np.zeros((*ring, joints), np.bool_)
-        self._radius: Floats = np.zeros((*ring, horizon_steps, joints))
-        self._widened: Floats = np.ones((*ring, horizon_steps))
-        self._flat_knots = self._knots.reshape(-1, joints, 3)
-        self._flat_seen = self._seen.reshape(-1, joints)
-        self._flat_radius = self._radius.reshape(-1, joints)
+        self.ring = Ring(
+            stamps=np.full(rows, NEVER),
+            knots=np.zeros((*rows, horizon_steps + 1, joints, 3)),
+            seen=np.zeros((*rows, joints), np.bool_),
+            radius=np.zeros((*rows, horizon_steps, joints)),
+            widened=np.ones((*rows, horizon_steps)),
+            rate_hz=float(rate_hz),
+            horizon_steps=horizon_steps,
+        )
 
     def forget(self, slot: int) -> None:
         """Forget everything about the person in a slot."""
-        self._stamps[slot] = NEVER
+        self.ring.stamps[slot] = NEVER
         self._newest[slot] = NEVER
 
     def remember(
@@ -147,12 +171,12 @@ class PastForecasts:
         if newest != NEVER and 0 <= capture_ns - newest < self._spacing_ns:
             return
         at = int(self._next[slot])
-        self._knots[slot, at, 0] = last
-        self._knots[slot, at, 1:] = forecast
-        self._seen[slot, at] = seen
-        self._radius[slot, at] = radius
-        self._widened[slot, at] = widened
-        self._stamps[slot, at] = self._newest[slot] = capture_ns
+        self.ring.knots[slot, at, 0] = last
+        self.ring.knots[slot, at, 1:] = forecast
+        self.ring.seen[slot, at] = seen
+        self.ring.radius[slot, at] = radius
+        self.ring.widened[slot, at] = widened
+        self.ring.stamps[slot, at] = self._newest[slot] = capture_ns
         self._next[slot] = (at + 1) % self._size
 
     def judge(self, slots: Ints, capture_ns: Stamps, truth: Floats, observed: Bools) -> Judged:
@@ -164,32 +188,48 @@ class PastForecasts:
             truth: (Q, J, 3) metres.
             observed: (Q, J) at that very capture.
         """
-        stamps = self._stamps[slots]
-        age = np.where(stamps == NEVER, 0, capture_ns[:, None] - np.maximum(stamps, 0)) * 1e-9
-        person, at = np.nonzero((age > 0) & (age * self._rate_hz <= self._horizon_steps + 1e-6))
-        slot, lead = slots[person], age[person, at]
-        steps = lead * self._rate_hz
-        lower, part = _lower_step(steps, self._horizon_steps)
-        step = np.ceil(steps - 1e-6).astype(np.intp) - 1
-        step = np.minimum(np.maximum(step, 0), self._horizon_steps - 1)
-        # taking rows from flat tables is several times faster than indexing by three arrays
-        row = slot * self._size + at
-        knot = row * (self._horizon_steps + 1) + lower
-        below, above = self._flat_knots.take(knot, axis=0), self._flat_knots.take(knot + 1, axis=0)
-        errors = _distance(below, above, part, truth.take(person, axis=0))
-        seen = self._flat_seen.take(row, axis=0) & observed.take(person, axis=0)
-        radius = self._flat_radius.take(row * self._horizon_steps + step, axis=0)
-        claimed = seen & (radius != np.inf)  # NaN is a claim, and missed
-        sound = radius > 0  # not NaN
-        with np.errstate(invalid="ignore"):  # a joint never seen: nothing is claimed for it
-            ratio = errors / radius if sound.all() else _ratio(errors, radius, sound)
-        return Judged(
-            person=person,
-            lead_s=lead,
-            step=step,
-            errors=errors,
-            seen=seen,
-            claimed=claimed,
-            ratio=np.where(claimed, ratio, -np.inf),
-            widened=self._widened[slot, at, step],
-        )
+        return judge_all(self.ring, Asked(slots, capture_ns, truth, observed))
+
+
+class Asked(NamedTuple):
+    """The newest captures of Q people, see ``PastForecasts.judge``."""
+
+    slots: Ints
+    capture_ns: Stamps
+    truth: Floats
+    observed: Bools
+
+
+def judge_all(ring: Ring, asked: Asked) -> Judged:
+    """See ``PastForecasts.judge``."""
+    slots, capture_ns, truth, observed = asked
+    size, horizon, joints = ring.stamps.shape[1], ring.horizon_steps, ring.seen.shape[2]
+    stamps = ring.stamps[slots]
+    age = np.where(stamps == NEVER, 0, capture_ns[:, None] - np.maximum(stamps, 0)) * 1e-9
+    person, at = np.nonzero((age > 0) & (age * ring.rate_hz <= horizon + 1e-6))
+    slot, lead = slots[person], age[person, at]
+    steps = lead * ring.rate_hz
+    lower, part = _lower_step(steps, horizon)
+    step = np.ceil(steps - 1e-6).astype(np.intp) - 1
+    step = np.minimum(np.maximum(step, 0), horizon - 1)
+    # taking rows from flat tables is several times faster than indexing by three arrays
+    row = slot * size + at
+    knot, knots = row * (horizon + 1) + lower, ring.knots.reshape(-1, joints, 3)
+    below, above = knots.take(knot, axis=0), knots.take(knot + 1, axis=0)
+    errors = _distance(below, above, part, truth.take(person, axis=0))
+    seen = ring.seen.reshape(-1, joints).take(row, axis=0) & observed.take(person, axis=0)
+    radius = ring.radius.reshape(-1, joints).take(row * horizon + step, axis=0)
+    claimed = seen & (radius != np.inf)  # NaN is a claim, and missed
+    sound = radius > 0  # not NaN
+    with np.errstate(invalid="ignore"):  # a joint never seen: nothing is claimed for it
+        ratio = errors / radius if sound.all() else _ratio(errors, radius, sound)
+    return Judged(
+        person=person,
+        lead_s=lead,
+        step=step,
+        errors=errors,
+        seen=seen,
+        claimed=claimed,
+        ratio=np.where(claimed, ratio, -np.inf),
+        widened=ring.widened[slot, at, step],
+    )

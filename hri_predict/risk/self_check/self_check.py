@@ -21,29 +21,28 @@ This state ends after ``hold_s`` of captures without such a sign.
 **Drift**: see ``drift``.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints, Stamps
+from hri_predict.machine.compiled import plain
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
 from hri_predict.risk.self_check.drift import Drift
-from hri_predict.risk.self_check.past_forecasts import Judged, PastForecasts, mean_error
+from hri_predict.risk.self_check.past_forecasts import Asked, PastForecasts
 from hri_predict.risk.self_check.report import Tally
 from hri_predict.risk.self_check.trust import Trust
+from hri_predict.risk.self_check.verdict import Terms, verdict
 from hri_predict.risk.self_check.widening import AdaptiveWidening
 from hri_predict.risk.zones.human_speed import Velocities, velocities_in
-from hri_predict.risk.zones.learned_scale import LEAD_TOLERANCE_S, LEADS_S
+from hri_predict.risk.zones.learned_scale import LEADS_S
 from hri_predict.risk.zones.motion_class import RESIDUAL_S
 from hri_predict.risk.zones.motion_ranges import (
-    SHORT_S,
     MotionRanges,
     is_out_of_range,
-    short_ratio,
 )
 from hri_predict.skeleton import JOINTS
 
@@ -55,8 +54,6 @@ slower than 8 a second, none falls into the first band, which is then never wide
 MAX_DT_S = 0.1
 """A longer gap between captures counts as this: it is still one judgement."""
 _FRESH_S = 1e-6
-_MAX_ERROR_M = 1e6
-"""An error that is not finite counts as this, so that the sums stay finite."""
 _RESIDUALS = 64
 """Residuals remembered of each person: over 0.4 s, of captures at up to 160 Hz."""
 
@@ -108,7 +105,6 @@ class SelfCheck:
         ranges: MotionRanges | None,
     ) -> None:
         self._constants = constants
-        self._of = of
         self._rate_hz = rate_hz
         self._ranges = ranges
         self._horizon_ns = round(horizon_steps / rate_hz * 1e9)
@@ -116,6 +112,7 @@ class SelfCheck:
         ends = np.arange(1, horizon_steps + 1) / rate_hz
         self._band: Ints = np.searchsorted(np.array(BANDS_S), ends - 1e-9).astype(np.intp)
         bands, people = int(self._band[-1]) + 1, constants.max_people
+        self._terms = Terms(self._band, bands, of == "body")
         self._past = PastForecasts(people, len(JOINTS), rate_hz, horizon_steps)
         self._ids: list[int | None] = [None] * people
         self._present_ns: Stamps = np.full(people, NEVER)  # newest tick with this person
@@ -168,15 +165,13 @@ class SelfCheck:
                 well: only who is judged can come back.
         """
         slot_of = {number: slot for slot, number in enumerate(self._ids) if number is not None}
+        slots = np.array([slot_of.get(number, -1) for number in snapshot.ids], np.intp)
         fresh = (snapshot.joint_age_s < _FRESH_S) & snapshot.delivered  # only the truth judges
-        every = np.arange(len(self._ids))
-        factor = self._widening.factor(every)[:, self._band]
-        factor[self._is_out_of_distribution(every, self._capture_ns)] = (
-            np.nan
-        )  # their radii are not used
-        for person, number in enumerate(snapshot.ids):
-            slot = slot_of.get(number)
-            if slot is not None:
+        factor = self._widening.factor(slots)[:, self._band]
+        # radii of those who are out of distribution are not used
+        factor[self._is_out_of_distribution(slots, self._capture_ns[slots])] = np.nan
+        for person, slot in enumerate(slots.tolist()):
+            if slot >= 0:
                 self._past.remember(
                     slot,
                     int(snapshot.capture_ns[person]),
@@ -184,7 +179,7 @@ class SelfCheck:
                     seen=fresh[person],
                     forecast=forecast.positions[person],
                     radius=radius[person],
-                    widened=factor[slot],
+                    widened=factor[person],
                 )
 
     def report(self) -> dict[str, Any]:
@@ -244,13 +239,19 @@ class SelfCheck:
         elapsed = np.where(before == NEVER, 0, capture - np.maximum(before, 0)) * 1e-9
         self._capture_ns[slots] = capture
         fresh = (snapshot.joint_age_s[new] < _FRESH_S) & snapshot.delivered
-        judged = self._past.judge(slots, capture, snapshot.last_positions[new], fresh)
-        self._note_residual(judged, slots, capture)
-        self._note_errors(judged, slots)
+        sums, residual, error, wrong = verdict(
+            self._past.ring,
+            Asked(slots, capture, plain(snapshot.last_positions[new]), fresh),
+            self._terms,
+            self._widening.own(slots),
+        )
+        self._note_residual(residual, slots, capture)
+        self._error[slots] = error
         dt = np.minimum(np.maximum(elapsed, 0.0), MAX_DT_S)
-        sign = self._adapt(judged, slots, dt, snapshot.now_ns)
+        sign = self._adapt(sums, slots, dt, snapshot.now_ns)
         if self._ranges is not None:
-            sign |= self._is_wrong_at_once(judged, len(new), self._ranges)
+            worst = max(1.0, self._ranges.ratio_short)
+            sign |= wrong > self._constants.short_margin * worst
             velocity, measured = velocities
             sign |= is_out_of_range(
                 (velocity[new], measured[new]),
@@ -259,81 +260,22 @@ class SelfCheck:
             )
         self._sign_ns[slots[sign]] = capture[sign]
 
-    def _note_residual(self, judged: Judged, slots: Ints, capture: Stamps) -> None:
-        """Note for each person the error of the forecast made about ``RESIDUAL_S`` ago."""
-        off = np.abs(judged.lead_s - RESIDUAL_S)
-        # a forecast of a hardly seen person tells nothing about the forecasts to come
-        used = judged.claimed.any(1)
-        near = np.flatnonzero(used & (off <= 0.5 / self._rate_hz + 1e-9))
-        near = near[np.argsort(-off[near], kind="stable")]  # the nearest last
-        row_of = np.full(len(slots), -1, np.intp)
-        row_of[judged.person[near]] = near  # the last of several stays
-        person = np.flatnonzero(row_of >= 0)
-        row = row_of[person]
-        value = mean_error(judged.errors[row], judged.seen[row])
+    def _note_residual(self, value: Floats, slots: Ints, capture: Stamps) -> None:
         known = ~np.isnan(value)
-        person, value = person[known], value[known]
-        slot = slots[person]
-        at = self._residuals[slot]
-        self._residual[slot, at] = value
-        self._residual_ns[slot, at] = capture[person]
+        slot, at = slots[known], self._residuals[slots[known]]
+        self._residual[slot, at] = value[known]
+        self._residual_ns[slot, at] = capture[known]
         self._residuals[slot] = (at + 1) % _RESIDUALS
 
-    def _note_errors(self, judged: Judged, slots: Ints) -> None:
-        """Note each joint's error by the forecasts whose ages are nearest to ``LEADS_S``."""
-        self._error[slots] = np.nan
-        for i, (lead_s, within_s) in enumerate(zip(LEADS_S, LEAD_TOLERANCE_S, strict=True)):
-            off = np.abs(judged.lead_s - lead_s)
-            near = np.flatnonzero(off <= within_s + 1e-9)
-            # the nearest last, and of two equally near the older, as in a calibration
-            near = near[np.lexsort((judged.lead_s[near], -np.round(off[near], 9)))]
-            error = np.where(judged.seen[near], judged.errors[near], np.nan)
-            self._error[slots[judged.person[near]], i] = error  # the last of several stays
-
-    def _adapt(self, judged: Judged, slots: Ints, dt: Floats, now_ns: int) -> Bools:
+    def _adapt(self, sums: Floats, slots: Ints, dt: Floats, now_ns: int) -> Bools:
         """Move the factors. Return (Q,) whether one is at its bound and forecasts still miss."""
-        factor = self._widening.own(slots)[judged.person, self._band[judged.step]]
-        claimed = judged.claimed
-        some = claimed.any(1)
-        # the worst joint decides for the whole body
-        ratio = judged.ratio.max(1, keepdims=True) if self._of == "body" else judged.ratio
-        joints = np.maximum(claimed.sum(1), 1) if self._of == "joint" else 1
-        used = ~np.isnan(judged.widened)
-        sums = self._by_band(
-            judged,
-            len(slots),
-            [
-                np.where(some, 1.0, 0.0),
-                np.where(some & used, 1.0, 0.0),
-                (ratio > 1.0).sum(1) / joints,
-                (ratio > factor[:, None]).sum(1) / joints,
-                (ratio > judged.widened[:, None]).sum(1) / joints,
-                np.where(some, np.minimum(mean_error(judged.errors, claimed), _MAX_ERROR_M), 0.0),
-            ],
-        )
         count, in_use, bare, now, then, error = sums
         self._tally.add(slots, np.stack([count, in_use, bare, then, error], axis=1))
         self.drift.add(now_ns, float(bare.sum()), float(count.sum()))
-
         share_of = np.maximum(count, 1.0)
         return self._widening.update(
             slots, dt, judged=count > 0, bare=bare / share_of, now=now / share_of
         )
-
-    def _by_band(self, judged: Judged, people: int, values: Sequence[Floats]) -> Floats:
-        """(V, people, bands) sums of V values per judgement (N,)."""
-        bands = int(self._band[-1]) + 1
-        cell = judged.person * bands + self._band[judged.step]
-        member = (cell[:, None] == np.arange(people * bands)).astype(np.float64)
-        return (np.stack(values) @ member).reshape(len(values), people, bands)
-
-    def _is_wrong_at_once(self, judged: Judged, people: int, ranges: MotionRanges) -> Bools:
-        rows = np.flatnonzero(judged.lead_s <= SHORT_S + 1e-9)
-        ratio = short_ratio(judged.ratio[rows], judged.claimed[rows])
-        bound = self._constants.short_margin * max(1.0, ranges.ratio_short)
-        wrong = np.zeros(people, np.bool_)
-        wrong[judged.person[rows[ratio > bound]]] = True
-        return wrong
 
     def _trust(self, snapshot: PeopleSnapshot, slots: Ints) -> Trust:
         kept = slots >= 0

@@ -9,12 +9,15 @@ Zones do not contain the position uncertainty Z_d: ``separation`` adds it, once.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.geometry import Capsules
+from hri_predict.machine.compiled import kernel, plain
 from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.reasons import Reason
@@ -28,7 +31,7 @@ from hri_predict.risk.zones.human_speed import (
     joined_speeds,
     velocities_in,
 )
-from hri_predict.risk.zones.joint_speeds import JointSpeeds, joint_speeds
+from hri_predict.risk.zones.joint_speeds import joint_speeds
 from hri_predict.risk.zones.joint_zones import FRESH_S, JointZones
 from hri_predict.risk.zones.lost_places import anywhere_in
 from hri_predict.risk.zones.radii import Radii
@@ -136,13 +139,18 @@ class ZoneBuilder:
         self._a: Ints = np.array([s.joint_a for s in segments], dtype=np.intp)
         self._b: Ints = np.array([s.joint_b for s in segments], dtype=np.intp)
         margins = _margins(margins_m or {}, skeleton)
-        self._radius: Floats = np.array([s.radius + margins.get(s.region, 0.0) for s in segments])
+        radius = np.array([s.radius + margins.get(s.region, 0.0) for s in segments])
         self._margins_m: Floats = np.array([margins.get(s.region, 0.0) for s in segments])
         self._largest_margin_m = max(margins.values(), default=0.0)
-        # (S, J): a sphere of this size about joint k holds the whole of segment s
-        self._reach: Floats = np.maximum(skeleton.reach[self._a], skeleton.reach[self._b])
+        self._segment = _Segments(
+            a=self._a,
+            b=self._b,
+            radius=radius,
+            # a sphere of this size about joint k holds the whole of segment s
+            reach=np.maximum(skeleton.reach[self._a], skeleton.reach[self._b]),
+            physical_m_s=float(limits.physical_speed_m_s),
+        )
         self._speed_rule = SpeedRule(skeleton, limits)
-        self._ends: Bools = ~np.isin(np.arange(len(skeleton.joints)), skeleton.parents)
         self.times_s: Floats = np.arange(1 + (steps or horizon_steps)) / rate_hz
         self.joints = JointZones(
             skeleton=skeleton,
@@ -175,16 +183,18 @@ class ZoneBuilder:
         recent = snapshot.recent
         if recent is None:
             recent = RecentCaptures.of_history(snapshot.history, snapshot.observed, self._rate_hz)
-        moving = joint_speeds(recent, snapshot.delivered)
-        measured = moving.only(snapshot.delivered)
-        speeds = self._speed_rule.people(measured, (self._a, self._b))
+        delivered = snapshot.delivered
+        moving = self._speed_rule.moving(
+            joint_speeds(recent, delivered), delivered, (self._a, self._b)
+        )
+        speeds = moving.people
         joints = self.joints.build(
             snapshot,
             forecast,
             capture_ns=capture_ns,
             trust=trust,
             velocities=velocities,
-            growth_m_s=self._speed_rule.growth(moving, speeds.unknown),
+            growth_m_s=moving.growth_m_s,
             unknown=speeds.unknown,
         )
         zones = self._segments(joints.mid, joints.radius, joints.joint_age)
@@ -203,7 +213,9 @@ class ZoneBuilder:
             claimed=joints.claimed,
             speeds=joined_speeds([speeds, self._lost_speeds(snapshot)]),
             margins_m=self._margins_m,
-            segments_m_s=self._segment_speeds(moving, snapshot.delivered, len(snapshot.lost)),
+            segments_m_s=np.concatenate(
+                [moving.segments_m_s, np.full((len(snapshot.lost), len(self._a)), np.inf)]
+            ),
             as_assumed=np.append(
                 speeds.within_standard & _trusted(trust, len(snapshot.ids)),
                 np.zeros(len(snapshot.lost), np.bool_),
@@ -213,14 +225,6 @@ class ZoneBuilder:
     def _lost_speeds(self, snapshot: PeopleSnapshot) -> HumanSpeeds:
         speeds_m_s = np.array([person.speed_m_s for person in snapshot.lost], dtype=np.float64)
         return self._speed_rule.lost(speeds_m_s, len(self.segment_names))
-
-    def _segment_speeds(self, moving: JointSpeeds, delivered: Bools, lost: int) -> Floats:
-        joints = np.where(moving.measured, moving.speed, np.inf)
-        # an inferred hand follows its forearm, a true one may turn about its wrist
-        guessed = moving.measured & ~delivered & self._ends
-        joints = np.where(guessed, self._speed_rule.physical_m_s, joints)
-        seen = np.maximum(joints[:, self._a], joints[:, self._b])
-        return np.concatenate([seen, np.full((lost, len(self._a)), np.inf)])
 
     def _where_lost(
         self, zones: Capsules, snapshot: PeopleSnapshot, capture_ns: int | None
@@ -239,22 +243,73 @@ class ZoneBuilder:
 
     def _segments(self, mid: Floats, around: Floats, joint_age: Floats) -> Capsules:
         """Joints' centres and radii to capsules (P, K+1, S)."""
-        a, b = mid.take(self._a, axis=2), mid.take(self._b, axis=2)
-        radius = np.maximum(around.take(self._a, axis=2), around.take(self._b, axis=2))
-        if (joint_age > FRESH_S).any():
-            unseen = joint_age * self.limits.physical_speed_m_s  # (P, J)
-            spheres = self._reach + unseen[:, None, :]  # (P, S, J)
-            nearest = spheres.argmin(-1)  # (P, S)
-            ends = np.maximum(unseen[:, self._a], unseen[:, self._b])
-            bounded = (spheres.min(-1) < ends)[:, None, :]
-            person = np.arange(len(mid))[:, None]
-            centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
-            about = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1)
-            reach = self._reach[np.arange(len(self._radius)), nearest][:, None, :]
-            a = np.where(bounded[..., None], centre, a)
-            b = np.where(bounded[..., None], centre, b)
-            radius = np.where(bounded, about + reach, radius)
-        return Capsules(a, b, radius + self._radius)
+        return Capsules(*_capsules((plain(mid), plain(around), joint_age), self._segment))
+
+
+class _Segments(NamedTuple):
+    """(S,) ends and radii of segments, (S, J) how far they reach from any joint; m/s."""
+
+    a: Ints
+    b: Ints
+    radius: Floats
+    reach: Floats
+    physical_m_s: float
+
+
+_Spheres = tuple[Floats, Floats, Floats]
+"""``mid``, ``radius`` and ``joint_age`` of ``JointSpheres``."""
+
+
+def _capsules_by_arrays(spheres: _Spheres, segments: _Segments) -> tuple[Floats, Floats, Floats]:
+    mid, around, joint_age = spheres
+    a, b = mid.take(segments.a, axis=2), mid.take(segments.b, axis=2)
+    radius = np.maximum(around.take(segments.a, axis=2), around.take(segments.b, axis=2))
+    if (joint_age > FRESH_S).any():
+        unseen = joint_age * segments.physical_m_s  # (P, J)
+        holding = segments.reach + unseen[:, None, :]  # (P, S, J)
+        nearest = holding.argmin(-1)  # (P, S)
+        ends = np.maximum(unseen[:, segments.a], unseen[:, segments.b])
+        bounded = (holding.min(-1) < ends)[:, None, :]
+        person = np.arange(len(mid))[:, None]
+        centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
+        about = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1)
+        reach = segments.reach[np.arange(len(segments.a)), nearest][:, None, :]
+        a = np.where(bounded[..., None], centre, a)
+        b = np.where(bounded[..., None], centre, b)
+        radius = np.where(bounded, about + reach, radius)
+    return a, b, radius + segments.radius
+
+
+def _capsules_by_loops(spheres: _Spheres, segments: _Segments) -> tuple[Floats, Floats, Floats]:
+    mid, around, joint_age = spheres
+    people, entries, joints = around.shape
+    count = len(segments.a)
+    a, b = np.empty((people, entries, count, 3)), np.empty((people, entries, count, 3))
+    radius = np.empty((people, entries, count))
+    for p in range(people):
+        stale = False
+        for j in range(joints):
+            stale = stale or joint_age[p, j] > FRESH_S
+        for s in range(count):
+            at_a, at_b, reach = segments.a[s], segments.b[s], 0.0
+            if stale:
+                nearest, least = 0, inf
+                for j in range(joints):
+                    size = segments.reach[s, j] + joint_age[p, j] * segments.physical_m_s
+                    if size < least:
+                        nearest, least = j, size
+                if least < max(joint_age[p, at_a], joint_age[p, at_b]) * segments.physical_m_s:
+                    at_a = at_b = nearest
+                    reach = segments.reach[s, nearest]
+            for k in range(entries):
+                for i in range(3):
+                    a[p, k, s, i], b[p, k, s, i] = mid[p, k, at_a, i], mid[p, k, at_b, i]
+                size = max(around[p, k, at_a], around[p, k, at_b]) + reach
+                radius[p, k, s] = size + segments.radius[s]
+    return a, b, radius
+
+
+_capsules = kernel(_capsules_by_loops, _capsules_by_arrays)
 
 
 def _margins(margins_m: Mapping[str, float], skeleton: Skeleton) -> Mapping[str, float]:

@@ -28,11 +28,14 @@ and ranges must be measured as they were calibrated.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf, isfinite
+from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints, known_median
+from hri_predict.arrays import Bools, Floats, Ints, known_median, plain_flags
 from hri_predict.geometry import norm
+from hri_predict.machine.compiled import kernel, part, plain
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.risk.settings import HumanLimits
 from hri_predict.risk.zones.joint_speeds import JointSpeeds
@@ -65,6 +68,10 @@ def joint_velocities(history: Floats, observed: Bools, rate_hz: float) -> Veloci
         A joint is not measured if its observed steps span less than half of ``SPAN_S`` (fewer than
         two of them, or a short history).
     """
+    return _velocities(plain(history), plain_flags(observed), float(rate_hz))
+
+
+def _velocities_by_arrays(history: Floats, observed: Bools, rate_hz: float) -> Velocities:
     steps = max(2, round(SPAN_S * rate_hz) + 1)
     points, seen = history[:, -steps:], observed[:, -steps:]
     seen = seen & np.isfinite(points).all(-1)
@@ -80,6 +87,45 @@ def joint_velocities(history: Floats, observed: Bools, rate_hz: float) -> Veloci
     measured = (last - first >= SPAN_S / 2 - 1e-9) & (spread > 0)
     velocity = slope / np.where(measured, spread, 1.0)[..., None]
     return np.where(measured[..., None], velocity, 0.0), measured
+
+
+def _velocities_by_loops(history: Floats, observed: Bools, rate_hz: float) -> Velocities:
+    people, length, joints = observed.shape
+    steps = min(max(2, round(SPAN_S * rate_hz) + 1), length)
+    velocity, measured = np.zeros((people, joints, 3)), np.zeros((people, joints), np.bool_)
+    for p in range(people):
+        for j in range(joints):
+            count, middle = 0, 0.0
+            first, last = inf, -inf
+            for t in range(length - steps, length):
+                time = (t + 1 - length) / rate_hz
+                if observed[p, t, j] and _is_place(history[p, t, j]):
+                    count += 1
+                    middle += time
+                    first, last = min(first, time), max(last, time)
+            if not last - first >= SPAN_S / 2 - 1e-9:
+                continue
+            middle /= count
+            spread = x = y = z = 0.0
+            for t in range(length - steps, length):
+                if observed[p, t, j] and _is_place(history[p, t, j]):
+                    centred = (t + 1 - length) / rate_hz - middle
+                    spread += centred * centred
+                    x += centred * history[p, t, j, 0]
+                    y += centred * history[p, t, j, 1]
+                    z += centred * history[p, t, j, 2]
+            measured[p, j] = True
+            velocity[p, j, 0], velocity[p, j, 1] = x / spread, y / spread
+            velocity[p, j, 2] = z / spread
+    return velocity, measured
+
+
+@part
+def _is_place(place: Floats) -> bool:
+    return isfinite(place[0]) and isfinite(place[1]) and isfinite(place[2])
+
+
+_velocities = kernel(_velocities_by_loops, _velocities_by_arrays)
 
 
 def joint_speeds(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floats, Bools]:
@@ -143,6 +189,39 @@ def joined_speeds(parts: Sequence[HumanSpeeds]) -> HumanSpeeds:
     )
 
 
+class Moving(NamedTuple):
+    """How fast P people and everything of them move. J joints, S segments.
+
+    Attributes:
+        people: see ``HumanSpeeds``.
+        growth_m_s: (P, J) speeds at which zones without a forecast grow:
+            ``HumanLimits.physical_speed_m_s``, or the joint's own speed if that is higher; the
+            physical limits of people whose speed is unknown.
+        segments_m_s: (P, S) of each segment's faster end; infinite if that is not known. An
+            inferred hand or foot counts at the physical limit.
+    """
+
+    people: HumanSpeeds
+    growth_m_s: Floats
+    segments_m_s: Floats
+
+
+class _Rule(NamedTuple):
+    """What loops and arrays read of a ``SpeedRule``; (J,) each, but for the last two."""
+
+    trunk: Bools
+    leg: Bools
+    assumed: Floats
+    physical: Floats
+    ends: Bools  # joints that no other hangs on
+    unknown_m_s: float
+    growth_m_s: float
+
+
+_Found = tuple[Bools, Bools, Floats, Ints, Floats, Floats, Floats]
+"""The fields of ``HumanSpeeds``, then ``growth_m_s`` and ``segments_m_s``."""
+
+
 class SpeedRule:
     """Judges speeds of joints by the standard's assumption; see the module's docstring.
 
@@ -150,51 +229,45 @@ class SpeedRule:
         skeleton: names the joints and their parts. In a skeleton without parts, every joint counts
             as the trunk.
         limits: see ``HumanLimits``.
-
-    Attributes:
-        physical_m_s: (J,) physical limit of each joint.
     """
 
     def __init__(self, skeleton: Skeleton, limits: HumanLimits) -> None:
-        part = np.full(len(skeleton.joints), "trunk", dtype=object)
+        kind = np.full(len(skeleton.joints), "trunk", dtype=object)
         for name, joints in skeleton.parts.items():
-            kind = name.rpartition("_")[2]
+            limb = name.rpartition("_")[2]
             outer = [j for j in joints if not skeleton.joints[j].endswith(("_shoulder", "_hip"))]
-            if kind in ("arm", "leg"):
-                part[outer] = kind
-        self._trunk: Bools = np.asarray(part == "trunk")
-        self._leg: Bools = np.asarray(part == "leg")
-        self._assumed = np.where(part == "arm", limits.arm_speed_m_s, limits.body_speed_m_s)
+            if limb in ("arm", "leg"):
+                kind[outer] = limb
         self._body_m_s = limits.body_speed_m_s
-        self.physical_m_s = np.array([limits.reach[each].speed_m_s for each in part])
-        self._unknown_m_s = limits.reach["trunk"].speed_m_s
-        self._growth_m_s = limits.physical_speed_m_s
+        physical = np.array([limits.reach[each].speed_m_s for each in kind])
+        self._rule = _Rule(
+            trunk=np.asarray(kind == "trunk"),
+            leg=np.asarray(kind == "leg"),
+            assumed=np.where(kind == "arm", limits.arm_speed_m_s, limits.body_speed_m_s),
+            physical=physical,
+            ends=~np.isin(np.arange(len(kind)), skeleton.parents),
+            unknown_m_s=float(limits.reach["trunk"].speed_m_s),
+            growth_m_s=float(limits.physical_speed_m_s),
+        )
 
-    def people(self, speeds: JointSpeeds, ends: tuple[Ints, Ints]) -> HumanSpeeds:
-        """How fast everybody is.
+    def moving(self, speeds: JointSpeeds, delivered: Bools, ends: tuple[Ints, Ints]) -> Moving:
+        """How fast everybody and every part of them is.
 
         Args:
             speeds: (P, J) of the joints.
+            delivered: (J,) the joints that are not inferred: these alone tell who is fast.
             ends: (S,) and (S,) the joints of the segments.
         """
-        of_trunk = self._trunk & speeds.measured
-        unknown: Bools = ~np.any(of_trunk, axis=1)
-        trunk = np.where(of_trunk, speeds.speed, np.nan)
-        trunk[unknown] = 0.0
-        walks = ~(self._trunk & (speeds.surely > self._assumed)).any(1)
-        swing = GAIT * known_median(trunk) * walks if len(trunk) else np.zeros(0)
-        limit = np.where(self._leg, np.maximum(self._assumed, swing[:, None]), self._assumed)
-        over: Bools = (speeds.surely > limit) & ~unknown[:, None]
-        speed = np.where(over, speeds.speed, 0.0)
-        counts = np.where(over, speed + MARGIN_M_S, 0.0)
-        counts[unknown] = self._unknown_m_s
-        return HumanSpeeds(
-            fast=np.any(over, axis=1),
-            unknown=unknown,
-            fastest_m_s=speed.max(1, initial=0.0),
-            fastest_joint=speed.argmax(1) if speed.size else np.zeros(len(speed), np.intp),
-            beyond_standard_m_s=np.maximum(counts[:, ends[0]], counts[:, ends[1]]),
+        joints = speeds.speed, speeds.surely, speeds.measured
+        found = _moving(joints, delivered, self._rule, ends)
+        people = HumanSpeeds(
+            fast=found[0],
+            unknown=found[1],
+            fastest_m_s=found[2],
+            fastest_joint=found[3],
+            beyond_standard_m_s=found[4],
         )
+        return Moving(people, found[5], found[6])
 
     def lost(self, speeds_m_s: Floats, segments: int) -> HumanSpeeds:
         """How fast lost people may go on.
@@ -213,11 +286,80 @@ class SpeedRule:
             beyond_standard_m_s=np.repeat(speed[:, None], segments, axis=1),
         )
 
-    def growth(self, speeds: JointSpeeds, unknown: Bools) -> Floats:
-        """(P, J) speeds at which zones without a forecast grow.
 
-        ``HumanLimits.physical_speed_m_s``, or the joint's own speed if that is higher; all joints
-        of people whose speed is ``unknown`` (P,) grow at their physical limits.
-        """
-        present = np.maximum(speeds.speed, self._growth_m_s)
-        return np.where(unknown[:, None], self.physical_m_s, present)
+def _moving_by_arrays(
+    joints: tuple[Floats, Floats, Bools], delivered: Bools, rule: _Rule, ends: tuple[Ints, Ints]
+) -> _Found:
+    every_speed, surely, measured = joints
+    surely = surely * delivered
+    of_trunk = rule.trunk & measured & delivered
+    unknown: Bools = ~np.any(of_trunk, axis=1)
+    trunk = np.where(of_trunk, every_speed, np.nan)
+    trunk[unknown] = 0.0
+    walks = ~(rule.trunk & (surely > rule.assumed)).any(1)
+    swing = GAIT * known_median(trunk) * walks if len(trunk) else np.zeros(0)
+    limit = np.where(rule.leg, np.maximum(rule.assumed, swing[:, None]), rule.assumed)
+    over: Bools = (surely > limit) & ~unknown[:, None]
+    speed = np.where(over, every_speed, 0.0)
+    counts = np.where(over, speed + MARGIN_M_S, 0.0)
+    counts[unknown] = rule.unknown_m_s
+    present = np.maximum(every_speed, rule.growth_m_s)
+    moves = np.where(measured, every_speed, np.inf)
+    # an inferred hand follows its forearm, a true one may turn about its wrist
+    moves = np.where(measured & ~delivered & rule.ends, rule.physical, moves)
+    return (
+        np.any(over, axis=1),
+        unknown,
+        speed.max(1, initial=0.0),
+        speed.argmax(1) if speed.size else np.zeros(len(speed), np.intp),
+        np.maximum(counts[:, ends[0]], counts[:, ends[1]]),
+        np.where(unknown[:, None], rule.physical, present),
+        np.maximum(moves[:, ends[0]], moves[:, ends[1]]),
+    )
+
+
+def _moving_by_loops(
+    joints: tuple[Floats, Floats, Bools], delivered: Bools, rule: _Rule, ends: tuple[Ints, Ints]
+) -> _Found:
+    speed, surely, measured = joints
+    people, count = speed.shape
+    segments = len(ends[0])
+    fast, unknown = np.zeros(people, np.bool_), np.zeros(people, np.bool_)
+    fastest, fastest_joint = np.zeros(people), np.zeros(people, np.intp)
+    beyond, moves = np.empty((people, segments)), np.empty((people, segments))
+    growth, trunk = np.empty((people, count)), np.empty(count)
+    counts, own = np.empty(count), np.empty(count)
+    for p in range(people):
+        known, walks = 0, True
+        for j in range(count):
+            if rule.trunk[j] and delivered[j]:
+                walks = walks and not surely[p, j] > rule.assumed[j]
+                if measured[p, j]:
+                    trunk[known] = speed[p, j]
+                    known += 1
+        unknown[p] = known == 0
+        swing = 0.0
+        if known and walks:
+            rising = np.sort(trunk[:known])
+            swing = GAIT * ((rising[(known - 1) // 2] + rising[known // 2]) / 2)
+        for j in range(count):
+            limit = max(rule.assumed[j], swing) if rule.leg[j] else rule.assumed[j]
+            over = delivered[j] and surely[p, j] > limit and not unknown[p]
+            counts[j] = speed[p, j] + MARGIN_M_S if over else 0.0
+            growth[p, j] = max(speed[p, j], rule.growth_m_s)
+            if unknown[p]:
+                counts[j], growth[p, j] = rule.unknown_m_s, rule.physical[j]
+            if over:
+                fast[p] = True
+                if speed[p, j] > fastest[p]:
+                    fastest[p], fastest_joint[p] = speed[p, j], j
+            own[j] = speed[p, j] if measured[p, j] else inf
+            if measured[p, j] and not delivered[j] and rule.ends[j]:
+                own[j] = rule.physical[j]
+        for s in range(segments):
+            beyond[p, s] = max(counts[ends[0][s]], counts[ends[1][s]])
+            moves[p, s] = max(own[ends[0][s]], own[ends[1][s]])
+    return fast, unknown, fastest, fastest_joint, beyond, growth, moves
+
+
+_moving = kernel(_moving_by_loops, _moving_by_arrays)

@@ -11,16 +11,33 @@ Its inputs do not change when the room is turned or moved, and name no body: len
 not occur.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.arrays import Bools, Floats, Ints, plain_flags
 from hri_predict.geometry import norm
+from hri_predict.machine.compiled import kernel, plain
+from hri_predict.risk.zones.loops.scale import (
+    BACK,
+    BEFORE,
+    BEYOND,
+    ERROR,
+    LEAST_M,
+    MOST_ERROR,
+    MOST_M,
+    MOST_SPEED,
+    SPEED,
+    Seen,
+    Tables,
+    scale_by_loops,
+)
 from hri_predict.risk.zones.motion_class import trunk_joints
 from hri_predict.skeleton import JOINTS, Skeleton
+
+__all__ = ["BEYOND", "LEAST_M", "MOST_M", "Evidence", "LearnedScale", "ScaleNetwork"]
 
 LEADS_S = (0.12, 0.4)
 """Ages of the forecasts whose errors the network reads. The first shows noise, the second how
@@ -29,19 +46,10 @@ LEAD_TOLERANCE_S = (0.045, 0.07)
 """A forecast stands for one of ``LEADS_S`` if its age is so near: at 8 to 60 captures a second
 there is one."""
 
-BACK = (1, 3, 10)
-"""Speeds are measured over so many steps."""
-_BEFORE = 4  # the speed over the 3 steps before this tells the acceleration
 KNOT_STEPS = (1, 2, 3, 5, 8, 11, 15, 20, 25, 30)
 """The network runs at these steps; between them the scale's logarithm is linear."""
-LEAST_M, MOST_M = 0.01, 5.0
-"""Bounds of the scale."""
-BEYOND = 4.0
-"""Inputs count as no farther than so many standard deviations from the fitted mean."""
 
 KINDS = tuple(dict.fromkeys(n.removeprefix("l_").removeprefix("r_") for n in JOINTS))
-_SPEED, _ERROR = 5.0, 20.0  # of 1 + so much x, the logarithm is read
-_MOST_SPEED, _MOST_ERROR = 20.0, 2.0
 
 NOW = (
     "speed_1", "speed_3", "speed_10", "to_trunk", "change", "path", "shake",
@@ -75,12 +83,17 @@ class Evidence:
 
 def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats:
     """(P, J, ``NOW``) the inputs that all steps share."""
+    return _inputs_now(evidence, rate_hz, trunk_joints(skeleton))
+
+
+def _inputs_now(
+    evidence: Evidence | Seen, rate_hz: float, in_trunk: Sequence[int] | Ints
+) -> Floats:
     history, seen = evidence.history, evidence.observed
     people, joints = history.shape[0], history.shape[2]
     velocity = {back: _velocity(history, seen, skip=0, back=back, rate_hz=rate_hz) for back in BACK}
-    before = _velocity(history, seen, skip=_BEFORE - BACK[1], back=BACK[1], rate_hz=rate_hz)
+    before = _velocity(history, seen, skip=BEFORE - BACK[1], back=BACK[1], rate_hz=rate_hz)
     speed = {back: norm(v) for back, v in velocity.items()}
-    in_trunk = trunk_joints(skeleton)
     steps_back = min(BACK[-1], history.shape[1] - 1)
     start = max(history.shape[1] - 1 - BACK[1], 0)
     measured = seen[:, -1, in_trunk] & seen[:, start, in_trunk]
@@ -113,7 +126,7 @@ def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats
     return np.stack(columns, axis=-1)
 
 
-def inputs_ahead(evidence: Evidence, knots: Ints, rate_hz: float) -> Floats:
+def inputs_ahead(evidence: Evidence | Seen, knots: Ints, rate_hz: float) -> Floats:
     """(P, K, J, ``AHEAD``) the inputs of the steps ``knots`` (K,), counted from 1."""
     last = evidence.history[:, -1:]
     seen = evidence.observed[:, -1:, :]
@@ -136,7 +149,7 @@ def _velocity(history: Floats, seen: Bools, *, skip: int, back: int, rate_hz: fl
 
 def _mean(error: Floats) -> Floats:
     known = ~np.isnan(error)
-    total = np.where(known, np.minimum(error, _MOST_ERROR), 0.0).sum(-1)
+    total = np.where(known, np.minimum(error, MOST_ERROR), 0.0).sum(-1)
     return np.where(known.any(-1), total / np.maximum(known.sum(-1), 1), np.nan)
 
 
@@ -147,11 +160,11 @@ def _known(values: Floats) -> tuple[Floats, Floats]:
 
 
 def _log_speed(value: Floats) -> Floats:
-    return np.log1p(_SPEED * np.minimum(value, _MOST_SPEED))
+    return np.log1p(SPEED * np.minimum(value, MOST_SPEED))
 
 
 def _log_error(value: Floats) -> Floats:
-    return np.log1p(_ERROR * np.minimum(value, _MOST_ERROR))
+    return np.log1p(ERROR * np.minimum(value, MOST_ERROR))
 
 
 def kind_of(skeleton: Skeleton) -> Ints:
@@ -235,37 +248,57 @@ class LearnedScale:
     def __init__(
         self, network: ScaleNetwork, skeleton: Skeleton, rate_hz: float, horizon_steps: int
     ) -> None:
-        self._skeleton, self._rate_hz = skeleton, rate_hz
-        self._knots = knots_within(horizon_steps)
-        steps = np.arange(1, horizon_steps + 1)
-        self._above = np.minimum(self._knots.searchsorted(steps), len(self._knots) - 1)
-        self._below = np.maximum(self._above - 1, 0)
-        gap = np.maximum(self._knots[self._above] - self._knots[self._below], 1)
-        self._part = ((steps - self._knots[self._below]) / gap)[:, None]
-        self._mean, self._deviation = network.mean, network.deviation
+        knots, steps = knots_within(horizon_steps), np.arange(1, horizon_steps + 1)
+        above = np.minimum(knots.searchsorted(steps), len(knots) - 1)
+        below = np.maximum(above - 1, 0)
         kinds, now = kind_of(skeleton), len(NOW)
         (weights, biases), *rest = network.layers
-        self._now, self._ahead = weights[:now], weights[now : now + len(AHEAD)]
         of_kind = np.concatenate([weights[now + len(AHEAD) :], np.zeros((1, weights.shape[1]))])
-        self._first = of_kind[kinds] + biases  # (J, hidden)
-        self._rest = rest
-        self._other: Bools = kinds < 0
+        self._tables = Tables(
+            rate_hz=float(rate_hz),
+            trunk=np.array(trunk_joints(skeleton), np.intp),
+            knots=knots,
+            below=below,
+            above=above,
+            part=(steps - knots[below]) / np.maximum(knots[above] - knots[below], 1),
+            mean=network.mean,
+            deviation=network.deviation,
+            now=weights[:now],
+            ahead=weights[now : now + len(AHEAD)],
+            first=of_kind[kinds] + biases,
+            rest=tuple((plain(w), plain(b)) for w, b in rest),
+            other=kinds < 0,
+        )
 
     def __call__(self, evidence: Evidence) -> Floats:
         """(P, H, J) metres; never shrinks with the horizon; infinite for joints of no kind."""
-        now = self._normal(inputs_now(evidence, self._rate_hz, self._skeleton), slice(0, len(NOW)))
-        ahead = self._normal(
-            inputs_ahead(evidence, self._knots, self._rate_hz), slice(len(NOW), None)
+        seen = Seen(
+            history=plain(evidence.history),
+            observed=plain_flags(evidence.observed),
+            forecast=plain(evidence.forecast),
+            error_m=plain(evidence.error_m),
+            residual_m=plain(evidence.residual_m),
         )
-        hidden = (now @ self._now + self._first)[:, None] + ahead @ self._ahead
-        for weights, biases in self._rest:
-            hidden = np.maximum(hidden, 0.0) @ weights + biases
-        knots = np.maximum.accumulate(hidden[..., 0], axis=1)  # (P, K, J)
-        lower = knots[:, self._below]
-        log = lower + self._part * (knots[:, self._above] - lower)
-        scale = np.exp(np.clip(log, np.log(LEAST_M), np.log(MOST_M)))
-        return np.where(self._other | ~np.isfinite(scale), np.inf, scale)
+        return _scale(seen, self._tables)
 
-    def _normal(self, values: Floats, own: slice) -> Floats:
-        values = (values - self._mean[own]) / self._deviation[own]
-        return np.minimum(np.maximum(values, -BEYOND), BEYOND)
+
+def _scale_by_arrays(seen: Seen, tables: Tables) -> Floats:
+    count = len(NOW)
+    now = _normal(_inputs_now(seen, tables.rate_hz, tables.trunk), tables, slice(0, count))
+    ahead = _normal(inputs_ahead(seen, tables.knots, tables.rate_hz), tables, slice(count, None))
+    hidden = (now @ tables.now + tables.first)[:, None] + ahead @ tables.ahead
+    for weights, biases in tables.rest:
+        hidden = np.maximum(hidden, 0.0) @ weights + biases
+    knots = np.maximum.accumulate(hidden[..., 0], axis=1)  # (P, K, J)
+    lower = knots[:, tables.below]
+    log = lower + tables.part[:, None] * (knots[:, tables.above] - lower)
+    scale = np.exp(np.clip(log, np.log(LEAST_M), np.log(MOST_M)))
+    return np.where(tables.other | ~np.isfinite(scale), np.inf, scale)
+
+
+def _normal(values: Floats, tables: Tables, own: slice) -> Floats:
+    values = (values - tables.mean[own]) / tables.deviation[own]
+    return np.minimum(np.maximum(values, -BEYOND), BEYOND)
+
+
+_scale = kernel(scale_by_loops, _scale_by_arrays)

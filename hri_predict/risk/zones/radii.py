@@ -1,16 +1,23 @@
 """Radii: how large each joint's zone must be, by a calibration and what is known of the person."""
 
 from collections.abc import Sequence
+from math import exp, log
 
 import numpy as np
 
 from hri_predict.arrays import Floats, Ints
 from hri_predict.errors import ConfigError
+from hri_predict.machine.compiled import kernel, part
 from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration, needed, plain
 from hri_predict.risk.zones.learned_scale import Evidence, LearnedScale
-from hri_predict.risk.zones.motion_class import SPEED_CLASSES, speed_class
-from hri_predict.risk.zones.scale_shape import ScaleShape
+from hri_predict.risk.zones.motion_class import (
+    BRISK_M_S,
+    SPEED_CLASSES,
+    STILL_M_S,
+    speed_class,
+)
+from hri_predict.risk.zones.scale_shape import shaped_by
 from hri_predict.skeleton import Skeleton
 
 
@@ -40,7 +47,6 @@ class Radii:
         self.steps = calibration.steps
         level, known = LEVELS.index(settings.level), min(horizon_steps, calibration.steps)
         self._scale: LearnedScale | None = None
-        self._shape: ScaleShape | None = None
         limits: Floats | None = None
         names = list(calibration.joints)
         of_joint = [names.index(n) if n in names else -1 for n in map(plain, skeleton.joints)]
@@ -53,7 +59,6 @@ class Radii:
             )
             factors = calibration.estimated[settings.of][level][..., None]  # (3, H, 1)
             table = np.where(np.array(of_joint) < 0, np.inf, factors)  # (3, H, J)
-            self._shape = calibration.shape
             if calibration.limits is not None:
                 limits = calibration.limits[settings.of][level]
         self._table = np.full((len(table), horizon_steps, table.shape[2]), np.inf)
@@ -61,6 +66,8 @@ class Radii:
         self._limits = np.full_like(self._table, np.inf)
         if limits is not None:
             self._limits[:, :known] = _by_joint(limits, of_joint)[:, :known]
+        shape = calibration.shape
+        self._shape = _NO_SHAPE if shape is None else shape.logarithms(horizon_steps)
 
     def of(self, speed_m_s: Floats, evidence: Evidence) -> Floats:
         """(P, H, J) metres for P people.
@@ -69,23 +76,82 @@ class Radii:
             speed_m_s: (P,) trunk speeds; who has none (NaN) gets the largest radii of all speeds.
             evidence: of the same people.
         """
-        unknown = np.isnan(speed_m_s)
-        scale_m = None if self._scale is None else self._scale(evidence)
-        found = self._by_class(speed_class(speed_m_s), scale_m)
-        if unknown.any():
-            some = None if scale_m is None else scale_m[unknown]
-            each = [np.full(np.count_nonzero(unknown), c) for c in range(len(SPEED_CLASSES))]
-            found[unknown] = np.max([self._by_class(fast, some) for fast in each], axis=0)
-        return found
+        if self._scale is None:
+            return _largest(self._table, speed_m_s)
+        tables = self._table, self._limits, *self._shape
+        return _radii(self._scale(evidence), speed_m_s, tables)
 
-    def _by_class(self, fast: Ints, scale_m: Floats | None) -> Floats:
-        """(P, H, J) metres for people of known speed classes; no scale: the table is in metres."""
-        if scale_m is None:
-            return self._table[fast]
-        shaped = scale_m if self._shape is None else self._shape.of(scale_m, fast)
-        found = np.minimum(self._table[fast] * shaped, self._limits[fast])
-        # a zone must not shrink with the horizon
-        return np.maximum.accumulate(found, axis=1)
+
+_NO_SHAPE = np.zeros((0, 0, 0)), np.zeros((0, 0, 0))
+_Tables = tuple[Floats, Floats, Floats, Floats]
+"""(3, H, J) factors and limits, (3, H, B) ``ScaleShape.logarithms``, empty if there is none."""
+
+
+def _largest(table: Floats, speed_m_s: Floats) -> Floats:
+    """(P, H, J) of a table (3, H, J) by speed classes."""
+    found = table[speed_class(speed_m_s)]
+    found[np.isnan(speed_m_s)] = table.max(0)
+    return found
+
+
+def _radii_by_arrays(scale_m: Floats, speed_m_s: Floats, tables: _Tables) -> Floats:
+    unknown = np.isnan(speed_m_s)
+    found = _by_class(scale_m, speed_class(speed_m_s), tables)
+    if unknown.any():
+        each = [np.full(np.count_nonzero(unknown), c) for c in range(len(SPEED_CLASSES))]
+        some = scale_m[unknown]
+        found[unknown] = np.max([_by_class(some, fast, tables) for fast in each], axis=0)
+    return found
+
+
+def _by_class(scale_m: Floats, fast: Ints, tables: _Tables) -> Floats:
+    """(P, H, J) metres for people of known speed classes."""
+    factors, limits, knots, logs = tables
+    shaped = scale_m if not knots.size else shaped_by(scale_m, knots[fast], logs[fast])
+    found = np.minimum(factors[fast] * shaped, limits[fast])
+    # a zone must not shrink with the horizon
+    return np.maximum.accumulate(found, axis=1)
+
+
+def _radii_by_loops(scale_m: Floats, speed_m_s: Floats, tables: _Tables) -> Floats:
+    factors, limits, knots, logs = tables
+    people, steps, joints = scale_m.shape
+    found = np.zeros((people, steps, joints))
+    for p in range(people):
+        speed = speed_m_s[p]
+        first, last = 0, len(factors)
+        if speed == speed:  # else it is not known
+            first = (0 if speed < STILL_M_S else 1) + (1 if speed >= BRISK_M_S else 0)
+            last = first + 1
+        for c in range(first, last):
+            for h in range(steps):
+                for j in range(joints):
+                    scale = scale_m[p, h, j]
+                    if knots.size:
+                        scale *= _factor(scale, knots[c, h], logs[c, h])
+                    radius = factors[c, h, j] * scale
+                    radius = limits[c, h, j] if limits[c, h, j] < radius else radius
+                    if not radius <= found[p, h, j]:
+                        found[p, h, j] = radius
+        for h in range(1, steps):
+            for j in range(joints):
+                if found[p, h - 1, j] > found[p, h, j]:
+                    found[p, h, j] = found[p, h - 1, j]
+    return found
+
+
+@part
+def _factor(scale: float, knots: Floats, logs: Floats) -> float:
+    """As ``scale_shape.shaped_by``."""
+    size, below = log(scale), 0
+    for b in range(1, len(knots) - 1):
+        below += size >= knots[b]
+    on = (size - knots[below]) / (knots[below + 1] - knots[below])
+    on = 0.0 if on < 0.0 else 1.0 if on > 1.0 else on
+    return exp(logs[below] + on * (logs[below + 1] - logs[below]))
+
+
+_radii = kernel(_radii_by_loops, _radii_by_arrays)
 
 
 def _by_joint(table: Floats, of_joint: Sequence[int]) -> Floats:

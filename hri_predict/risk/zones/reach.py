@@ -7,6 +7,8 @@ bones, outwards from the pelvis: a joint is within its bone's length of its pare
 ``HumanLimits`` says where the figures come from.
 """
 
+from typing import NamedTuple, Self
+
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
@@ -20,32 +22,50 @@ BONE_FACTOR, BONE_MARGIN_M = 1.1, 0.02
 """A bone may be this much longer than seen at capture: joints slip on the body."""
 
 
-class BodyReach:
-    """The bounds for one skeleton.
+class BodyReach(NamedTuple):
+    """The bounds for one skeleton, see ``of``. J joints.
 
-    Args:
-        limits: see ``HumanLimits``.
-        skeleton: its joints, tree and parts.
+    Attributes:
+        speed, burst, sustained: (J,) see ``settings.Reach``.
         rate_hz: steps per second of the history.
+        parents: (J,) of each joint; -1 for roots.
+        bone: (J,) longest distance to the parent, metres; infinite for roots.
+        order: all joints but the roots, from the root outwards.
+        depth: (J,) the number of bones between a joint and its root.
     """
 
-    def __init__(self, limits: HumanLimits, skeleton: Skeleton, rate_hz: float) -> None:
+    speed: Floats
+    burst: Floats
+    sustained: Floats
+    rate_hz: float
+    parents: Ints
+    bone: Floats
+    order: Ints
+    depth: Ints
+
+    @classmethod
+    def of(cls, limits: HumanLimits, skeleton: Skeleton, rate_hz: float) -> Self:
+        """The bounds for a skeleton's joints, tree and parts, and a history of ``rate_hz``."""
         part = np.full(len(skeleton.joints), "trunk", dtype=object)
         for kind in ("arm", "leg"):
             for side in ("left", "right"):
                 part[list(skeleton.parts.get(f"{side}_{kind}", ()))] = kind
         own = [limits.reach[p] for p in part]
-        self._speed = np.array([r.speed_m_s for r in own])
-        self._burst = np.array([r.burst_m_s for r in own])
-        self._sustained = np.array([r.sustained_m_s2 for r in own])
-        self._rate_hz = rate_hz
-        self._parents = np.array(skeleton.parents)
-        self._bone = np.array(
-            [skeleton.reach[j, p] if p >= 0 else np.inf for j, p in enumerate(skeleton.parents)]
+        levels = generations(skeleton.parents)
+        depth = np.zeros(len(part), np.intp)
+        for level, joints in enumerate(levels):
+            depth[joints] = level
+        bone = [skeleton.reach[j, p] if p >= 0 else np.inf for j, p in enumerate(skeleton.parents)]
+        return cls(
+            speed=np.array([r.speed_m_s for r in own], np.float64),
+            burst=np.array([r.burst_m_s for r in own], np.float64),
+            sustained=np.array([r.sustained_m_s2 for r in own], np.float64),
+            rate_hz=float(rate_hz),
+            parents=np.array(skeleton.parents, np.intp),
+            bone=np.array(bone, np.float64),
+            order=np.array([j for level in levels[1:] for j in level], np.intp),
+            depth=depth,
         )
-        self._generations: list[Ints] = [
-            np.array(level, dtype=np.intp) for level in generations(skeleton.parents)[1:]
-        ]
 
     def velocity(self, history: Floats, observed: Bools) -> tuple[Floats, Bools]:
         """(P, J, 3) velocity at capture, and (P, J) whether both its steps were observed."""
@@ -54,7 +74,7 @@ class BodyReach:
             return np.zeros((*shape, 3)), np.zeros(shape, dtype=bool)
         known = observed[:, -1] & observed[:, -1 - VELOCITY_STEPS]
         moved = history[:, -1] - history[:, -1 - VELOCITY_STEPS]
-        return np.where(known[..., None], moved, 0.0) * (self._rate_hz / VELOCITY_STEPS), known
+        return np.where(known[..., None], moved, 0.0) * (self.rate_hz / VELOCITY_STEPS), known
 
     def cut_by_motion(
         self,
@@ -77,11 +97,11 @@ class BodyReach:
             joint_age: (P, J) seconds from when it was last seen to the capture; ``None``: 0.
         """
         t = until[..., None]  # (P, K, 1)
-        by_speed = self._speed * (t if joint_age is None else t + joint_age[:, None])
+        by_speed = self.speed * (t if joint_age is None else t + joint_age[:, None])
         v, known = velocity
         middle = 0.5 * (since + until)[..., None, None]
         half = 0.5 * (until - since)[..., None]
-        change = (self._burst + 0.5 * self._sustained * t) * t
+        change = (self.burst + 0.5 * self.sustained * t) * t
         speed = np.sqrt((v**2).sum(-1))[:, None]
         by_velocity = np.where(known[:, None], change + speed * half, np.inf)
         ahead = last[:, None] + v[:, None] * middle
@@ -108,18 +128,19 @@ class BodyReach:
             all_joints: whether to cut joints that were not seen as well.
             inferred: (P, J) metres within which a joint is of its place in ``last``.
         """
-        parents = self._parents
+        parents = self.parents
         apart = np.sqrt(((last - last[:, parents]) ** 2).sum(-1))
         unsure = np.broadcast_to(inferred, apart.shape)
         length = (apart + unsure + unsure[:, parents]) * BONE_FACTOR + BONE_MARGIN_M
         both = seen & seen[:, parents]
-        longest = np.where(seen | all_joints, self._bone, np.inf)
+        longest = np.where(seen | all_joints, self.bone, np.inf)
         bone = np.where(both, length, longest)  # (P, J)
         # Coordinates and joints first: a generation is then long rows of numbers.
         centre = mid.transpose(3, 2, 0, 1).copy()  # (3, J, P, K)
         radius = around.transpose(2, 0, 1).copy()
         bones = bone.T[..., None]
-        for children in self._generations:
+        for level in range(1, int(self.depth.max(initial=0)) + 1):
+            children = np.flatnonzero(self.depth == level)
             of = parents[children]
             own, bound = radius[children], radius[of] + bones[children]
             apart = centre[:, of] - centre[:, children]

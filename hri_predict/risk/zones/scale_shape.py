@@ -38,16 +38,13 @@ class ScaleShape:
             scale_m: (W, H, J); steps beyond the shape's last count as that one.
             fast: (W,) speed class.
         """
-        step = np.minimum(np.arange(scale_m.shape[1]), self.size_m.shape[1] - 1)
-        knots = np.log(self.size_m[fast][:, step])[:, :, None]  # (W, H, 1, B)
-        logs = np.log(self.factor[fast][:, step])[:, :, None]
-        size = np.log(scale_m)
-        below = np.count_nonzero(size[..., None] >= knots[..., 1:-1], axis=-1)[..., None]
-        low, high = _at(knots, below), _at(knots, below + 1)
-        part = np.clip((size - low) / (high - low), 0.0, 1.0)
-        first = _at(logs, below)
-        result: Floats = scale_m * np.exp(first + part * (_at(logs, below + 1) - first))
-        return result
+        knots, logs = self.logarithms(scale_m.shape[1])
+        return shaped_by(scale_m, knots[fast], logs[fast])
+
+    def logarithms(self, steps: int) -> tuple[Floats, Floats]:
+        """(3, ``steps``, B) each: the logarithms of sizes and factors."""
+        step = np.minimum(np.arange(steps), self.size_m.shape[1] - 1)
+        return np.log(self.size_m[:, step]), np.log(self.factor[:, step])
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: sizes in whole micrometres, factors in whole thousandths."""
@@ -77,6 +74,18 @@ class ScaleShape:
         if not good or not ((factor > 0) & (factor < 1000)).all():
             raise ValueError("shape: sizes must ascend from above 0, factors be between 0 and 1000")
         return cls(size, factor)
+
+
+def shaped_by(scale_m: Floats, knots: Floats, logs: Floats) -> Floats:
+    """(W, H, J) metres: the scale times its factor, by (W, H, B) ``ScaleShape.logarithms``."""
+    knots, logs = knots[:, :, None], logs[:, :, None]
+    size = np.log(scale_m)
+    below = np.count_nonzero(size[..., None] >= knots[..., 1:-1], axis=-1)[..., None]
+    low, high = _at(knots, below), _at(knots, below + 1)
+    part = np.clip((size - low) / (high - low), 0.0, 1.0)
+    first = _at(logs, below)
+    result: Floats = scale_m * np.exp(first + part * (_at(logs, below + 1) - first))
+    return result
 
 
 def _at(table: Floats, index: Ints) -> Floats:

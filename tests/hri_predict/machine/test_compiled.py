@@ -1,11 +1,14 @@
 """Compiled loops: the same results, nothing written outside the cache, and none needed."""
 
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from hri_predict.machine.compiled import why_not_compiled
 
 KERNEL = """
 import numpy as np
@@ -69,3 +72,41 @@ def test_a_cache_that_cannot_be_written_is_not_needed(tmp_path):
 
 def test_arrays_compute_where_numba_is_turned_off(tmp_path):
     assert run(tmp_path, HRI_PREDICT_COMPILED="0") == "False 14.0"
+
+
+FAILING = """
+import logging
+from hri_predict.machine.compiled import kernel
+
+def _loops(x):
+    return {}.nothing(x)  # numba knows no such thing
+
+first, second = kernel(_loops, lambda x: x + 1), kernel(_loops, lambda x: x + 2)
+if __name__ == "__main__":
+    logging.basicConfig()
+    print(first(1), first(2), second(1))
+"""
+
+
+def test_a_loop_that_cannot_be_compiled_falls_back_to_arrays_with_one_line(tmp_path):
+    pytest.importorskip("numba", reason="extra accel is not installed")
+    (tmp_path / "failing.py").write_text(FAILING, encoding="utf-8")
+    environment = {**os.environ, "HRI_PREDICT_CACHE": ""}
+    done = subprocess.run(
+        [sys.executable, "failing.py"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["2", "3", "3"]
+    assert done.stderr.count("compiled loops fail") == 1
+
+
+def test_it_says_why_arrays_compute(monkeypatch):
+    monkeypatch.setenv("HRI_PREDICT_COMPILED", "0")
+    assert why_not_compiled() == "HRI_PREDICT_COMPILED is 0"
+    monkeypatch.setenv("HRI_PREDICT_COMPILED", "1")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _name: None)
+    assert "pip install 'hri-predict[accel]'" in why_not_compiled()

@@ -22,6 +22,7 @@ RATE_HZ = 25.0
 JOINTS = len(CANONICAL.joints)
 LIMITS = HumanLimits()
 RULE = SpeedRule(CANONICAL, LIMITS)
+ALL = np.ones(JOINTS, bool)
 ENDS = (
     np.array([s.joint_a for s in CANONICAL.segments]),
     np.array([s.joint_b for s in CANONICAL.segments]),
@@ -54,7 +55,7 @@ def judged(velocity: ArrayLike, hidden: list[str] = [], steps: int = 25) -> Huma
     for name in hidden:
         observed[:, :, CANONICAL.index(name)] = False
     captures = RecentCaptures.of_history(history, observed, RATE_HZ)
-    return RULE.people(joint_speeds(captures), ENDS)
+    return RULE.moving(joint_speeds(captures), ALL, ENDS).people
 
 
 # -- velocities on the history ---------------------------------------------------------------------
@@ -177,7 +178,7 @@ def test_nobody_has_no_speed():
     recent = RecentCaptures.of_history(
         np.zeros((0, 25, JOINTS, 3)), np.zeros((0, 25, JOINTS), bool), RATE_HZ
     )
-    nobody = RULE.people(joint_speeds(recent), ENDS)
+    nobody = RULE.moving(joint_speeds(recent), ALL, ENDS).people
     assert nobody.fast.shape == nobody.unknown.shape == (0,)
     assert nobody.beyond_standard_m_s.shape == (0, len(CANONICAL.segments))
 
@@ -189,13 +190,13 @@ def test_zones_without_a_forecast_grow_at_least_at_the_present_speed():
     history, observed = moving([3.0, 0, 0])
     observed[:, :, 7] = False
     speeds = joint_speeds(RecentCaptures.of_history(history, observed, RATE_HZ))
-    growth = RULE.growth(speeds, np.zeros(1, bool))
+    growth = RULE.moving(speeds, ALL, ENDS).growth_m_s
     assert growth[0, 7] == LIMITS.physical_speed_m_s
     assert growth[0, 6] == pytest.approx(3.0)
 
 
 def test_zones_of_people_whose_speed_is_unknown_grow_at_their_physical_limits():
     speeds = joint_speeds(RecentCaptures.of_history(*moving([0.0, 0, 0], steps=1), RATE_HZ))
-    growth = RULE.growth(speeds, np.ones(1, bool))
+    growth = RULE.moving(speeds, ALL, ENDS).growth_m_s
     assert growth[0, CANONICAL.index("waist")] == LIMITS.reach["trunk"].speed_m_s
     assert growth[0, CANONICAL.index("l_hand")] == LIMITS.reach["arm"].speed_m_s

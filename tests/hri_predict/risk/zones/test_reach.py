@@ -33,7 +33,7 @@ LIMITS = HumanLimits(
 def bounds(velocity, since, until, limits=LIMITS, around=np.inf, known=True):
     """Spheres (J, 3) and (J,) of one body that was at 0 with this velocity, for one interval."""
     v = np.broadcast_to(np.asarray(velocity, float), (1, COUNT, 3))
-    mid, radius = BodyReach(limits, CANONICAL, RATE_HZ).cut_by_motion(
+    mid, radius = BodyReach.of(limits, CANONICAL, RATE_HZ).cut_by_motion(
         np.zeros((1, 1, COUNT, 3)),
         np.full((1, 1, COUNT), around),
         last=np.zeros((1, COUNT, 3)),
@@ -126,7 +126,7 @@ def test_no_bound_shrinks_when_a_limit_grows(speed, t, which):
 
 
 def test_velocity_is_taken_over_two_steps_and_only_where_both_are_seen():
-    body = BodyReach(LIMITS, CANONICAL, RATE_HZ)
+    body = BodyReach.of(LIMITS, CANONICAL, RATE_HZ)
     history = np.zeros((1, 4, COUNT, 3))
     history[0, :, :, 0] = np.array([9.0, 0.0, 7.0, 0.4])[:, None]
     observed = np.ones((1, 4, COUNT), bool)
@@ -145,7 +145,7 @@ def test_velocity_is_taken_over_two_steps_and_only_where_both_are_seen():
 
 def cut_by_bones(mid, around, last, seen=None):
     seen = np.ones((1, COUNT), bool) if seen is None else seen
-    cut_mid, cut_around = BodyReach(LIMITS, CANONICAL, RATE_HZ).cut_by_bones(
+    cut_mid, cut_around = BodyReach.of(LIMITS, CANONICAL, RATE_HZ).cut_by_bones(
         mid[None, None], around[None, None], last=last[None], seen=seen
     )
     return cut_mid[0, 0], cut_around[0, 0]
@@ -247,7 +247,7 @@ def test_people_of_the_test_recordings_keep_the_limits_for_a_second():
 
 def _kept(presence, every_s=0.2, steps=25):
     """How many joint-frames up to 1 s after every so many seconds are within the bounds."""
-    body = BodyReach(HumanLimits(), CANONICAL, RATE_HZ)
+    body = BodyReach.of(HumanLimits(), CANONICAL, RATE_HZ)
     stamps, held, known = presence.stamps_ns, 0, 0
     until = np.arange(1, steps + 1) / RATE_HZ
     for index in range(0, len(stamps), max(1, round(every_s * presence.rate_hz))):

@@ -1,0 +1,1 @@
+"""Rows of figures, the machine they stand for, and how they are shown and compared."""

@@ -1,0 +1,38 @@
+"""A person who does not exist: so that every compiled loop is called once before time matters."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.base import Forecast
+
+TICKS = 4
+"""In so many ticks, forecasts come true and are judged."""
+_STEPS = 6  # of the history: enough to measure speeds
+
+
+def made_up_ticks(
+    joints: int, horizon_steps: int, rate_hz: float
+) -> Iterator[tuple[PeopleSnapshot, Forecast | None]]:
+    """A person who stands, with a forecast, and in the last tick without."""
+    tick_ns = round(1e9 / rate_hz)
+    place = np.zeros((1, joints, 3))
+    for tick in range(TICKS):
+        now_ns = (1 + tick) * tick_ns
+        snapshot = PeopleSnapshot(
+            now_ns=now_ns,
+            ids=(0,),
+            history=np.zeros((1, _STEPS, joints, 3)),
+            observed=np.ones((1, _STEPS, joints), np.bool_),
+            capture_ns=np.array([now_ns], np.int64),
+            last_positions=place,
+            joint_age_s=np.zeros((1, joints)),
+            lost=(),
+            reasons=(),
+            newest_capture_ns=now_ns,
+            captures=tick,
+            counters={},
+        )
+        forecast = Forecast(np.zeros((1, horizon_steps, joints, 3)), None)
+        yield snapshot, forecast if tick < TICKS - 1 else None

@@ -1,0 +1,1 @@
+"""Loops that are too long to stand beside their array operations."""
