@@ -6,7 +6,9 @@ Topics, below ``topic`` (``hri-predict/CELL`` by default):
 - ``status``: ``online`` or ``offline``, retained; the broker itself says offline after a loss.
 """
 
+import contextlib
 import json
+import socket
 import threading
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -129,6 +131,8 @@ class MqttSender(Sender):
         """Say offline and disconnect."""
         if self._client is not None and self._client.is_connected() and self._place.live:
             self._publish(f"{self._base}/status", "offline")
+        if self._client is not None:
+            self._client.disconnect()  # in order, so that the broker adds nothing
         self._drop()
 
     def _topic(self, alert: AnyAlert) -> str | None:
@@ -195,10 +199,15 @@ class MqttSender(Sender):
             raise SendError("the broker does not acknowledge")
 
     def _drop(self) -> None:
+        """Let go of the connection without a word, so that the broker says offline for us."""
         client, self._client = self._client, None
-        if client is not None:
-            client.disconnect()
-            client.loop_stop()
+        if client is None:
+            return
+        connection = client.socket()
+        if connection is not None:
+            with contextlib.suppress(OSError):  # TLS's own shutdown would wait for the other side
+                socket.socket.shutdown(connection, socket.SHUT_RDWR)
+        client.loop_stop()
 
 
 def _paho() -> Any:

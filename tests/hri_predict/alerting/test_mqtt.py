@@ -214,3 +214,15 @@ def test_a_broker_that_never_answers_is_left(word, tmp_path):
 def test_nobody_there_is_said(tmp_path):
     with pytest.raises(SendError, match="cannot connect: Connection refused"):
         sender(tmp_path, free_port()).send(alert(), 0)
+
+
+def test_a_broken_connection_is_let_go_so_that_the_broker_says_offline(tmp_path, subscribe):
+    with broker(tmp_path) as port:
+        watching = subscribe(port)
+        mine = sender(tmp_path, port)
+        mine.send(alert(), 0)
+        mine._drop()  # as after an answer that did not come
+        eventually(lambda: watching.newest.get("hri-predict/cell7/status") == "offline")
+        mine.tend()
+        eventually(lambda: watching.newest["hri-predict/cell7/status"] == "online")
+        mine.close()
