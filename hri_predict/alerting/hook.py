@@ -40,8 +40,8 @@ class Hook:
     def put(self, alert: AnyAlert) -> None:
         """Queue an alert; the newest of each robot and zone wins. Never waits for the receiver."""
         with self._changed:
-            self._outbox.put(alert)
-            self._changed.notify()
+            if self._outbox.put(alert):  # else the thread wakes in time by itself
+                self._changed.notify()
 
     def stop(self) -> None:
         """Ask the thread to try what waits once more and to end; returns at once."""

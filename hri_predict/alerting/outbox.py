@@ -49,13 +49,19 @@ class Outbox:
         self._untold = 0
         self.delivered = self.left_out = self.dropped = self.retried = self.failures = 0
 
-    def put(self, alert: AnyAlert) -> None:
-        """Take an alert, in the place of an older one of the same subject."""
+    def put(self, alert: AnyAlert) -> bool:
+        """Take an alert, in the place of an older one of the same subject.
+
+        Returns:
+            Whether ``wait_s`` may be shorter than before.
+        """
         if not self._settings.wants(alert):
-            return
-        if alert.subject in self._waiting:
+            return False
+        replaced = alert.subject in self._waiting
+        if replaced:
             self._leave_out()
         self._waiting[alert.subject] = Entry(alert=alert)
+        return not replaced
 
     def next(self, now_s: float, *, hurry: bool = False) -> Entry | None:
         """Take out the alert to try now, if there is one; in a ``hurry`` nothing has to wait."""

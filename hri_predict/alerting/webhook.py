@@ -134,8 +134,10 @@ class WebhookSender(Sender):
             with cut_after(self._settings.timeout_s, lambda: connection.sock):
                 connection.request("POST", path, body, self._headers(body))
                 status = connection.getresponse().status
-        except (OSError, http.client.HTTPException, ValueError) as error:
+        except (OSError, ValueError) as error:  # ValueError: TLS after the cut
             raise SendError(said(error)) from error
+        except http.client.HTTPException as error:  # its text is what the server sent
+            raise SendError("what answers is no HTTP server") from error
         finally:
             connection.close()
         if 200 <= status < 300:

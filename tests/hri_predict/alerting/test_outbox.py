@@ -29,6 +29,11 @@ def test_of_one_robot_the_newest_waits_and_the_rest_is_told():
     assert (box.delivered, box.left_out, box.dropped) == (1, 2, 0)
 
 
+def test_only_what_may_go_out_sooner_wakes_the_thread():
+    box = outbox(levels=["stop", "fault"])
+    assert [box.put(alert(level)) for level in ("clear", "stop", "fault")] == [False, True, False]
+
+
 def test_debounce_holds_one_robot_back_and_no_other():
     box = outbox(debounce_s=2.0)
     box.put(alert("slow"))

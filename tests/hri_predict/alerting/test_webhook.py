@@ -108,5 +108,5 @@ def test_a_server_that_never_comes_to_an_end_is_left(word, tmp_path):
 
 
 def test_what_is_no_http_is_no_delivery(tmp_path):
-    with silent_server(b"SSH-2.0-x\r\n") as port, pytest.raises(SendError):
+    with silent_server(b"SSH-2.0-x\r\n") as port, pytest.raises(SendError, match="no HTTP server"):
         sender(tmp_path, f"http://127.0.0.1:{port}", timeout_s=2).send(alert(), 0)
