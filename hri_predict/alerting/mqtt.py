@@ -204,7 +204,7 @@ class MqttSender(Sender):
         if client is None:
             return
         connection = client.socket()
-        if connection is not None:
+        if isinstance(connection, socket.socket):
             with contextlib.suppress(OSError):  # TLS's own shutdown would wait for the other side
                 socket.socket.shutdown(connection, socket.SHUT_RDWR)
         client.loop_stop()

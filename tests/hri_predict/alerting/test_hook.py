@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from functools import partial
 
 import pytest
 
@@ -88,9 +89,10 @@ def test_whatever_a_receiver_raises_the_thread_goes_on():
     sender = Failing(ZeroDivisionError("oops"), SendError("for good", permanent=True))
     hook = Hook(settings(retry_s=0), sender)
     hook.start()
-    for number, level in enumerate(("slow", "stop")):
+    for level in ("slow", "stop"):
+        before = hook.report()["dropped"]
         hook.put(alert(level))
-        eventually(lambda number=number: hook.report()["dropped"] == number + 1)
+        eventually(partial(has_dropped, hook, before + 1))
     hook.put(alert("clear"))
     hook.stop()
     hook.join(10)
@@ -171,6 +173,10 @@ def test_a_program_and_what_it_started_are_ended_with_the_node(tmp_path):
     hook.join(0.1)
     eventually(lambda: not is_running(child))
     assert hook.report()["dropped"] == 1
+
+
+def has_dropped(hook, count):
+    return hook.report()["dropped"] == count
 
 
 def is_running(pid):

@@ -30,9 +30,9 @@ from tests.hri_predict.alerting.servers import (
 
 mqtt = pytest.importorskip("paho.mqtt.client", reason="needs paho-mqtt (the extra mqtt)")
 ROOT = Path(__file__).resolve().parents[3]
-MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
+MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin") or ""
 pytestmark = [
-    pytest.mark.skipif(MOSQUITTO is None, reason="needs the broker mosquitto (Debian: mosquitto)"),
+    pytest.mark.skipif(not MOSQUITTO, reason="needs the broker mosquitto (Debian: mosquitto)"),
     pytest.mark.realtime,
 ]
 
@@ -173,7 +173,7 @@ def test_after_a_loss_the_broker_hears_what_holds_now_before_online(tmp_path, su
 def test_a_password_and_tls(tmp_path, subscribe):
     made, key = certificate(tmp_path)
     passwords = tmp_path / "passwords"
-    maker = shutil.which("mosquitto_passwd")
+    maker = shutil.which("mosquitto_passwd") or "mosquitto_passwd"
     subprocess.run([maker, "-c", "-b", str(passwords), "cell", "hunter2"], check=True)
     (tmp_path / "secret").write_text("hunter2")
     (tmp_path / "wrong").write_text("hunter3")

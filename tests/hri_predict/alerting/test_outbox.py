@@ -123,8 +123,9 @@ def test_only_chosen_levels_robots_and_zones_come():
     box = outbox(levels=["stop", "fault"], robots=["arm"], zones=[])
     box.put(alert("slow"))
     box.put(alert("stop", "gantry"))
-    zone = {"at": None, "time_s": 0.0, "zone": "hatch", "was": "empty", "entry_s": None}
-    box.put(ZoneAlert(state="occupied", **zone))
+    box.put(
+        ZoneAlert(at=None, time_s=0.0, zone="hatch", state="occupied", was="empty", entry_s=None)
+    )
     assert box.next(0.0) is None
     box.put(alert("stop"))
     assert box.next(0.0) is not None

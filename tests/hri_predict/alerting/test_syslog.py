@@ -17,6 +17,7 @@ def send(folder, **settings):
 
 def check(data):
     found = RFC_5424.fullmatch(data)
+    assert found
     assert found["pri"] == b"132"  # local0 (16), warning (4)
     assert found["time"] == b"2026-03-01T14:03:07.123Z"
     assert b" hri-predict " in data

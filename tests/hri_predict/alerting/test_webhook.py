@@ -48,7 +48,9 @@ def test_token_and_signature_come_from_a_file_and_the_environment(tmp_path, monk
         sender(tmp_path, server.url, token_file="token", sign_key_env="SIGN_KEY").send(alert(), 0)
     ((_, headers, body),) = server.got
     assert headers["Authorization"] == "Bearer hunter2"
-    seconds, tag = re.fullmatch(r"t=(\d+),v1=([0-9a-f]{64})", headers["X-Hri-Signature"]).groups()
+    found = re.fullmatch(r"t=(\d+),v1=([0-9a-f]{64})", headers["X-Hri-Signature"])
+    assert found
+    seconds, tag = found.groups()
     assert abs(int(seconds) - time.time()) < 60
     mine = hmac.new(b"swordfish", seconds.encode() + b"." + body, hashlib.sha256)
     assert mine.hexdigest() == tag
