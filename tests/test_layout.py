@@ -35,7 +35,7 @@ MAY_IMPORT = {  # from the bottom to the top
     "protocol": "core",
     "discovery": "core protocol",
     "alerting": "core",
-    "robots": "core protocol",
+    "robots": "core machine protocol",
     "contracts": "core protocol robots",
     "people": "core machine protocol",
     "predictors": "core machine protocol contracts people",

@@ -16,6 +16,7 @@ from hri_predict.errors import ConfigError, nearest
 from hri_predict.evidence.settings import EvidenceSettings
 from hri_predict.files import data_path, read_text, read_yaml
 from hri_predict.link import ChecksTogether, LinkSettings
+from hri_predict.machine.realtime import RealtimeSettings
 from hri_predict.monitoring.alerts import AlertSettings
 from hri_predict.node.memory import StateSettings
 from hri_predict.people.settings import PeopleSettings
@@ -59,6 +60,7 @@ class NodeSettings(Settings):
     risk: RiskSettings = RiskSettings()
     zones: list[NamedZoneSettings] = Field([], max_length=MAX_ZONES)
     links: list[dict[str, Any]] = Field([], max_length=MAX_LINKS)
+    realtime: RealtimeSettings = RealtimeSettings()
     alerts: AlertSettings = AlertSettings()
     record: RecordSettings | None = Field(
         None, description="file to record into (MCAP), or a folder that can be left on"
@@ -254,8 +256,8 @@ def predictor_settings(data: dict[str, Any], where: str) -> PredictorSettings:
         ConfigError: one line that starts with ``where`` and names the key and the remedy.
     """
     with _named(data, "name", "predictors", where) as name:
-        cls = registry.load("predictors", name)
-    return validated(cls.settings_model, data, where)
+        model = registry.predictor_settings(name)
+    return validated(model, data, where)
 
 
 def _link(data: dict[str, Any], where: str) -> LinkSettings:
