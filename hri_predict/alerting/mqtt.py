@@ -151,8 +151,8 @@ class MqttSender(Sender):
         answered = threading.Event()
         answer: list[Any] = []
 
-        def on_connect(_client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
-            answer.append(code)
+        def on_connect(*given: Any) -> None:  # client, data, flags, reason code, properties
+            answer.append(given[3])
             answered.set()
 
         client.on_connect = on_connect
