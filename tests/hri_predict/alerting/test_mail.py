@@ -141,3 +141,19 @@ def test_a_server_that_never_comes_to_an_end_is_left(word, tmp_path):
         with pytest.raises(SendError):
             mine.send(alert(), 0)
         assert time.monotonic() - begun < 5  # ten times the limit: a busy machine
+
+
+def test_a_letter_arrives_by_tls_from_the_first_byte(tmp_path):
+    mailbox = Mailbox()
+    running = controller.Controller(
+        mailbox, hostname="127.0.0.1", port=free_port(), ssl_context=server_tls(tmp_path)
+    )
+    running.start()
+    try:
+        mine = sender(tmp_path, running.port, security="tls")
+        assert mine.send(alert(), 0) == "taken by the server"
+        with pytest.raises(SendError, match="certificate is not trusted"):
+            sender(tmp_path, running.port, security="tls", ca_file=None).send(alert(), 0)
+    finally:
+        running.stop()
+    assert len(mailbox.got) == 1
