@@ -6,7 +6,7 @@ from typing import Any
 
 from hri_predict import registry
 from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError, PredictorError, RobotError
+from hri_predict.errors import ConfigError, ConfigMistakes, PredictorError, RobotError
 from hri_predict.link import Link, LinkLoad, LinkSettings, Simulatable, Transport, check_load
 from hri_predict.node.node import Listener, Node
 from hri_predict.node.publisher import Publisher
@@ -74,13 +74,23 @@ def predictor_of(settings: PredictorSettings) -> Predictor:
 
 
 def build_robots(config: Config) -> tuple[RobotModel, ...]:
-    """Load the robots, in the configuration's order."""
-    robots = []
+    """Load the robots, in the configuration's order.
+
+    Raises:
+        RobotError, ConfigMistakes: one of them is wrong, or several; a line for each.
+    """
+    robots, wrong = [], []
     for index, settings in enumerate(config.node.robots):
         try:
             robots.append(load_robot(settings, config.base_dir))
         except RobotError as error:
-            raise RobotError(f"{config.path}: robots.{index}.{error}") from error
+            key = str(error).partition(":")[0]
+            rest = str(error).removeprefix(key)
+            wrong.append(RobotError(f"{config.place('robots', index, key)}{rest}"))
+    if len(wrong) == 1:
+        raise wrong[0]
+    if wrong:
+        raise ConfigMistakes(map(str, wrong))
     return tuple(robots)
 
 

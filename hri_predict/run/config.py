@@ -24,6 +24,7 @@ from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.engine import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from hri_predict.run.commissioned import CommissioningSettings
+from hri_predict.run.mistakes import Mistakes, place
 from hri_predict.settings import Settings, validated
 from hri_predict.source import SourceSettings
 
@@ -117,6 +118,10 @@ class Config:
         """The folder that relative paths in the configuration start from."""
         return self.path.parent
 
+    def place(self, *keys: str | int) -> str:
+        """``cell.yaml:17: robots.0.name``: where a key stands, to begin an error's line with."""
+        return place(self.path, self.text, keys)
+
     def with_source(self, source: dict[str, Any]) -> "Config":
         """Return this configuration with another source (``replay`` sets a recording)."""
         return replace(self, source=_source(source, f"{self.path}: source"))
@@ -197,21 +202,36 @@ def load(path: Path) -> Config:
     """Read and validate a configuration.
 
     Raises:
-        ConfigError: one line naming the file, the key and the remedy.
+        ConfigError: the file cannot be read, or is not YAML.
+        ConfigMistakes: a line for each mistake, with its line in the file, key and remedy.
     """
     path = find(path)
-    data = read_yaml(path, "configuration")
-    node = validated(NodeSettings, data, str(path))
+    text = read_text(path, "configuration")
+    return checked(path, text, read_yaml(path, "configuration"))
+
+
+def checked(path: Path, text: str, data: dict[str, Any]) -> Config:
+    """Validate ``data``, the content of ``text``, which stands in the file ``path``.
+
+    Raises:
+        ConfigMistakes: a line for each mistake, with its line in the file, key and remedy.
+    """
+    wrong = Mistakes(path, text)
+    node = wrong.settings(NodeSettings, data)
+    given = data.get("predictor", NodeSettings.model_fields["predictor"].default)
+    source = wrong.part("sources", "kind", data.get("source"), ("source",))
+    predictor = wrong.part("predictors", "name", given, ("predictor",))
+    entries = data.get("links")
+    entries = entries[:MAX_LINKS] if isinstance(entries, list) else []
+    links = [wrong.part("links", "kind", link, ("links", i)) for i, link in enumerate(entries)]
+    wrong.tell()
+    assert node is not None  # otherwise its mistakes were told
     config = Config(
-        path=path,
-        text=read_text(path, "configuration"),
-        node=node,
-        source=_source(node.source, f"{path}: source"),
-        predictor=predictor_settings(node.predictor, f"{path}: predictor"),
-        links=tuple(_link(link, f"{path}: links.{i}") for i, link in enumerate(node.links)),
+        path=path, text=text, node=node, source=source, predictor=predictor, links=tuple(links)
     )
-    _check_names(config)
-    _check_links(config)
+    _check_names(config, wrong)
+    _check_links(config, wrong)
+    wrong.tell()
     return config
 
 
@@ -232,12 +252,6 @@ def predictor_settings(data: dict[str, Any], where: str) -> PredictorSettings:
     return validated(cls.settings_model, data, where)
 
 
-def _link(data: dict[str, Any], where: str) -> LinkSettings:
-    with _named(data, "kind", "links", where) as name:
-        cls = registry.load("links", name)
-    return validated(cls.settings_model, data, where)
-
-
 @contextlib.contextmanager
 def _named(data: dict[str, Any], key: str, kind: registry.PartKind, where: str) -> Iterator[str]:
     """Give the name under ``key``; an error states where it stands."""
@@ -251,23 +265,23 @@ def _named(data: dict[str, Any], key: str, kind: registry.PartKind, where: str) 
         raise ConfigError(f"{where}.{key}: {error}") from error
 
 
-def _check_names(config: Config) -> None:
+def _check_names(config: Config, wrong: Mistakes) -> None:
     """Check that names are unique and that every robot that a link names exists."""
     robots = [r.name for r in config.node.robots]
     for key, names in (("robots", robots), ("links", [link.name for link in config.links])):
-        for name in names:
-            if names.count(name) > 1:
-                raise ConfigError(f"{config.path}: {key}: name '{name}' is used twice; rename one")
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                wrong.add((key, i, "name"), f"name '{name}' is used twice; rename one")
     for i, link in enumerate(config.links):
-        for name in link.robots or []:
+        for k, name in enumerate(link.robots or []):
             if name not in robots:
-                raise ConfigError(
-                    f"{config.path}: links.{i}.robots: no robot '{name}'{nearest(name, robots)}; "
-                    f"there are: {', '.join(robots)}"
+                wrong.add(
+                    ("links", i, "robots", k),
+                    f"no robot '{name}'{nearest(name, robots)}; there are: {', '.join(robots)}",
                 )
 
 
-def _check_links(config: Config) -> None:
+def _check_links(config: Config, wrong: Mistakes) -> None:
     """Check that links of one kind do not disturb each other; the link class knows how."""
     for kind in dict.fromkeys(link.kind for link in config.links):
         cls = registry.load("links", kind)
@@ -276,4 +290,4 @@ def _check_links(config: Config) -> None:
         try:
             cls.check_together([link for link in config.links if link.kind == kind])
         except ConfigError as error:
-            raise ConfigError(f"{config.path}: {error}") from error
+            wrong.add(("links",), str(error))
