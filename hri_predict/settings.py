@@ -16,12 +16,14 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
     ValidationError,
     field_validator,
     model_validator,
 )
-from pydantic_core import ErrorDetails
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, ErrorDetails
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
@@ -49,6 +51,26 @@ class Settings(BaseModel):
         return result
 
 
+class Abbreviated(Settings):
+    """A block that may be written as one text, which is then the value of its first key."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_text(cls, data: Any) -> Any:
+        return {next(iter(cls.model_fields)): data} if isinstance(data, str) else data
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        reference = handler(core_schema)
+        found = handler.resolve_ref_schema(reference)
+        block = dict(found)
+        found.clear()
+        found |= {"anyOf": [{"type": "string", "minLength": 1}, block]}
+        return reference
+
+
 def _took_truth_for_a_number(given: Any, taken: Any) -> bool:
     if isinstance(given, bool):
         return isinstance(taken, int | float) and not isinstance(taken, bool)
@@ -74,8 +96,10 @@ Point = Annotated[list[Metres], Field(min_length=2, max_length=2)]
 class Pose(Settings):
     """A rigid pose (REP-103): ``xyz`` metres, ``quaternion_xyzw`` a unit quaternion."""
 
-    xyz: Vector3 = [0.0, 0.0, 0.0]
-    quaternion_xyzw: Quaternion = [0.0, 0.0, 0.0, 1.0]
+    xyz: Vector3 = Field([0.0, 0.0, 0.0], description="where its origin is, m")
+    quaternion_xyzw: Quaternion = Field(
+        [0.0, 0.0, 0.0, 1.0], description="how it is turned: a unit quaternion [x, y, z, w]"
+    )
 
     @field_validator("quaternion_xyzw")
     @classmethod
@@ -101,9 +125,11 @@ class Pose(Settings):
 class Region(Settings):
     """A prism: a polygon on the floor between two heights, room frame, metres."""
 
-    polygon: Annotated[list[Point], Field(min_length=3)]
-    z_min: Metres = 0.0
-    z_max: Metres = 3.0
+    polygon: Annotated[list[Point], Field(min_length=3)] = Field(
+        description="corners on the floor in order, [x, y] each, m"
+    )
+    z_min: Metres = Field(0.0, description="its lower end, m")
+    z_max: Metres = Field(3.0, description="its upper end, m")
 
     @model_validator(mode="after")
     def _has_volume(self) -> Self:

@@ -6,6 +6,7 @@ import typer
 
 from hri_predict import __version__
 from hri_predict.cli import (
+    config,
     convert,
     discover,
     evaluate,
@@ -69,4 +70,5 @@ app.command()(simulate)
 app.command()(convert.convert)
 app.command()(urdf.urdf)
 app.add_typer(bench.app, name="bench")
+app.add_typer(config.app, name="config")
 app.add_typer(protocol.app, name="protocol")

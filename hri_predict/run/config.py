@@ -52,14 +52,30 @@ class NodeSettings(Settings):
         le=MAX_TICKS_HZ,
         description="with ticks: capture, most cycles per second; default: 100",
     )
-    source: dict[str, Any]
-    predictor: dict[str, Any] = {"name": "constant_velocity"}
-    people: PeopleSettings = PeopleSettings()
-    robots: list[RobotSettings] = Field(min_length=1, max_length=MAX_ROBOTS)
-    risk: RiskSettings = RiskSettings()
-    zones: list[NamedZoneSettings] = Field([], max_length=MAX_ZONES)
-    links: list[dict[str, Any]] = Field([], max_length=MAX_LINKS)
-    alerts: AlertSettings = AlertSettings()
+    source: dict[str, Any] = Field(
+        description="what is seen: a tracker, a recording or simulated people"
+    )
+    predictor: dict[str, Any] = Field(
+        {"name": "constant_velocity"}, description="how people are expected to move"
+    )
+    people: PeopleSettings = Field(
+        PeopleSettings(), description="how people are followed, lost and found"
+    )
+    robots: list[RobotSettings] = Field(
+        min_length=1, max_length=MAX_ROBOTS, description="the robots that are advised"
+    )
+    risk: RiskSettings = Field(
+        RiskSettings(), description="how separation is judged, and how levels change"
+    )
+    zones: list[NamedZoneSettings] = Field(
+        [],
+        max_length=MAX_ZONES,
+        description="named zones and what they ask for while somebody is inside",
+    )
+    links: list[dict[str, Any]] = Field(
+        [], max_length=MAX_LINKS, description="wires to the robots' controllers"
+    )
+    alerts: AlertSettings = Field(AlertSettings(), description="what happens at a change of level")
     record: str | None = Field(None, min_length=1, description="file to record into (MCAP)")
     state: StateSettings | None = Field(
         None, description="file in which latches and lost people survive the node"
