@@ -303,12 +303,18 @@ def set_key(data: dict[str, Any], change: str) -> None:
         value = load_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:
         raise ConfigError(f"--set {change}: its value is not valid YAML; quote it") from error
-    at = data
-    for key in path[:-1]:
-        at = at.setdefault(key, {})
-        if not isinstance(at, dict):
+    at: Any = data
+    for key, after in itertools.pairwise(path):
+        empty: Any = [] if after.isdecimal() else {}
+        at = _entry(at, key) if isinstance(at, list) else at.setdefault(key, empty)
+        if not isinstance(at, dict) and not (isinstance(at, list) and _entry(at, after)):
             raise ConfigError(f"--set {change}: '{key}' has no keys; see the configuration")
     at[path[-1]] = value
+
+
+def _entry(entries: list[Any], index: str) -> Any:
+    """The entry of a list at ``index``, or ``None``."""
+    return entries[int(index)] if index.isdecimal() and int(index) < len(entries) else None
 
 
 def _echo(value: Any) -> str:

@@ -22,6 +22,7 @@ from hri_predict.cli.bench import bench
 from hri_predict.cli.calibrate.calibrate import calibrate
 from hri_predict.cli.check import check, conformance, predictors
 from hri_predict.cli.commission import commission
+from hri_predict.cli.init.init import init
 from hri_predict.cli.register import register
 from hri_predict.cli.simulate.simulate import simulate
 
@@ -51,6 +52,7 @@ def options(
 
 app.command()(run.demo)
 app.command()(run.run)
+app.command()(init)
 app.command()(check.check)
 app.command()(register.register)
 app.command()(commission.commission)

@@ -154,7 +154,8 @@ class CellClass(Protocol):
         settings_model: of a link's ``simulate:`` block.
     """
 
-    settings_model: type[Settings]
+    @property
+    def settings_model(self) -> type[Settings]: ...  # noqa: D102
 
     def __call__(
         self,
@@ -189,7 +190,8 @@ class SourceFaults(Protocol):
         kinds: the settings of each kind of fault.
     """
 
-    kinds: Mapping[str, type[Settings]]
+    @property
+    def kinds(self) -> Mapping[str, type[Settings]]: ...  # noqa: D102
 
     def __call__(self, inner: Source, faults: Sequence[dict[str, Any]], /, seed: int) -> Source:
         """Return ``inner`` with ``faults`` as they stand in the configuration.
@@ -208,7 +210,8 @@ class LinkFaults(Protocol):
         kinds: the settings of each kind of fault.
     """
 
-    kinds: Mapping[str, type[Settings]]
+    @property
+    def kinds(self) -> Mapping[str, type[Settings]]: ...  # noqa: D102
 
     def __call__(
         self, *, inner: Transport[Any], faults: Sequence[dict[str, Any]], clock: Clock, seed: int

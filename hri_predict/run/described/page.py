@@ -191,8 +191,10 @@ def _type(value: Schema, names: dict[str, str]) -> str:
             f"list of {_count(value)}{inner}" if not inner.startswith("by ") else f"list, {inner}"
         )
     if kind == "object":
-        inner = value.get("additionalProperties")
-        return f"keys with {_type(inner, names)}" if isinstance(inner, dict) else "keys and values"
+        values = value.get("additionalProperties")
+        return (
+            f"keys with {_type(values, names)}" if isinstance(values, dict) else "keys and values"
+        )
     word = {
         "string": "text",
         "integer": "whole number",
