@@ -144,7 +144,7 @@ def load_yaml(text: str) -> Any:
 def line_of(text: str, keys: Sequence[str | int]) -> int:
     """The line, from 1, of the value that ``keys`` lead to in a YAML text; of the last that is
     there, if the way ends before."""
-    node = yaml.compose(text, Loader=_Loader)
+    node = _composed(text)
     line = 1 if node is None else node.start_mark.line + 1
     for key in keys:
         if isinstance(node, yaml.MappingNode):
@@ -158,6 +158,12 @@ def line_of(text: str, keys: Sequence[str | int]) -> int:
         else:
             break
     return line
+
+
+@lru_cache(maxsize=4)
+def _composed(text: str) -> yaml.Node | None:
+    node: yaml.Node | None = yaml.compose(text, Loader=_Loader)
+    return node
 
 
 @lru_cache(maxsize=32)

@@ -141,7 +141,7 @@ def _doors(config: Config) -> dict[str, Region]:
     people = config.node.people
     doors = {"exits": people.exits, "entrances": people.entrances or ()}
     return {
-        f"{config.path}: people.{kind}.{i}": region
+        config.place("people", kind, i): region
         for kind, regions in doors.items()
         for i, region in enumerate(regions)
     }

@@ -12,9 +12,9 @@ from pydantic import Field, model_validator
 
 from hri_predict import registry
 from hri_predict.discovery.services import DiscoverySettings
-from hri_predict.errors import ConfigError, nearest
+from hri_predict.errors import ConfigError, HriPredictError, nearest
 from hri_predict.evidence.settings import EvidenceSettings
-from hri_predict.files import data_path, read_text, read_yaml
+from hri_predict.files import data_path, line_of, read_text, read_yaml
 from hri_predict.link import ChecksTogether, LinkSettings
 from hri_predict.monitoring.alerts import AlertSettings
 from hri_predict.node.memory import StateSettings
@@ -34,6 +34,9 @@ MAX_LINKS = 32  # each link has its own thread
 MAX_ZONES = 32
 """Named zones. Each that people come near costs half a millisecond of every tick with one or two
 people, and two with eight (measured: 200 zones of 4 to 12 corners in a room of 10 m)."""
+
+
+_KEYS = re.compile(r"[a-z_]+(\.\w+)*")
 
 
 class NodeSettings(Settings):
@@ -137,6 +140,26 @@ class Config:
     def place(self, *keys: str | int) -> str:
         """``cell.yaml:17: robots.0.name``: where a key stands, to begin an error's line with."""
         return place(self.path, self.text, keys)
+
+    @contextlib.contextmanager
+    def naming_lines(self) -> Iterator[None]:
+        """Put file and line before an error that begins with a key of this configuration.
+
+        What is found later than here (a forecast too short, an exit too near) knows the key alone.
+        """
+        try:
+            yield
+        except HriPredictError as error:
+            said = str(error)
+            keys = _KEYS.match(said)
+            named = keys[0].split(".") if keys and not said.startswith(str(self.path)) else [""]
+            if named[0] in NodeSettings.model_fields:
+                links = [link.name for link in self.links]
+                if named[0] == "links" and named[1:2] and named[1] in links:
+                    named[1] = str(links.index(named[1]))
+                way = [int(key) if key.isdecimal() else key for key in named]
+                error.args = (f"{self.path}:{line_of(self.text, way)}: {said}",)
+            raise
 
     def with_source(self, source: dict[str, Any]) -> "Config":
         """Return this configuration with another source (``replay`` sets a recording)."""
