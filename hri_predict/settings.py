@@ -28,7 +28,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.files import load_yaml
-from hri_predict.geometry import in_polygon
+from hri_predict.geometry import is_in_polygon
 
 
 class Settings(BaseModel):
@@ -57,7 +57,10 @@ class Abbreviated(Settings):
     @model_validator(mode="before")
     @classmethod
     def _one_text(cls, data: Any) -> Any:
-        return {next(iter(cls.model_fields)): data} if isinstance(data, str) else data
+        first = next(iter(cls.model_fields))
+        if not isinstance(data, str | dict | cls):
+            raise ValueError(f"give a string, which is its '{first}', or keys and values")
+        return {first: data} if isinstance(data, str) else data
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -147,9 +150,8 @@ class Region(Settings):
 
     def contains(self, point: Floats) -> bool:
         """Whether ``point`` (3,) lies in the prism."""
-        corners = np.asarray(self.polygon, dtype=np.float64)
-        high = self.z_min <= point[2] <= self.z_max
-        return bool(high and in_polygon(point[:2], corners))
+        x, y, z = point.tolist()
+        return self.z_min <= z <= self.z_max and is_in_polygon(x, y, self.polygon)
 
 
 def _crosses_itself(polygon: list[Point]) -> bool:
@@ -266,6 +268,9 @@ _UNITS = {
     "_hz": "Hz",
     "_kg": "kg",
     "_mb": "MB",
+    "_gb": "GB",
+    "_minutes": "min",
+    "_days": "days",
     "_cm2": "cm^2",
     "_ppm": "ppm",
     "_s": "s",

@@ -26,7 +26,12 @@ from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session
 
 Json = Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")]
-Record = Annotated[Path | None, typer.Option(help="Record into this MCAP file.")]
+Record = Annotated[
+    Path | None, typer.Option(help="Record into this MCAP file, or into this folder.")
+]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace the file of --record if it exists.")
+]
 Duration = Annotated[float | None, typer.Option(help="Stop after this many seconds.")]
 Speed = Annotated[str, typer.Option(help="1 = real time, 2 = twice as fast, max = no waiting.")]
 Predictor = Annotated[str | None, typer.Option(help="Use this predictor instead.")]
@@ -53,14 +58,19 @@ MAX_SECONDS = 1e9  # 31 years: far beyond it a float cannot count nanoseconds
 
 
 def demo(
-    speed: Speed = "1", record: Record = None, fault: Faults = None, as_json: Json = False
+    *,
+    speed: Speed = "1",
+    record: Record = None,
+    overwrite: Overwrite = False,
+    fault: Faults = None,
+    as_json: Json = False,
 ) -> None:
     """Run a demonstration without hardware: a person approaches a robot, two controllers obey.
 
     Example: hri-predict demo
     """
     config = _with_faults(configuration.load(configuration.shipped("demo.yaml")), fault)
-    options = Options(factor=_factor(speed), duration_s=DEMO_S, record=record)
+    options = Options(factor=_factor(speed), duration_s=DEMO_S, record=record, overwrite=overwrite)
     _go(config, options, as_json)
 
 
@@ -68,6 +78,7 @@ def run(
     *,
     config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
     record: Record = None,
+    overwrite: Overwrite = False,
     duration: Duration = None,
     shadow: Shadow = False,
     state: State = None,
@@ -79,7 +90,12 @@ def run(
     """
     _positive(duration, "--duration")
     options = Options(
-        duration_s=duration, record=record, shadow=shadow, keep_state=True, state=state
+        duration_s=duration,
+        record=record,
+        overwrite=overwrite,
+        shadow=shadow,
+        keep_state=True,
+        state=state,
     )
     loaded = configuration.load(config)
     facts = commissioning_facts(loaded)
@@ -102,6 +118,14 @@ def replay(
     joint_map: JointMapOption = None,
     predictor: Predictor = None,
     record: Record = None,
+    overwrite: Overwrite = False,
+    alerts: Annotated[
+        bool,
+        typer.Option(
+            "--alerts",
+            help="Write the configuration's alert file and run its command, as the live cell does.",
+        ),
+    ] = False,
     shadow: Shadow = False,
     no_links: Annotated[
         bool,
@@ -115,9 +139,12 @@ def replay(
 ) -> None:
     """Replay a recording through the node and its links.
 
+    The live cell's alert log, commands, recordings, state and evidence stay as they are.
+
     Example: hri-predict replay walk.bvh --config configs/demo.yaml --place 2,0,3.14 --speed max
     """
-    loaded = configuration.load(config)
+    live = configuration.load(config)
+    loaded = live.aside().with_alerts_of(live) if alerts else live.aside()
     source: dict[str, Any] = {
         "kind": "recording",
         "path": str(recording.absolute()),
@@ -141,7 +168,12 @@ def replay(
     if no_links:
         loaded = loaded.without_links()
     options = Options(
-        factor=_factor(speed), until_exhausted=True, record=record, shadow=shadow, state=state
+        factor=_factor(speed),
+        until_exhausted=True,
+        record=record,
+        overwrite=overwrite,
+        shadow=shadow,
+        state=state,
     )
     _go(loaded, options, as_json)
 
@@ -166,8 +198,8 @@ def _go(config: Config, options: Options, as_json: bool) -> None:
 
 def _broken(report: dict[str, Any]) -> str:
     return (
-        f"recording {report['path']}: it ended early: {report['error']}; {report['dropped']} "
-        f"messages are lost; free some room, or name another file"
+        f"recording {report['path']}: incomplete: {report['error']}; {report['dropped']} messages "
+        f"are lost; free some room, or name another place"
     )
 
 

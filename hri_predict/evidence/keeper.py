@@ -27,7 +27,8 @@ from hri_predict.evidence.events import Event, Events
 from hri_predict.evidence.settings import EvidenceSettings
 from hri_predict.node.listeners import Tick
 from hri_predict.recording import Recorder, RecordingInfo
-from hri_predict.recording.mcap.items import Item, Items
+from hri_predict.recording.mcap.clocks import Clocks
+from hri_predict.recording.mcap.items import Item, Items, Rates
 from hri_predict.skeleton import CANONICAL
 
 log = logging.getLogger(__name__)
@@ -36,6 +37,8 @@ LONGEST_NS = 60_000_000_000
 """An event that goes on and on ends here; the next one begins a new file."""
 MOST_ALSO = 50
 """Events of one file that are described; more are counted."""
+EVERY_TICK_HZ = 1000.0
+"""Forecasts around an event are kept of each tick."""
 RING_ITEMS = 20_000
 QUEUE_ITEMS = 20_000
 CLOSE_TIMEOUT_S = 10.0
@@ -76,6 +79,7 @@ class Evidence(Items):
         links: list[tuple[str, ...]],
         threaded: bool = True,
         wall: Callable[[], datetime] = lambda: datetime.now(UTC),
+        clocks: Clocks | None = None,
     ) -> None:
         """Continue the log of the folder, or begin it.
 
@@ -86,14 +90,16 @@ class Evidence(Items):
             robots: names of the robots; ``links``: of their capsules.
             threaded: write in a thread (real time) or at once (virtual clock).
             wall: the wall clock, UTC.
+            clocks: which UTC each message has; see ``Recorder``.
 
         Raises:
             ConfigError: the folder cannot be used, or another node uses it.
         """
-        super().__init__()
+        super().__init__(info, Rates(poses_hz=EVERY_TICK_HZ))
         self.folder = base_dir / settings.folder
         self.dropped = self.failures = self.kept = 0
         self._settings, self._info, self._wall = settings, info, wall
+        self._clocks = clocks
         self._robots, self._links = robots, links
         self._before_ns, self._after_ns = (
             round(each * 1e9) for each in (settings.before_s, settings.after_s)
@@ -219,7 +225,9 @@ class Evidence(Items):
                 self._write([job])
             elif isinstance(job, tuple):
                 job[0].path = self._path(job[0])
-                self._recorder = Recorder(job[0].path, self._info, threaded=False)
+                self._recorder = Recorder(
+                    job[0].path, self._info, threaded=False, clocks=self._clocks
+                )
                 self._write(job[1])
             elif isinstance(job, _Open):
                 self._ended(job)

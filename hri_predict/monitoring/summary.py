@@ -239,8 +239,9 @@ def _link_trouble(link: dict[str, Any]) -> str:
 
 def _recording(report: dict[str, Any]) -> str:
     lost = f", {report['dropped']} lost" if report["dropped"] else ""
-    ended = f"; it ended early: {report['error']}" if report["error"] else ""
-    return f"{report['path']}: {report['written']} messages{lost}{ended}"
+    ended = f"; incomplete: {report['error']}" if report["error"] else ""
+    files = f" in {report['files']} files" if report["files"] != 1 else ""
+    return f"{report['path']}: {report['written']} messages{files}{lost}{ended}"
 
 
 def _evidence(report: dict[str, Any]) -> str:

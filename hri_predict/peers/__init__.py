@@ -290,6 +290,7 @@ class SimulationRequest:
     seed: int = 0
     people: int = 1
     jobs: int = 1
+    cluster: str | None = None
     out: Path | None = None
     resume: bool = False
 
@@ -309,6 +310,7 @@ class OcclusionRequest:
     free_space: bool = False
     occlude: bool = True
     jobs: int = 1
+    cluster: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

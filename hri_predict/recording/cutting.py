@@ -99,4 +99,5 @@ def _chosen(recording: Recording, kept: Sequence[int]) -> Recording:
         recording,
         scenes=[recording.scenes[k] for k in kept],
         arrival_ns=[recording.arrival_ns[k] for k in kept],
+        utc_ns=[recording.utc_ns[k] for k in kept] if recording.utc_ns else (),
     )

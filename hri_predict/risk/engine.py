@@ -17,6 +17,7 @@ from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, fl
 from hri_predict.risk.contact.judges import contact_judges
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.levels.advice import Levels
+from hri_predict.risk.levels.grounds import grounds_of
 from hri_predict.risk.levels.modes import REASONS, admitted
 from hri_predict.risk.levels.near_miss import near_misses
 from hri_predict.risk.made_up import made_up_ticks
@@ -164,9 +165,7 @@ class RiskEngine:
                 self.zones(*tick)
         finally:
             self._check = kept
-        warm_up = getattr(self._separation, "warm_up", None)  # it may have no loops of its own
-        if warm_up is not None:
-            warm_up()
+        self._separation.warm_up()
 
     def assess(
         self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
@@ -244,7 +243,8 @@ class RiskEngine:
         said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *modes, *drift]
         reasons = dict.fromkeys(said)
         near = near_misses(findings, bodies)
-        return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near)
+        grounds = tuple(grounds_of(each, bodies, self._settings) for each in findings.robots)
+        return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near, grounds)
 
     def _remarks(self, robot: int, now_ns: int) -> tuple[Reason, ...]:
         """What a robot does other than advised."""

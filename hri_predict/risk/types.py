@@ -6,6 +6,7 @@ from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules
 from hri_predict.protocol.messages import Advice
 from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.separation.terms import ProtectiveDistance, protective_distance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +37,7 @@ class Assessment:
         named_zones: the state of each of the user's named zones.
         reasons: why the zones are no better than they are; empty if nothing is wrong.
         near_misses: where a moving robot was nearly too close, one per robot at most.
+        grounds: what each robot's advice rests on; empty if it is not known.
     """
 
     advices: tuple[Advice, ...]
@@ -43,6 +45,67 @@ class Assessment:
     named_zones: tuple["NamedZoneState", ...]
     reasons: tuple[Reason, ...] = ()
     near_misses: tuple["NearMiss", ...] = ()
+    grounds: tuple["Grounds", ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Grounds:
+    """What one robot's advice rests on, for whoever has to explain it later.
+
+    Attributes:
+        unknown: why the robot's situation is unknown; nothing else is known then.
+        speed_m_s: of the robot's fastest point.
+        capsules: (C,) the robot as it counts now.
+        way: how the deciding people were judged: ``zones``, ``standard`` or ``contact``; "" if
+            nobody is here.
+        person, segment, link: the deciding pair: the person's id, the body's segment by name, the
+            robot's capsule by index.
+        separation_m: the distance now; negative where bodies overlap.
+        slack_m: how much farther away the person is than the robot's present motion needs.
+        reaction_s, stopping_s, stopping_m: T_r from the capture, T_s and S_s at that speed.
+        intrusion_m, person_uncertainty_m, robot_uncertainty_m: C, Z_d, Z_r.
+        human_m_s: speed of the person, if faster than the standard assumes; else 0.
+    """
+
+    unknown: tuple[Reason, ...] = ()
+    speed_m_s: float | None = None
+    capsules: Capsules | None = None
+    way: str = ""
+    person: int | None = None
+    segment: str = ""
+    link: int | None = None
+    separation_m: float | None = None
+    slack_m: float | None = None
+    reaction_s: float = 0.0
+    stopping_s: float = 0.0
+    stopping_m: float = 0.0
+    intrusion_m: float = 0.0
+    person_uncertainty_m: float = 0.0
+    robot_uncertainty_m: float = 0.0
+    human_m_s: float = 0.0
+
+    @property
+    def needed_m(self) -> float | None:
+        """The distance that the robot's present motion needs, as the advice judged it."""
+        if self.separation_m is None or self.slack_m is None:
+            return None
+        return self.separation_m - self.slack_m
+
+    @property
+    def terms(self) -> ProtectiveDistance | None:
+        """S_p at the present speed, term by term; the standard's, whatever the mode is."""
+        if self.speed_m_s is None:
+            return None
+        return protective_distance(
+            self.speed_m_s,
+            self.reaction_s,
+            self.stopping_s,
+            self.stopping_m,
+            intrusion_m=self.intrusion_m,
+            person_uncertainty_m=self.person_uncertainty_m,
+            robot_uncertainty_m=self.robot_uncertainty_m,
+            human_m_s=self.human_m_s,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,10 +16,12 @@ from hri_predict.errors import ConfigError, HriPredictError, nearest
 from hri_predict.evidence.settings import EvidenceSettings
 from hri_predict.files import data_path, line_of, read_text, read_yaml
 from hri_predict.link import ChecksTogether, LinkSettings
+from hri_predict.machine.realtime import RealtimeSettings
 from hri_predict.monitoring.alerts import AlertSettings
 from hri_predict.node.memory import StateSettings
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.predictors.base import PredictorSettings
+from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.engine import RiskSettings
 from hri_predict.robots.model import RobotSettings
@@ -78,8 +80,13 @@ class NodeSettings(Settings):
     links: list[dict[str, Any]] = Field(
         [], max_length=MAX_LINKS, description="wires to the robots' controllers"
     )
+    realtime: RealtimeSettings = Field(
+        RealtimeSettings(), description="what the loop asks of the machine"
+    )
     alerts: AlertSettings = Field(AlertSettings(), description="what happens at a change of level")
-    record: str | None = Field(None, min_length=1, description="file to record into (MCAP)")
+    record: RecordSettings | None = Field(
+        None, description="file to record into (MCAP), or a folder that can be left on"
+    )
     state: StateSettings | None = Field(
         None, description="file in which latches and lost people survive the node"
     )
@@ -206,6 +213,28 @@ class Config:
         """The links to open; closed links count in the delay budget, too."""
         return () if self.mute else self.links
 
+    def aside(self) -> "Config":
+        """Return this configuration without what belongs to the live cell alone.
+
+        Its alert log and commands, recordings, state, evidence and announcement: a replay with the
+        cell's configuration must not touch them. Alert lines on the terminal stay.
+        """
+        node = self.node.model_copy(
+            update={
+                "alerts": AlertSettings(terminal=self.node.alerts.terminal),
+                "record": None,
+                "state": None,
+                "evidence": None,
+                "discovery": None,
+            }
+        )
+        return replace(self, node=node)
+
+    def with_alerts_of(self, live: "Config") -> "Config":
+        """Return this configuration with the alerts of another one."""
+        node = self.node.model_copy(update={"alerts": live.node.alerts})
+        return replace(self, node=node)
+
     def quiet(self) -> "Config":
         """Return this configuration without alert lines on the terminal, for use with a view."""
         alerts = self.node.alerts.model_copy(update={"terminal": False})
@@ -287,8 +316,8 @@ def predictor_settings(data: dict[str, Any], where: str) -> PredictorSettings:
         ConfigError: one line that starts with ``where`` and names the key and the remedy.
     """
     with _named(data, "name", "predictors", where) as name:
-        cls = registry.load("predictors", name)
-    return validated(cls.settings_model, data, where)
+        model = registry.predictor_settings(name)
+    return validated(model, data, where)
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,18 @@ from hri_predict.monitoring.summary import LevelCounter, Summary, summarise
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory, StateSettings
 from hri_predict.peers import Cell, ControllerReport
+from hri_predict.predictors.runner import Prediction
 from hri_predict.recording import Recorder, RecordingInfo
+from hri_predict.recording.folder.settings import RecordSettings
+from hri_predict.recording.mcap.clocks import Clocks
 from hri_predict.recording.mcap.items import Items
+from hri_predict.recording.mcap.places import Place
+from hri_predict.recording.mcap.told import counters_of
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
+from hri_predict.run.recording import clocks_of, info_of, place_of, record_settings
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
-from hri_predict.source import Source, live_part
+from hri_predict.source import live_part
 
 VIRTUAL_START_NS = 1_000_000_000
 
@@ -45,7 +52,8 @@ class Options:
         factor: node seconds per wall second; ``None``: as fast as possible on the virtual clock.
         duration_s: stop after this many node seconds.
         until_exhausted: stop when the source is exhausted.
-        record: file to record into.
+        record: file or folder to record into, instead of the configuration's.
+        overwrite: replace the file if it exists.
         shadow: send *unknown* on the links whatever the advice is.
         keep_state: use the state file of the configuration (``state``), in real time only.
         state: use this state file instead, at any speed.
@@ -56,6 +64,7 @@ class Options:
     duration_s: float | None = None
     until_exhausted: bool = False
     record: Path | None = None
+    overwrite: bool = False
     shadow: bool = False
     keep_state: bool = False
     state: Path | None = None
@@ -136,11 +145,12 @@ class _Session:
         self.announcer: Announcer | None = None
         self.referee: _Referee | None = None
         self.memory: Memory | None = None
+        self.prediction: Prediction | None = None
 
     def build(self, **ends: Any) -> assemble.Assembly:
         """Build everything; create the recording last, when nothing else can fail."""
         virtual = self.options.factor is None
-        path = self._record_path()
+        settings, place = self._where_to_record()
         source = assemble.build_source(self.config)
         listeners: list[Listener] = [self.levels, _AlertListener(self.alerts)]
         if self.options.view is not None:
@@ -150,6 +160,7 @@ class _Session:
             self.clock,
             source=source,
             deadline=not virtual,
+            prediction=self.prediction,
             shadow=self.options.shadow,
             listeners=listeners,
             **ends,
@@ -159,18 +170,39 @@ class _Session:
         if self.cell is not None and live_part(source) is None:  # live people have no copy
             self.referee = _Referee(self.config, assembly, self.cell)
         self._remember(assembly, listeners)
-        if path is not None:
-            self.recorder = Recorder(path, self._recording_info(source), threaded=not virtual)
+        info = info_of(self.config, source, assembly)
+        clocks = clocks_of(self.clock, self.options.factor, VIRTUAL_START_NS)
+        if place is not None and settings is not None:
+            self.recorder = Recorder(
+                place,
+                info,
+                threaded=not virtual,
+                rates=settings.rates,
+                counters=partial(counters_of, assembly.node, assembly.links),
+                clocks=clocks,
+            )
             listeners.append(self.recorder)
-        self._keep_evidence(assembly, source, listeners)
+        self._keep_evidence(assembly, info, clocks, listeners)
         takers = [each for each in (self.recorder, self.evidence) if each is not None]
         if takers:  # else whoever views the run may listen
             for link in assembly.links:
                 link.on_sent = _to_all(takers)
         return assembly
 
+    def _where_to_record(self) -> tuple[RecordSettings | None, Place | None]:
+        """What to record and where, if anywhere; see ``run.recording``."""
+        asked = self.options.record
+        settings = record_settings(self.config, asked)
+        if settings is None:
+            return None, None
+        return settings, place_of(self.config, settings, asked, self.options.overwrite)
+
     def _keep_evidence(
-        self, assembly: assemble.Assembly, source: Source, listeners: list[Listener]
+        self,
+        assembly: assemble.Assembly,
+        info: RecordingInfo,
+        clocks: Clocks,
+        listeners: list[Listener],
     ) -> None:
         """Keep evidence, if this is a live run and the configuration asks for it.
 
@@ -183,9 +215,10 @@ class _Session:
         self.evidence = Evidence(
             settings,
             self.config.base_dir,
-            self._recording_info(source),
+            info,
             robots=[robot.name for robot in assembly.robots],
             links=[robot.capsule_names for robot in assembly.robots],
+            clocks=clocks,
         )
         listeners.append(self.evidence)
 
@@ -211,38 +244,8 @@ class _Session:
         self.memory.open()
         listeners.append(self.memory)
 
-    def _record_path(self) -> Path | None:
-        """Return the file to record into, or ``None``.
-
-        Raises:
-            ConfigError: it is the recording that is being played, or the configuration.
-        """
-        config = self.config
-        path = self.options.record or (
-            config.base_dir / config.node.record if config.node.record else None
-        )
-        played = getattr(config.source, "path", None)
-        if path is None:
-            return None
-        if _same(path, config.path):
-            raise ConfigError(f"record {path}: this is the configuration; name another file")
-        if isinstance(played, str) and any(
-            _same(path, there) for there in (config.base_dir / played, Path(played))
-        ):  # a relative path may mean either place
-            raise ConfigError(f"record {path}: this recording is being played; name another file")
-        return path
-
-    def _recording_info(self, source: Source) -> RecordingInfo:
-        return RecordingInfo(
-            joint_map=source.joint_map,
-            rate_hz=source.rate_hz,
-            declares_noise=source.declares_noise,
-            config=self.config.text,
-            predictor=self.config.predictor.name,
-            forecast_rate_hz=self.config.predictor.rate_hz,
-        )
-
     def run_real_time(self, stop: threading.Event) -> Summary:
+        self.prediction = assemble.build_prediction(self.config)  # gets ready beside what follows
         ports = self.cell.start() if self.cell is not None else {}
         assembly = self.build(ports=ports)
         self.alerts.start()
@@ -277,7 +280,7 @@ class _Session:
         return self.summary(assembly, pace)
 
     def summary(self, assembly: assemble.Assembly, pace: Pace) -> Summary:
-        counters = dict(self.levels.people_counters)
+        counters = {**self.levels.people_counters, **assembly.prediction.counters}
         self.close()
         counters["alerts_dropped"] = self.alerts.dropped
         counters["alert_failures"] = self.alerts.failures
@@ -310,6 +313,8 @@ class _Session:
 
     def close(self) -> None:
         """Stop everything that was started; safe to call twice."""
+        if self.prediction is not None:
+            self.prediction.stop()
         if self.announcer is not None:
             self.announcer.stop()
         if self.cell is not None and self.reports is None:
@@ -331,14 +336,6 @@ def _to_all(takers: Sequence[Items]) -> Callable[[str, Any, int], None]:
             taker.sent(link, unit, now_ns)
 
     return sent
-
-
-def _same(a: Path, b: Path) -> bool:
-    """Return whether both paths name the same existing file."""
-    try:
-        return a.samefile(b)
-    except OSError:  # one does not exist, or its name is too long
-        return False
 
 
 @contextlib.contextmanager

@@ -1,33 +1,15 @@
-"""The contents of a recording: topics, their JSON, and the metadata that a replay needs.
-
-A recording is an MCAP file (https://mcap.dev/spec) of JSON messages with JSON schemas, so that
-Foxglove and every MCAP library open it. Times are nanoseconds of the node's clock.
-
-| topic | when | what |
-|---|---|---|
-| /scene | each scene received | as received, *exact*: a replay feeds the node the same numbers |
-| /received | each message of a controller | RobotState, Acknowledge, with the link's name |
-| /status, /advice | each tick | the messages' fields; one /advice per robot |
-| /forecast | each tick | predicted joints of every n-th step, rounded to 1 mm |
-| /zones | every n-th tick | capsules of every n-th horizon, rounded to 1 mm |
-| /sent | each unit written to a link | link, CAN id where there is one, bytes in base64 |
-"""
+"""Messages of a recording as JSON and back."""
 
 import base64
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 
 from hri_predict.arrays import Floats
-from hri_predict.errors import RecordingError
-from hri_predict.joint_map import JointMap
-from hri_predict.protocol.definition import SCHEMA_VERSION
 from hri_predict.protocol.messages import (
     Acknowledge,
     BaseMotion,
@@ -38,113 +20,8 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.recording.labels import MAX_ID
 from hri_predict.scene import Person, Scene
-from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
-from hri_predict.skeleton import JOINTS
 
-FORMAT_VERSION = "1"
-LIBRARY = "hri-predict"
-METADATA = "hri_predict"
 MAX_COUNT = 2**64  # limit of every clock's nanoseconds and every sequence
-
-_NUMBER, _TEXT, _LIST = {"type": "number"}, {"type": "string"}, {"type": "array"}
-SCHEMAS: dict[str, dict[str, Any]] = {
-    "/scene": {
-        "capture_ns": _NUMBER,
-        "sequence": _NUMBER,
-        "receipt_ns": _NUMBER,
-        "sees_room": {"type": "boolean"},
-        "people": _LIST,
-    },
-    "/received": {"link": _TEXT, "received_ns": _NUMBER, "type": _TEXT},
-    "/status": {"type": _TEXT, "node_state": _TEXT, "reason": _TEXT, "people": _NUMBER},
-    "/advice": {"type": _TEXT, "robot": _NUMBER, "level": _TEXT, "reason": _TEXT},
-    "/forecast": {"ids": _LIST, "capture_ns": _LIST, "steps": _LIST, "positions": _LIST},
-    "/zones": {"ids": _LIST, "segments": _LIST, "times_s": _LIST, "capsules": _LIST},
-    "/sent": {"link": _TEXT, "id": {"type": ["number", "null"]}, "data": _TEXT},
-}
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordingInfo:
-    """What a replay needs besides the messages; stored in the file's metadata.
-
-    Attributes:
-        joint_map: the source's joint map; complete, so a replay needs no other file.
-        rate_hz: nominal scenes per second.
-        declares_noise: see ``source.Source``.
-        config: the configuration's text.
-        predictor: name of the predictor; ``forecast_rate_hz`` has its steps per second.
-    """
-
-    joint_map: JointMap
-    rate_hz: float
-    declares_noise: bool
-    config: str = ""
-    predictor: str = ""
-    forecast_rate_hz: float = 0.0
-
-    def to_metadata(self) -> dict[str, str]:
-        """As MCAP metadata: strings only."""
-        return {
-            "format": FORMAT_VERSION,
-            "protocol_version": str(SCHEMA_VERSION),
-            "joint_map": self.joint_map.name,
-            "source_joints": json.dumps(self.joint_map.source_joints),
-            "scale_to_m": repr(self.joint_map.scale_to_m),
-            "rotation": json.dumps(self.joint_map.rotation.tolist()),
-            "weights": json.dumps(self.joint_map.weights.tolist()),
-            "rate_hz": repr(self.rate_hz),
-            "declares_noise": json.dumps(self.declares_noise),
-            "config": self.config,
-            "predictor": self.predictor,
-            "forecast_rate_hz": repr(self.forecast_rate_hz),
-        }
-
-    @classmethod
-    def from_metadata(cls, metadata: Mapping[str, str]) -> "RecordingInfo":
-        """Back from MCAP metadata.
-
-        Raises:
-            RecordingError: another format version, or fields are missing or of the wrong type.
-        """
-        if metadata.get("format") != FORMAT_VERSION:
-            raise RecordingError(
-                f"recorded in format {metadata.get('format')!r}, this version reads "
-                f"'{FORMAT_VERSION}'; replay it with the version that recorded it"
-            )
-        try:
-            rate_hz = float(metadata["rate_hz"])
-            if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
-                raise ValueError(f"rate_hz {rate_hz:g}, not {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}")
-            return cls(
-                joint_map=_joint_map(metadata),
-                rate_hz=rate_hz,
-                declares_noise=json.loads(metadata["declares_noise"]) is True,
-                config=metadata.get("config", ""),
-                predictor=metadata.get("predictor", ""),
-                forecast_rate_hz=float(metadata.get("forecast_rate_hz", "0")),
-            )
-        except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
-            raise RecordingError(f"its metadata are damaged ({error}); record it again") from error
-
-
-def _joint_map(metadata: Mapping[str, str]) -> JointMap:
-    joints = tuple(str(name) for name in json.loads(metadata["source_joints"]))
-    rotation = np.array(json.loads(metadata["rotation"]), dtype=np.float64)
-    weights = np.array(json.loads(metadata["weights"]), dtype=np.float64)
-    if rotation.shape != (3, 3) or weights.shape != (len(JOINTS), len(joints)):
-        raise ValueError("joint map")
-    scale_to_m = float(metadata["scale_to_m"])
-    sane = np.isfinite(rotation).all() and (weights >= 0).all() and (weights <= 1).all()
-    if not (sane and 0 < scale_to_m < math.inf):
-        raise ValueError("numbers of the joint map")
-    return JointMap(
-        name=metadata["joint_map"],
-        source_joints=joints,
-        scale_to_m=scale_to_m,
-        rotation=rotation,
-        weights=weights,
-    )
 
 
 def to_json(data: Any) -> bytes:

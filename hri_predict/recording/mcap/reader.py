@@ -14,21 +14,16 @@ from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from hri_predict.errors import RecordingError
 from hri_predict.link import Received
-from hri_predict.recording.mcap.format import (
-    METADATA,
-    RecordingInfo,
-    received_from_dict,
-    scene_from_dict,
-    whole,
-)
+from hri_predict.recording.mcap.format import received_from_dict, scene_from_dict, whole
+from hri_predict.recording.mcap.info import METADATA, RecordingInfo
 from hri_predict.recording.recording import Recording, check_gaps
 from hri_predict.scene import Scene
 
 _RECORD_LIMIT = 64 * 1024 * 1024  # ours have 64 KiB; a damaged length must not fill the memory
 # Exceptions that a cut or damaged file can raise.
-_CUT: tuple[type[Exception], ...] = (EndOfFile, EOFError, McapError, CRCValidationError)
-_CUT += (struct.error, zlib.error, zstandard.ZstdError, ValueError, IndexError, KeyError)
-_CUT += (OverflowError, RuntimeError, MemoryError, TypeError)
+CUT: tuple[type[Exception], ...] = (EndOfFile, EOFError, McapError, CRCValidationError)
+CUT += (struct.error, zlib.error, zstandard.ZstdError, ValueError, IndexError, KeyError)
+CUT += (OverflowError, RuntimeError, MemoryError, TypeError)
 
 
 def read_mcap(path: Path) -> Recording:
@@ -45,19 +40,20 @@ def read_mcap(path: Path) -> Recording:
     scenes: list[Scene] = []
     arrivals: list[int] = []
     received: list[tuple[str, Received]] = []
+    utc: list[int] = []
     topics: dict[int, str] = {}
     note = ""
     with path.open("rb") as file:
-        records = _records(file)
+        found = records(file)
         while True:
             try:
-                record = next(records, None)
+                record = next(found, None)
             except InvalidMagic as error:
                 if info is None:
                     raise RecordingError(f"recording {path}: not an MCAP file") from error
                 note = _cut_note(arrivals)
                 break
-            except _CUT:
+            except CUT:
                 note = _cut_note(arrivals)
                 break
             if record is None or isinstance(record, Footer):
@@ -75,6 +71,7 @@ def read_mcap(path: Path) -> Recording:
                     scenes=scenes,
                     arrivals=arrivals,
                     received=received,
+                    utc=utc,
                 )
     if info is None:
         raise RecordingError(
@@ -96,15 +93,29 @@ def read_mcap(path: Path) -> Recording:
         received=received,
         note=note,
         config=info.config,
+        utc_ns=utc if info.has_utc else (),
     )
 
 
-def _records(file: Any) -> Iterator[Any]:
+def records(file: Any, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Any]:
+    """The records of a file, chunks unpacked; those outside of the log times are left packed.
+
+    The first chunk is always unpacked: it names the channels.
+
+    Raises:
+        one of ``CUT``: the file ends here, or is damaged.
+    """
     reader = StreamReader(
         file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_LIMIT
     )
+    is_first = True
     for record in reader.records:
         if isinstance(record, Chunk):
+            early = start_ns is not None and record.message_end_time < start_ns
+            late = end_ns is not None and record.message_start_time >= end_ns
+            if (early or late) and not is_first:
+                continue
+            is_first = False
             _check_unpacked(record)
             yield from breakup_chunk(record, validate_crc=True)
         else:
@@ -148,6 +159,7 @@ def _take(
     scenes: list[Scene],
     arrivals: list[int],
     received: list[tuple[str, Received]],
+    utc: list[int],
 ) -> None:
     """Keep a message that a replay needs."""
     if topic not in ("/scene", "/received"):
@@ -158,6 +170,7 @@ def _take(
             scene, arrival_ns = scene_from_dict(data, len(info.joint_map.source_joints))
             scenes.append(scene)
             arrivals.append(arrival_ns)
+            utc.append(record.log_time)
         else:
             message, received_ns = received_from_dict(data), whole(data["received_ns"])
             if message is not None:

@@ -1,40 +1,40 @@
-"""Records all input and output into one MCAP file, without ever delaying the node.
+"""Records all input and output into MCAP files, without ever delaying the node.
 
 In real time the caller hands references over to a bounded queue, and a thread of the recorder's
-encodes and writes; what the queue cannot take is dropped and counted. On the virtual clock the
-recorder writes at once. Nothing in the file depends on the wall clock, so that two virtual runs
-give the same bytes.
+encodes and writes; what the queue cannot take is dropped and counted. A disk that is full or gone
+costs what comes meanwhile: the recorder tries again, and goes on when it can. On the virtual clock
+the recorder writes at once. Nothing in the file depends on the wall clock then, so that two virtual
+runs give the same bytes.
 """
 
-import json
+import contextlib
+import errno
 import logging
+import os
 import queue
 import threading
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
-
-from mcap.writer import CompressionType, Writer
+from typing import Any, Self
 
 from hri_predict.errors import RecordingError
-from hri_predict.files import refuse_named_pipe
-from hri_predict.recording.mcap.format import (
-    LIBRARY,
-    METADATA,
-    SCHEMAS,
-    RecordingInfo,
-    to_json,
-)
-from hri_predict.recording.mcap.items import Item, Items
+from hri_predict.recording.mcap.clocks import STEP_NS, Clocks, Reading, VirtualClocks
+from hri_predict.recording.mcap.file import McapFile
+from hri_predict.recording.mcap.info import RecordingInfo
+from hri_predict.recording.mcap.items import Counters, Item, Items, Rates
+from hri_predict.recording.mcap.places import OneFile, Place
 
 log = logging.getLogger(__name__)
 
-# A chunk is written when it is full; a crash loses at most one chunk, about half a second.
-CHUNK_BYTES = 64 * 1024
 QUEUE_ITEMS = 4096
 CLOSE_TIMEOUT_S = 10.0
+FLUSH_NS = 700_000_000
+"""Whoever is killed loses no more than this, and what was in the queue."""
+LOOK_NS = 1_000_000_000
+"""How often the clocks are compared, and the room on the disk looked at."""
+RETRY_NS = 2_000_000_000
 REMIND_NS = 60_000_000_000
-"""After a failed write, the log says again what is lost, each minute."""
+"""While nothing can be recorded, the log says so each minute."""
 
 
 class Recorder(Items):
@@ -42,55 +42,72 @@ class Recorder(Items):
 
     Every method may be called from any thread, and none but ``close`` waits for the disk.
 
-    Counters: ``written`` messages; ``dropped`` messages (queue full, or the disk failed);
-    ``error`` is why writing failed, or ``None``.
+    Counters: ``written`` messages; ``dropped`` messages (queue full, or the disk took none);
+    ``failures``: how often the disk refused; ``files``; ``error`` is why nothing is recorded now,
+    or ``None``.
     """
 
     def __init__(
         self,
-        path: Path,
+        where: Path | Place,
         info: RecordingInfo,
         *,
         threaded: bool,
-        horizon_stride: int = 5,
-        zones_every: int = 5,
+        rates: Rates | None = None,
+        counters: Counters | None = None,
+        clocks: Clocks | None = None,
         queue_items: int = QUEUE_ITEMS,
     ) -> None:
-        """Create the file; an older one is overwritten.
+        """Create the first file.
 
         Args:
-            path: the file to write.
+            where: the file to write, which must not exist, or a ``Place``.
             info: what a replay needs to know.
             threaded: write in a thread (real time) or at once (virtual clock).
-            horizon_stride: record every n-th step of forecast and zones.
-            zones_every: record the zones of every n-th tick; they are the bulkiest, and follow
-                from the forecast.
+            rates: how much of what is bulky is recorded.
+            counters: see ``Items``.
+            clocks: which UTC each moment has; default: UTC is the node's clock.
             queue_items: messages that may wait for the thread.
 
         Raises:
-            RecordingError: the file cannot be created.
+            RecordingError: the file exists, or cannot be created.
         """
-        super().__init__(horizon_stride=horizon_stride, zones_every=zones_every)
-        self.dropped = self.written = 0
+        super().__init__(info, rates, counters)
+        self.dropped = self.written = self.failures = self.files = 0
         self.error: str | None = None
-        self._path = path
-        try:
-            refuse_named_pipe(path)
-            self._file: IO[bytes] = path.open("wb")
-            self._writer, self._channels = _begin(self._file, info)
-        except OSError as error:  # a full disk shows at the first write
-            raise RecordingError(
-                f"recording {path}: cannot be written: {error.strerror}; name another file"
-            ) from error
-        self._sequence = dict.fromkeys(self._channels, 0)
+        self._place: Place = OneFile(where) if isinstance(where, Path) else where
+        self._info, self._threaded = info, threaded
+        self._clocks = clocks or VirtualClocks()
+        self._file: McapFile | None = None
+        self._look_ns = self._flush_ns = self._retry_ns = 0
+        self._remind_ns: int | None = None
+        self._told_dropped = 0
         self._lock = threading.Lock()
         self._closed = False
-        self._remind_ns: int | None = None
+        self._reading = self._clocks.read(0)
+        self._start()
         self._queue: queue.Queue[Item | None] = queue.Queue(queue_items)
         self._thread: threading.Thread | None = None
         if threaded:
             self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
             self._thread.start()
+
+    def _start(self) -> None:
+        """Begin the first file; a mistake shows now.
+
+        Raises:
+            RecordingError: it cannot be created.
+        """
+        try:
+            if why := self._place.why_not(None):
+                self._fails(why, 0)
+            else:
+                self._begin()
+        except OSError as error:
+            raise RecordingError(
+                f"recording {self._place.name}: cannot be written: {error.strerror}; "
+                f"name another file or folder"
+            ) from error
 
     def close(self) -> None:
         """Write waiting messages, finish the file and close it. Safe to call twice."""
@@ -107,12 +124,8 @@ class Recorder(Items):
             if self._thread.is_alive():  # it is stuck in the operating system and keeps the file
                 self.error = self.error or "the disk did not keep up"
                 return
-        try:
-            if self.error is None:
-                self._writer.finish()
-            self._file.close()
-        except OSError as error:
-            self._failed(error)
+        self._end_file()
+        self._place.close()
 
     def __enter__(self) -> Self:
         return self
@@ -127,9 +140,8 @@ class Recorder(Items):
 
     def take(self, item: Item) -> None:
         """Queue it, or write it at once; what cannot be written is counted."""
-        if self._closed or self.error is not None:
+        if self._closed:
             self._drop()
-            self._remind(item.log_ns)
         elif self._thread is None:
             self._write(item)
         else:
@@ -138,69 +150,172 @@ class Recorder(Items):
             except queue.Full:
                 self._drop()
 
+    def report(self) -> dict[str, Any]:
+        """Return plain data for ``--json`` and the summary."""
+        return {
+            "path": str(self._place.name),
+            "files": self.files,
+            "written": self.written,
+            "dropped": self.dropped,
+            "failures": self.failures,
+            "error": self.error,
+        }
+
     def _run(self) -> None:
-        while (item := self._queue.get()) is not None:
+        while True:
+            try:
+                item = self._queue.get(timeout=FLUSH_NS * 1e-9)
+            except queue.Empty:
+                self._idle()
+                continue
+            if item is None:
+                return
             self._write(item)
 
+    def _idle(self) -> None:
+        """Nothing came for a while: what is there goes to the disk."""
+        if self._file is not None and self.error is None and self._file.unsafe:
+            try:
+                self._file.flush()
+            except OSError as error:
+                self._fails(_why(error), self._flush_ns)
+
     def _write(self, item: Item) -> None:
-        if self.error is not None:
-            self._drop()
-            return
         try:
-            data = to_json(item.encode(*item.args))
-            log_ns = max(0, item.log_ns)
-            self._sequence[item.topic] += 1
-            self._writer.add_message(
-                self._channels[item.topic],
-                log_time=log_ns,
-                data=data,
-                publish_time=log_ns,
-                sequence=self._sequence[item.topic],
-            )
+            self._do_what_is_due(item.log_ns)
+            if self._file is None or self.error is not None:
+                self._drop()
+                self._remind(item.log_ns)
+                return
+            self._file.add(item, item.log_ns + self._reading.offset_ns)
             self.written += 1
+            self._file.push()
         except OSError as error:
-            self._failed(error)
+            self._fails(_why(error), item.log_ns)
         except Exception:  # one message that cannot be encoded must not end the recording
             if self.dropped == 0:
                 log.exception("a message for %s could not be recorded", item.topic)
             self._drop()
+
+    def _do_what_is_due(self, now_ns: int) -> None:
+        """Compare the clocks, begin the next file, try again, flush.
+
+        Raises:
+            OSError: the disk refused.
+        """
+        if self.error is not None and now_ns >= self._retry_ns:
+            self._retry(now_ns)
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + LOOK_NS
+            self._look(now_ns)
+        if now_ns >= self._flush_ns and self._file is not None and self.error is None:
+            self._flush_ns = now_ns + FLUSH_NS
+            self._file.flush()
+
+    def _look(self, now_ns: int) -> None:
+        before, self._reading = self._reading, self._clocks.read(now_ns)
+        if self._file is None or self.error is not None:
+            return
+        if why := self._place.why_not(self._file.path):
+            self._file.flush()
+            self._fails(why, now_ns)
+            return
+        stepped = abs(self._reading.moved_ns(before)) > STEP_NS
+        if self._place.wants_next(self._file, self._reading, stepped):
+            self._end_file()
+            self._begin()
+        self._tell_clocks(self._file, before)
+        if self.dropped > self._told_dropped and self._may_say(now_ns):
+            self._told_dropped = self.dropped
+            log.warning("recording %s: messages lost so far: %d", self._place.name, self.dropped)
+
+    def _tell_clocks(self, file: McapFile, before: Reading) -> None:
+        reading = self._reading
+        said = {**reading.to_dict(before), "dropped": self.dropped}
+        file.write("/clock", reading.node_ns, reading.utc_ns, said)
+
+    def _begin(self) -> None:
+        path, descriptor = self._place.open(self._reading)
+        try:
+            self._file = McapFile(
+                path,
+                descriptor,
+                self._info,
+                began=self._reading,
+                clocks=self._clocks.name,
+                sync=self._threaded,
+            )
+        except OSError:
+            os.close(descriptor)
+            if self._place.has_many:  # each try would leave one
+                path.unlink(missing_ok=True)
+            raise
+        self.files += 1
+
+    def _end_file(self) -> None:
+        """Finish the file and close it; what the disk did not take is lost then."""
+        file, self._file = self._file, None
+        if file is None:
+            return
+        try:
+            file.finish()
+        except OSError as error:
+            self._fails(_why(error), self._flush_ns)
+        self._give_up(file)
+
+    def _give_up(self, file: McapFile) -> None:
+        with self._lock:
+            self.dropped += file.unsafe
+        self.written -= file.unsafe
+        with contextlib.suppress(OSError):
+            file.close()
+
+    def _retry(self, now_ns: int) -> None:
+        """Try to record again: in the same file, or in a new one if that one is broken."""
+        self._retry_ns = now_ns + RETRY_NS
+        why = self._place.why_not(None if self._file is None else self._file.path)
+        try:
+            if why:
+                self.error = why
+                return
+            if self._file is not None:
+                self._file.flush()
+            else:
+                self._begin()
+        except OSError as error:
+            self.error = _why(error)
+            self.failures += 1
+            broken = error.errno not in (errno.ENOSPC, errno.EDQUOT)
+            if broken and self._place.has_many and self._file is not None:
+                file, self._file = self._file, None
+                self._give_up(file)
+            return
+        log.warning("recording %s: goes on; lost: %d", self._place.name, self.dropped)
+        self.error, self._remind_ns, self._told_dropped = None, None, self.dropped
+        self._look_ns = now_ns
+
+    def _fails(self, why: str, now_ns: int) -> None:
+        self.error = why
+        self.failures += 1
+        self._retry_ns = now_ns + RETRY_NS
+        if self._may_say(now_ns):
+            log.error("recording %s: %s; it goes on when it can", self._place.name, why)
 
     def _drop(self) -> None:
         with self._lock:  # several threads write
             self.dropped += 1
 
     def _remind(self, now_ns: int) -> None:
-        """Say again and again, at a limited rate, that nothing is recorded any more."""
-        if self._remind_ns is None:
-            self._remind_ns = now_ns + REMIND_NS
-        elif now_ns >= self._remind_ns and not self._closed:
-            self._remind_ns = now_ns + REMIND_NS
-            log.error("recording %s: ended (%s); lost: %d", self._path, self.error, self.dropped)
+        """Say again and again, at a limited rate, that nothing is recorded."""
+        if self._may_say(now_ns):
+            log.error("recording %s: %s; lost: %d", self._place.name, self.error, self.dropped)
 
-    def report(self) -> dict[str, Any]:
-        """Return plain data for ``--json``: ``path``, ``written``, ``dropped``, ``error``."""
-        return {
-            "path": str(self._path),
-            "written": self.written,
-            "dropped": self.dropped,
-            "error": self.error,
-        }
-
-    def _failed(self, error: OSError) -> None:
-        self.error = error.strerror or str(error)
-        self._drop()
-        log.error("recording %s: writing failed: %s; it ends here", self._path, self.error)
+    def _may_say(self, now_ns: int) -> bool:
+        if self._remind_ns is not None and now_ns < self._remind_ns:
+            return False
+        self._remind_ns = now_ns + REMIND_NS
+        return True
 
 
-def _begin(file: IO[bytes], info: RecordingInfo) -> tuple[Writer, dict[str, int]]:
-    """Write header, metadata, schemas and channels; they come first, so a cut file has them."""
-    writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-    writer.start(profile="", library=LIBRARY)
-    writer.add_metadata(METADATA, info.to_metadata())
-    channels = {}
-    for topic, properties in SCHEMAS.items():
-        name = f"hri_predict.{topic.removeprefix('/').capitalize()}"
-        schema = {"title": name, "type": "object", "properties": properties}
-        schema_id = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
-        channels[topic] = writer.register_channel(topic, "json", schema_id)
-    return writer, channels
+def _why(error: OSError) -> str:
+    return error.strerror or str(error)

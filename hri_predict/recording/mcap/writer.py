@@ -6,7 +6,9 @@ from pathlib import Path
 from hri_predict.errors import RecordingError
 from hri_predict.recording.cutting import people_of
 from hri_predict.recording.frames import Written
-from hri_predict.recording.mcap.format import RecordingInfo
+from hri_predict.recording.mcap.clocks import VirtualClocks
+from hri_predict.recording.mcap.info import RecordingInfo
+from hri_predict.recording.mcap.places import OneFile
 from hri_predict.recording.mcap.recorder import Recorder
 from hri_predict.recording.recording import Recording
 
@@ -24,8 +26,11 @@ def write_mcap(path: Path, recording: Recording) -> Written:
         config=recording.config,
     )
     written = Written(len(recording.scenes), people_of(recording))
+    start_ns = recording.arrival_ns[0]
+    offset_ns = recording.utc_ns[0] - start_ns if recording.utc_ns else None
+    clocks = VirtualClocks(start_ns, offset_ns)
     told = deque(sorted(recording.received, key=lambda r: r[1].received_ns))
-    with Recorder(path, info, threaded=False) as recorder:
+    with Recorder(OneFile(path, overwrite=True), info, threaded=False, clocks=clocks) as recorder:
         for scene, arrival_ns in zip(recording.scenes, recording.arrival_ns, strict=True):
             while told and told[0][1].received_ns <= arrival_ns:
                 recorder.on_received(*told.popleft())

@@ -1,5 +1,6 @@
 """Near misses: a robot that moves while somebody is hardly farther away than its motion needs."""
 
+from hri_predict.risk.levels.grounds import mildest
 from hri_predict.risk.separation.stage import Findings
 from hri_predict.risk.types import NearMiss
 from hri_predict.risk.zones.body_zones import BodyZones
@@ -17,10 +18,9 @@ def near_misses(findings: Findings, bodies: BodyZones) -> tuple[NearMiss, ...]:
     """
     found: list[NearMiss] = []
     for robot, each in enumerate(findings.robots):
-        ways = [way for way in (each.people, each.standard, each.contact) if way is not None]
-        if not ways or not each.speed_m_s > MOVING_M_S:
+        _, closest = mildest(each)
+        if closest is None or not each.speed_m_s > MOVING_M_S:
             continue
-        closest = max(ways, key=lambda way: way.slack_m)
         limit_m = closest.separation_m - closest.slack_m
         if not 0 <= closest.slack_m < SHARE * limit_m:
             continue

@@ -1,5 +1,6 @@
 """A run never records over what it reads."""
 
+import dataclasses
 import logging
 import os
 from pathlib import Path
@@ -65,6 +66,42 @@ def test_the_configuration(tmp_path, played, where):
     record = tmp_path / "cell.yaml" if where == "option" else None
     _refused(config, record, "is the configuration")
     assert configuration.load(config.path).text == config.text
+
+
+def test_a_recording_that_is_there_is_not_lost(tmp_path, played):
+    config, monday = _config(tmp_path, "walk.npz"), tmp_path / "monday.mcap"
+    run(config, Options(factor=None, until_exhausted=True, record=monday))
+    before = monday.read_bytes()
+    options = Options(factor=None, until_exhausted=True, record=monday)
+    with pytest.raises(
+        RecordingError, match=r"monday\.mcap: exists already, and is kept; .*--over"
+    ):
+        run(config, options)
+    assert monday.read_bytes() == before
+    summary = run(config, dataclasses.replace(options, overwrite=True))
+    assert summary.recording is not None
+    assert summary.recording["error"] is None
+
+
+def test_a_node_that_starts_again_records_beside_the_file_of_its_configuration(
+    tmp_path, played, caplog
+):
+    config = _config(tmp_path, "walk.npz", record="day.mcap")
+    found = []
+    for _ in range(3):
+        run(config, Options(factor=None, until_exhausted=True))
+        found.append(sorted(path.name for path in tmp_path.glob("*.mcap")))
+    assert found[-1] == ["day-2.mcap", "day-3.mcap", "day.mcap"]
+    assert "day.mcap: exists already, and is kept; recording" in caplog.text
+
+
+def test_a_folder_that_is_named_on_the_command_line_is_recorded_into(tmp_path, played):
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    config = _config(tmp_path, "walk.npz", record={"folder": "elsewhere", "name": "press"})
+    run(config, Options(factor=None, until_exhausted=True, record=folder))
+    assert [path.name for path in folder.glob("*.mcap")] == ["press-19700101T000001Z.mcap"]
+    assert not (tmp_path / "elsewhere").exists()
 
 
 def test_a_name_too_long_is_one_line(tmp_path, played):

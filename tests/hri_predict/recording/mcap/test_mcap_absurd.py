@@ -23,8 +23,9 @@ def test_what_unpacks_to_more_than_is_sane_is_not_unpacked(tmp_path: Path) -> No
     """A chunk of kilobytes may hold gigabytes."""
     with Recorder(tmp_path / "a.mcap", INFO, threaded=False) as recorder:
         recorder.on_scene(SCENE, 10)
-        recorder._writer.flush()
-        recorder._writer.add_message(1, 11, bytes(2**26 + 1), 11)
+        assert recorder._file is not None
+        recorder._file.flush()
+        recorder._file._writer.add_message(1, 11, bytes(2**26 + 1), 11)
     recording = open_recording(tmp_path / "a.mcap")
     assert len(recording.scenes) == 1
     assert "cut or damaged" in recording.note

@@ -107,6 +107,8 @@ def _build(config):
     ("key", "value"),
     [
         ("state", "latches.json"),
+        ("record", "monday.mcap"),
+        ("record", {"folder": "kept", "keep_days": 7}),
         ("evidence", {"folder": "kept", "before_s": 2}),
         ("evidence", "kept"),
         ("discovery", {}),

@@ -1,0 +1,149 @@
+"""A folder that recordings can go into for years."""
+
+import errno
+import fcntl
+import logging
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from hri_predict.errors import ConfigError
+from hri_predict.recording.folder.retention import Kept, name_of, over_budget, own_files, too_old
+from hri_predict.recording.folder.settings import RecordSettings
+from hri_predict.recording.mcap.clocks import Reading
+from hri_predict.recording.mcap.file import McapFile
+
+log = logging.getLogger(__name__)
+
+MOST_OLD = 2
+"""Files that are removed for their age at a time: see ``too_old``."""
+
+
+def free_bytes(folder: Path) -> int:
+    """Room on the folder's disk for who is not root."""
+    return shutil.disk_usage(folder).free
+
+
+class Folder:
+    """Gives a recorder files by cell and UTC, and removes the cell's oldest.
+
+    See ``hri_predict.recording.mcap.places.Place``.
+
+    Args:
+        folder: where; it is created.
+        cell: its name; one node at a time records a cell into a folder.
+        settings: see ``RecordSettings``.
+        free: room on the disk, bytes.
+
+    Attributes:
+        removed: files that gave way.
+
+    Raises:
+        ConfigError: the folder cannot be used, or another node records this cell there.
+    """
+
+    has_many = True
+
+    def __init__(
+        self,
+        folder: Path,
+        cell: str,
+        settings: RecordSettings,
+        *,
+        free: Callable[[Path], int] = free_bytes,
+    ) -> None:
+        self._folder, self._cell, self._settings, self._free = folder, cell, settings, free
+        self.removed = 0
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._lock = self._locked()
+        except OSError as error:
+            raise ConfigError(
+                f"record.folder {folder}: {error.strerror}; name another folder"
+            ) from error
+
+    @property
+    def name(self) -> Path:
+        """The folder."""
+        return self._folder
+
+    def open(self, at: Reading) -> tuple[Path, int]:
+        """A new file, after making room for all that it may become.
+
+        Raises:
+            OSError: it cannot be created, or there is no room.
+        """
+        settings = self._settings
+        self._folder.mkdir(parents=True, exist_ok=True)
+        began = datetime.fromtimestamp(at.utc_ns // 1_000_000_000, UTC)
+        files = own_files(self._folder, self._cell)
+        old = too_old(files, began, settings.keep_days, MOST_OLD)
+        left = [kept for kept in files if kept not in old]
+        room = settings.budget_gb * 1e9 - settings.max_mb * 1e6
+        self._remove([*old, *over_budget(left, room)])
+        number = 1
+        while True:
+            path = self._folder / name_of(self._cell, began, number)
+            try:
+                flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+                return path, os.open(path, flags, 0o644)
+            except FileExistsError:  # two in a second, or the wall clock was set back
+                number += 1
+
+    def wants_next(self, file: McapFile, now: Reading, stepped: bool) -> bool:
+        """Whether it is as long or large as it may be, was removed, or the wall clock was set."""
+        lasted_s = (now.node_ns - file.began.node_ns) * 1e-9
+        return (
+            stepped
+            or lasted_s >= self._settings.max_minutes * 60
+            or file.size >= self._settings.max_mb * 1e6
+            or not os.path.lexists(file.path)
+        )
+
+    def why_not(self, writing: Path | None) -> str:
+        """Why nothing may be recorded now: others need the disk. The cell's oldest go first."""
+        wanted = self._settings.min_free_gb * 1e9
+        try:
+            missing = wanted - self._free(self._folder)
+            if missing <= 0:
+                return ""
+            files = [kept for kept in own_files(self._folder, self._cell) if kept.path != writing]
+            total = sum(kept.size for kept in files)
+            self._remove(over_budget(files, total - missing))
+            if self._free(self._folder) >= wanted:
+                return ""
+        except OSError as error:
+            return f"{self._folder}: {error.strerror}"
+        return f"less than {self._settings.min_free_gb:g} GB free (min_free_gb)"
+
+    def close(self) -> None:
+        """Let another node record here."""
+        os.close(self._lock)
+
+    def _remove(self, files: Sequence[Kept]) -> None:
+        for kept in files:
+            try:
+                kept.path.unlink()
+            except OSError as error:
+                log.warning("recording %s: cannot be removed: %s", kept.path, error.strerror)
+                continue
+            self.removed += 1
+            log.info("recording %s: removed to make room", kept.path)
+
+    def _locked(self) -> int:
+        """The lock of this cell in the folder.
+
+        Raises:
+            OSError: another node has it, or the folder cannot be written.
+        """
+        path = self._folder / f".{self._cell}.lock"
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(descriptor)
+            why = f"another node records '{self._cell}' there"
+            raise OSError(errno.EBUSY, why) from error
+        return descriptor

@@ -1,0 +1,129 @@
+"""What a recording says of itself: the metadata that a replay needs."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.errors import RecordingError
+from hri_predict.joint_map import JointMap
+from hri_predict.protocol.definition import SCHEMA_VERSION
+from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose
+from hri_predict.skeleton import JOINTS
+
+FORMAT_VERSION = "2"
+"""In format 1, MCAP's log time was the node's clock; it is UTC now."""
+READABLE = ("1", "2")
+LIBRARY = "hri-predict"
+METADATA = "hri_predict"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingInfo:
+    """What a replay needs besides the messages; stored in the file's metadata.
+
+    Attributes:
+        joint_map: the source's joint map; complete, so a replay needs no other file.
+        rate_hz: nominal scenes per second.
+        declares_noise: see ``source.Source``.
+        config: the configuration's text.
+        cell: the cell's name.
+        robots: each robot's name, and the names of its capsules.
+        frames: poses in the room that do not change, by name: the robots' bases.
+        has_utc: read from a file: its log times are UTC. Recordings of format 1 and those of
+            virtual runs have none.
+        predictor: name of the predictor; ``forecast_rate_hz`` has its steps per second.
+    """
+
+    joint_map: JointMap
+    rate_hz: float
+    declares_noise: bool
+    config: str = ""
+    cell: str = ""
+    robots: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    frames: tuple[tuple[str, Pose], ...] = ()
+    has_utc: bool = False
+    predictor: str = ""
+    forecast_rate_hz: float = 0.0
+
+    def to_metadata(self) -> dict[str, str]:
+        """As MCAP metadata: strings only."""
+        return {
+            "format": FORMAT_VERSION,
+            "protocol_version": str(SCHEMA_VERSION),
+            "joint_map": self.joint_map.name,
+            "source_joints": json.dumps(self.joint_map.source_joints),
+            "scale_to_m": repr(self.joint_map.scale_to_m),
+            "rotation": json.dumps(self.joint_map.rotation.tolist()),
+            "weights": json.dumps(self.joint_map.weights.tolist()),
+            "rate_hz": repr(self.rate_hz),
+            "declares_noise": json.dumps(self.declares_noise),
+            "config": self.config,
+            "cell": self.cell,
+            "robots": json.dumps(self.robots),
+            "frames": json.dumps([[name, pose.model_dump()] for name, pose in self.frames]),
+            "predictor": self.predictor,
+            "forecast_rate_hz": repr(self.forecast_rate_hz),
+        }
+
+    @classmethod
+    def from_metadata(cls, metadata: Mapping[str, str]) -> "RecordingInfo":
+        """Back from MCAP metadata.
+
+        Raises:
+            RecordingError: another format version, or fields are missing or of the wrong type.
+        """
+        if metadata.get("format") not in READABLE:
+            raise RecordingError(
+                f"recorded in format {metadata.get('format')!r}, this version reads "
+                f"{' and '.join(map(repr, READABLE))}; replay it with the version that recorded it"
+            )
+        try:
+            rate_hz = float(metadata["rate_hz"])
+            if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+                raise ValueError(f"rate_hz {rate_hz:g}, not {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}")
+            return cls(
+                joint_map=_joint_map(metadata),
+                rate_hz=rate_hz,
+                declares_noise=json.loads(metadata["declares_noise"]) is True,
+                config=metadata.get("config", ""),
+                cell=metadata.get("cell", ""),
+                robots=_robots(metadata),
+                frames=_frames(metadata),
+                has_utc=metadata["format"] != "1" and metadata.get("clocks") == "system",
+                predictor=metadata.get("predictor", ""),
+                forecast_rate_hz=float(metadata.get("forecast_rate_hz", "0")),
+            )
+        except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
+            raise RecordingError(f"its metadata are damaged ({error}); record it again") from error
+
+
+def _robots(metadata: Mapping[str, str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    robots = json.loads(metadata.get("robots", "[]"))
+    return tuple((str(name), tuple(map(str, capsules))) for name, capsules in robots)
+
+
+def _frames(metadata: Mapping[str, str]) -> tuple[tuple[str, Pose], ...]:
+    frames = json.loads(metadata.get("frames", "[]"))
+    return tuple((str(name), Pose.model_validate(pose)) for name, pose in frames)
+
+
+def _joint_map(metadata: Mapping[str, str]) -> JointMap:
+    joints = tuple(str(name) for name in json.loads(metadata["source_joints"]))
+    rotation = np.array(json.loads(metadata["rotation"]), dtype=np.float64)
+    weights = np.array(json.loads(metadata["weights"]), dtype=np.float64)
+    if rotation.shape != (3, 3) or weights.shape != (len(JOINTS), len(joints)):
+        raise ValueError("joint map")
+    scale_to_m = float(metadata["scale_to_m"])
+    sane = np.isfinite(rotation).all() and (weights >= 0).all() and (weights <= 1).all()
+    if not (sane and 0 < scale_to_m < math.inf):
+        raise ValueError("numbers of the joint map")
+    return JointMap(
+        name=metadata["joint_map"],
+        source_joints=joints,
+        scale_to_m=scale_to_m,
+        rotation=rotation,
+        weights=weights,
+    )

@@ -1,0 +1,160 @@
+"""Reads what a recording tells, message by message, with UTC: for whoever explains a run later.
+
+    about = recording_info("cell-20260309T140000Z.mcap")
+    for message in read_messages(path, ["/status", "/advice"], start_utc_ns=..., end_utc_ns=...):
+        print(message.utc, message.data["level"])
+    then = moment(path, utc_ns)          # everything as it was known then
+
+Of a file that was cut (the node was killed, the power went), everything before the cut is given.
+"""
+
+import json
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mcap.records import Channel, Footer, Message, Metadata
+
+from hri_predict.errors import RecordingError
+from hri_predict.recording.mcap.clocks import iso
+from hri_predict.recording.mcap.info import METADATA, RecordingInfo
+from hri_predict.recording.mcap.reader import CUT, records
+
+SLOWEST_S = 2.0
+"""How far back ``moment`` looks: everything comes at least each second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A message of a recording.
+
+    Attributes:
+        topic: see ``schemas``; in recordings of format 1 every robot's advice is on /advice.
+        utc_ns: when, UTC; in recordings without UTC (``RecordingInfo.has_utc``), the node's clock.
+        node_ns: the same on the node's clock.
+        data: the message.
+    """
+
+    topic: str
+    utc_ns: int
+    node_ns: int
+    data: dict[str, Any]
+
+    @property
+    def utc(self) -> str:
+        """``2026-03-09T14:03:07.123456Z``."""
+        return iso(self.utc_ns)
+
+
+@dataclass(slots=True)
+class Moment:
+    """What the node knew at a moment: the newest message before it of each topic and source.
+
+    Attributes:
+        status, scene, forecast, zones, node: as the topics say; ``None``: there was none.
+        advice: by robot.
+        received: the newest message of each link.
+    """
+
+    status: Told | None = None
+    scene: Told | None = None
+    forecast: Told | None = None
+    zones: Told | None = None
+    node: Told | None = None
+    advice: dict[str, Told] = field(default_factory=dict)
+    received: dict[str, Told] = field(default_factory=dict)
+
+
+def recording_info(path: str | Path) -> RecordingInfo:
+    """What a recording says of itself: configuration, robots with their capsules, has it UTC.
+
+    Raises:
+        RecordingError: it is no recording of this node.
+        OSError: it cannot be read.
+    """
+    path = Path(path)
+    with path.open("rb") as file:
+        try:
+            for record in records(file):
+                if isinstance(record, Metadata) and record.name == METADATA:
+                    return RecordingInfo.from_metadata(record.metadata)
+        except CUT:
+            pass
+    raise RecordingError(f"recording {path}: was not recorded by hri-predict; name another file")
+
+
+def read_messages(
+    path: str | Path,
+    topics: Collection[str] | None = None,
+    *,
+    start_utc_ns: int | None = None,
+    end_utc_ns: int | None = None,
+) -> Iterator[Told]:
+    """Every message in the order of writing, from ``start_utc_ns`` to before ``end_utc_ns``.
+
+    Args:
+        path: the file.
+        topics: only these; ``/advice`` means that of all robots. ``None``: all.
+        start_utc_ns, end_utc_ns: see ``Told.utc_ns``.
+
+    Raises:
+        RecordingError: a message is damaged.
+        OSError: it cannot be read.
+    """
+    names: dict[int, str] = {}
+    with Path(path).open("rb") as file:
+        found = records(file, start_utc_ns, end_utc_ns)
+        while True:
+            try:
+                record = next(found, None)
+            except CUT:
+                return
+            if record is None or isinstance(record, Footer):
+                return
+            if isinstance(record, Channel):
+                names[record.id] = record.topic
+            elif isinstance(record, Message):
+                topic = names.get(record.channel_id, "")
+                early = start_utc_ns is not None and record.log_time < start_utc_ns
+                late = end_utc_ns is not None and record.log_time >= end_utc_ns
+                if not (early or late) and _is_wanted(topic, topics):
+                    data = _decoded(path, topic, record.data)
+                    yield Told(topic, record.log_time, record.publish_time, data)
+
+
+def moment(path: str | Path, utc_ns: int) -> Moment:
+    """What the node knew at ``utc_ns``; empty where nothing was recorded in the seconds before.
+
+    Raises:
+        RecordingError, OSError: as ``read_messages``.
+    """
+    then = Moment()
+    start_ns = utc_ns - round(SLOWEST_S * 1e9)
+    for told in read_messages(path, start_utc_ns=start_ns, end_utc_ns=utc_ns + 1):
+        name = told.topic.removeprefix("/")
+        if name in ("status", "scene", "forecast", "zones", "node"):
+            setattr(then, name, told)
+        elif name.split("/")[0] == "advice":
+            then.advice[str(told.data.get("name", told.data.get("robot")))] = told
+        elif name == "received":
+            then.received[str(told.data.get("link"))] = told
+    return then
+
+
+def _is_wanted(topic: str, topics: Collection[str] | None) -> bool:
+    if topics is None or topic in topics:
+        return True
+    return topic.startswith("/advice/") and "/advice" in topics
+
+
+def _decoded(path: str | Path, topic: str, data: bytes) -> dict[str, Any]:
+    try:
+        decoded = json.loads(data)
+        if not isinstance(decoded, dict):
+            raise ValueError("no object")
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(
+            f"recording {path}: a message on {topic} is damaged ({error}); it cannot be used"
+        ) from error
+    return decoded

@@ -1,0 +1,103 @@
+"""Where a recording's files are, and when the next one begins: one file of a given name."""
+
+import os
+import stat
+from pathlib import Path
+from typing import Protocol
+
+from hri_predict.errors import RecordingError
+from hri_predict.files import refuse_named_pipe
+from hri_predict.recording.mcap.clocks import Reading
+from hri_predict.recording.mcap.file import McapFile
+
+
+class Place(Protocol):
+    """Gives files to a recorder; only the recorder's own thread calls it, after the start."""
+
+    @property
+    def name(self) -> Path:
+        """The file or folder, as the user knows it."""
+
+    def open(self, at: Reading) -> tuple[Path, int]:
+        """A new file and its descriptor.
+
+        Raises:
+            OSError: there is none to be had now.
+        """
+
+    @property
+    def has_many(self) -> bool:
+        """Whether it gives another file when one is over or broken."""
+
+    def wants_next(self, file: McapFile, now: Reading, stepped: bool) -> bool:
+        """Whether the file is over; ``stepped``: the wall clock was set, or stood still."""
+
+    def why_not(self, writing: Path | None) -> str:
+        """Why nothing may be recorded now, after making room; "" if it may."""
+
+    def close(self) -> None:
+        """No more files are needed."""
+
+
+class OneFile:
+    """A file that the user named. It is written once and for all.
+
+    Args:
+        path: the file.
+        overwrite: replace a file that is there.
+    """
+
+    def __init__(self, path: Path, overwrite: bool = False) -> None:
+        self._path, self._overwrite = path, overwrite
+
+    @property
+    def name(self) -> Path:
+        """The file."""
+        return self._path
+
+    def open(self, at: Reading) -> tuple[Path, int]:
+        """Create it.
+
+        Raises:
+            RecordingError: it is there already.
+            OSError: it cannot be created.
+        """
+        refuse_named_pipe(self._path)
+        exclusive = 0 if self._overwrite or _is_device(self._path) else os.O_EXCL
+        try:
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | exclusive
+            return self._path, os.open(self._path, flags, 0o644)
+        except FileExistsError as error:
+            raise RecordingError(
+                f"recording {self._path}: exists already, and is kept; name another file or a "
+                f"folder, or add --overwrite"
+            ) from error
+
+    has_many = False
+
+    def wants_next(self, file: McapFile, now: Reading, stepped: bool) -> bool:
+        """Never."""
+        return False
+
+    def why_not(self, writing: Path | None) -> str:
+        """Nothing speaks against it."""
+        return ""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def beside(path: Path) -> Path:
+    """``day.mcap``, or ``day-2.mcap`` where that exists: for a node that starts again."""
+    found, number = path, 1
+    while os.path.lexists(found) and not _is_device(found):
+        number += 1
+        found = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return found
+
+
+def _is_device(path: Path) -> bool:
+    try:
+        return not stat.S_ISREG(os.stat(path).st_mode)
+    except OSError:
+        return False

@@ -1,0 +1,87 @@
+"""What the node said in a tick, with what is needed to understand it later without the node."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from hri_predict.link import Link
+from hri_predict.node.node import Node
+from hri_predict.protocol.messages import Advice, Status, at_encoding
+from hri_predict.protocol.reasons import Reason
+from hri_predict.recording.mcap.format import message_to_dict
+from hri_predict.risk.types import Grounds, NamedZoneState
+
+
+def status_to_dict(
+    status: Status, now_ns: int, reasons: Sequence[Reason], named: Sequence[NamedZoneState]
+) -> dict[str, Any]:
+    """The node's state, with all reasons that hold: ``reason`` is only the worst."""
+    return {
+        **message_to_dict(at_encoding(status, now_ns)),
+        "now_ns": now_ns,
+        "reasons": list(dict.fromkeys(reason.name for reason in reasons)),
+        "named_zones": {z.name: {"occupied": z.occupied, "entry_s": z.entry_s} for z in named},
+    }
+
+
+def advice_to_dict(
+    advice: Advice, now_ns: int, robot: tuple[str, Sequence[str]], grounds: Grounds | None
+) -> dict[str, Any]:
+    """An advice to a robot of this name, with these names of capsules.
+
+    ``level_number`` is the wire's.
+    """
+    name, capsules = robot
+    return {
+        **message_to_dict(at_encoding(advice, now_ns)),
+        "now_ns": now_ns,
+        "name": name,
+        "level_number": int(advice.level),
+        "speed_m_s": None if grounds is None else _rounded(grounds.speed_m_s),
+        "needed_m": None if grounds is None else _rounded(grounds.needed_m),
+        "grounds": None if grounds is None else _grounds(grounds, capsules),
+    }
+
+
+def _grounds(grounds: Grounds, capsules: Sequence[str]) -> dict[str, Any]:
+    if grounds.unknown:
+        return {"unknown": [reason.name for reason in grounds.unknown]}
+    link, terms = grounds.link, grounds.terms
+    named = link is not None and 0 <= link < len(capsules)
+    return {
+        "way": grounds.way,
+        "person": grounds.person,
+        "segment": grounds.segment,
+        "robot_capsule": capsules[link] if named and link is not None else None,
+        "separation_m": _rounded(grounds.separation_m),
+        "slack_m": _rounded(grounds.slack_m),
+        "reaction_s": _rounded(grounds.reaction_s),
+        "stopping_s": _rounded(grounds.stopping_s),
+        "human_m_s": _rounded(grounds.human_m_s),
+        "terms_m": {} if terms is None else {k: _rounded(v) for k, v in asdict(terms).items()},
+        "protective_m": None if terms is None else _rounded(terms.total),
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 4)
+
+
+def counters_of(node: Node, links: Sequence[Link]) -> Mapping[str, Any]:
+    """What was counted since the start; of links only what is not 0. Ask in the loop's thread."""
+    own = {
+        "scenes_in": node.scenes_in,
+        "frames_in": node.frames_in,
+        "assess_failures": node.assess_failures,
+        "listener_failures": node.listener_failures,
+        "strange_states": node.strange_states,
+        "acknowledges": node.acknowledges,
+        "acknowledges_refused": node.acknowledges_refused,
+        **node.robot_counters,
+    }
+    return {"node": own, "links": {link.name: _link(link) for link in links}}
+
+
+def _link(link: Link) -> dict[str, Any]:
+    counted = {name: count for name, count in asdict(link.counters).items() if count}
+    return {"connected": link.connected, "last_error": link.last_error, "counters": counted}

@@ -1,0 +1,49 @@
+"""What a robot's advice rests on, taken from the findings: for recordings, never for the advice."""
+
+from hri_predict.risk.separation.stage import RobotFindings
+from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.types import Grounds
+from hri_predict.risk.zones.body_zones import BodyZones
+
+
+def mildest(found: RobotFindings) -> tuple[str, Finding | None]:
+    """Of several ways to judge the same people, the one that counts, and its name."""
+    ways = {"zones": found.people, "standard": found.standard, "contact": found.contact}
+    there = {name: way for name, way in ways.items() if way is not None}
+    if not there:
+        return "", None
+    return max(there.items(), key=lambda way: way[1].slack_m)
+
+
+def grounds_of(found: RobotFindings, bodies: BodyZones, settings: RiskSettings) -> Grounds:
+    """The grounds of one robot's advice."""
+    motion = found.motion
+    if motion is None:
+        return Grounds(unknown=found.unknown)
+    way, people = mildest(found)
+    moved_m = motion.clearance_m - settings.clearance_m
+    return Grounds(
+        speed_m_s=found.speed_m_s,
+        capsules=motion.capsules,
+        way=way,
+        person=None if people is None else bodies.zones.ids[people.person],
+        segment="" if people is None else bodies.zones.segments[people.segment],
+        link=None if people is None else people.link,
+        separation_m=None if people is None else people.separation_m,
+        slack_m=None if people is None else people.slack_m,
+        reaction_s=bodies.age_s + motion.until_braking_s,
+        stopping_s=motion.stopping_s,
+        stopping_m=motion.stopping_m,
+        intrusion_m=settings.intrusion_m,
+        person_uncertainty_m=settings.person_uncertainty_m,
+        robot_uncertainty_m=settings.robot_uncertainty_m + moved_m,
+        human_m_s=_human_m_s(people, bodies),
+    )
+
+
+def _human_m_s(people: Finding | None, bodies: BodyZones) -> float:
+    beyond = bodies.speeds.beyond_standard_m_s
+    if people is None or not 0 <= people.person < len(beyond):
+        return 0.0
+    return float(beyond[people.person].max(initial=0.0))

@@ -1,0 +1,107 @@
+"""Where a run records, and what the recording says of it."""
+
+import logging
+import os
+from pathlib import Path
+
+from hri_predict.clock import Clock
+from hri_predict.errors import ConfigError
+from hri_predict.recording import RecordingInfo
+from hri_predict.recording.folder.folder import Folder
+from hri_predict.recording.folder.settings import RecordSettings
+from hri_predict.recording.mcap.clocks import Clocks, SystemClocks, VirtualClocks
+from hri_predict.recording.mcap.places import OneFile, Place, beside
+from hri_predict.run.assemble import Assembly
+from hri_predict.run.config import Config
+from hri_predict.source import Source
+
+log = logging.getLogger(__name__)
+
+
+def record_settings(config: Config, asked: Path | None) -> RecordSettings | None:
+    """What the user asks for: ``--record FILE``, ``--record FOLDER``, or the configuration.
+
+    ``--record`` with the folder of a configuration that has one changes only the place.
+    """
+    configured = config.node.record
+    if asked is None:
+        return configured
+    given = {} if configured is None else configured.model_dump(exclude_unset=True)
+    if os.path.isdir(asked):  # takes names that are too long
+        given.pop("file", None)
+        return RecordSettings.model_validate({**given, "folder": str(asked.absolute())})
+    rates = {key: given[key] for key in ("zones_hz", "poses_hz", "view_hz", "sent") if key in given}
+    return RecordSettings.model_validate({**rates, "file": str(asked.absolute())})
+
+
+def place_of(
+    config: Config, settings: RecordSettings, asked: Path | None, overwrite: bool
+) -> Place:
+    """Where to record.
+
+    A file that the configuration names and that is there is kept, and the next one gets a number:
+    nobody is there when a node starts again. Who types ``--record`` is told.
+
+    Raises:
+        ConfigError: it is the recording that is being played, or the configuration; or the folder
+            cannot be used.
+    """
+    if settings.folder is not None:
+        cell = settings.name or cell_of(config)
+        return Folder(config.base_dir / settings.folder, cell, settings)
+    assert settings.file is not None
+    path = asked or config.base_dir / settings.file
+    _refuse_input(config, path)
+    if asked is None and not overwrite and (free := beside(path)) != path:
+        log.warning("recording %s: exists already, and is kept; recording %s", path, free)
+        path = free
+    return OneFile(path, overwrite)
+
+
+def cell_of(config: Config) -> str:
+    """The cell's name in names of files: that of the configuration's file."""
+    stem = config.path.stem
+    plain = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "_" for c in stem)
+    return plain.lstrip("._-")[:64] or "cell"
+
+
+def clocks_of(clock: Clock, factor: float | None, start_ns: int) -> Clocks:
+    """Which UTC the run's moments have; at ``--speed max``, none."""
+    if factor is None:
+        return VirtualClocks(start_ns)
+    return SystemClocks(clock, is_true=factor == 1.0)
+
+
+def info_of(config: Config, source: Source, assembly: Assembly) -> RecordingInfo:
+    """What a recording of this run says of itself."""
+    record = config.node.record
+    bases = ((robot.name, robot.room_from_robot) for robot in config.node.robots)
+    return RecordingInfo(
+        joint_map=source.joint_map,
+        rate_hz=source.rate_hz,
+        declares_noise=source.declares_noise,
+        config=config.text,
+        cell=(record.name if record is not None else None) or cell_of(config),
+        robots=tuple((robot.name, tuple(robot.capsule_names)) for robot in assembly.robots),
+        frames=tuple((name, pose) for name, pose in bases if pose is not None),
+        predictor=config.predictor.name,
+        forecast_rate_hz=config.predictor.rate_hz,
+    )
+
+
+def _refuse_input(config: Config, path: Path) -> None:
+    played = getattr(config.source, "path", None)
+    if _same(path, config.path):
+        raise ConfigError(f"record {path}: this is the configuration; name another file")
+    if isinstance(played, str) and any(
+        _same(path, there) for there in (config.base_dir / played, Path(played))
+    ):  # a relative path may mean either place
+        raise ConfigError(f"record {path}: this recording is being played; name another file")
+
+
+def _same(a: Path, b: Path) -> bool:
+    """Return whether both paths name the same existing file."""
+    try:
+        return a.samefile(b)
+    except OSError:  # one does not exist, or its name is too long
+        return False
