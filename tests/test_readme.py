@@ -190,6 +190,8 @@ def test_command(page: Path, command: str, folder: Path, serial_port: str):
     if words[:3] == ["hri-predict", "replay", "monday.mcap"]:  # which an earlier command records
         record = ["run", "cell.yaml", "--shadow", "--record", "monday.mcap", "--duration", "3"]
         hri_predict(*record, cwd=folder)
+    if "first.yaml" in words and words[1] != "init":  # which an earlier command writes
+        hri_predict("init", "first.yaml", "--simulated", "--yes", cwd=folder)
     if words[1] == "evidence":  # which an earlier run keeps
         with (folder / "cell.yaml").open("a", encoding="utf-8") as cell:
             cell.write("\nevidence: evidence\n")

@@ -7,7 +7,7 @@ import sys
 import time
 from typing import NoReturn
 
-from hri_predict.errors import HriPredictError
+from hri_predict.errors import ConfigMistakes, HriPredictError
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
@@ -30,7 +30,7 @@ class _Line(logging.Formatter):
 
 
 def main() -> None:
-    """Run the command; report a user's mistake in one line on standard error, exit status 2.
+    """Run the command; report a user's mistakes, a line each on standard error, exit status 2.
 
     The exit status is 130 after Ctrl-C. Otherwise the command sets it (1: a person was touched).
     """
@@ -41,6 +41,8 @@ def main() -> None:
     try:
         status = _run()
         sys.stdout.flush()  # buffered output may fail to be written, too
+    except ConfigMistakes as error:
+        _fail(*error.lines)
     except HriPredictError as error:
         _fail(str(error))
     except KeyboardInterrupt:
@@ -86,8 +88,11 @@ def _misused(error: Exception, message: str) -> NoReturn:
     _fail(f"{message}; see {command} --help")
 
 
-def _fail(message: str) -> NoReturn:
-    """Print the error as one line, whatever characters a name or value in it contains."""
-    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
-    print(f"error: {line}", file=sys.stderr)
+def _fail(*messages: str) -> NoReturn:
+    """Print each error as one line, whatever characters a name or value in it contains."""
+    for message in messages:
+        line = "".join(
+            c if c.isprintable() else c.encode("unicode_escape").decode() for c in message
+        )
+        print(f"error: {line}", file=sys.stderr)
     sys.exit(2)

@@ -7,6 +7,7 @@ import typer
 from hri_predict import __version__
 from hri_predict.cli import (
     alerts,
+    config,
     convert,
     discover,
     evaluate,
@@ -22,6 +23,7 @@ from hri_predict.cli.bench import bench
 from hri_predict.cli.calibrate.calibrate import calibrate
 from hri_predict.cli.check import check, conformance, predictors
 from hri_predict.cli.commission import commission
+from hri_predict.cli.init.init import init
 from hri_predict.cli.register import register
 from hri_predict.cli.simulate.simulate import simulate
 
@@ -51,6 +53,7 @@ def options(
 
 app.command()(run.demo)
 app.command()(run.run)
+app.command()(init)
 app.command()(check.check)
 app.command()(alerts.alerts)
 app.command()(register.register)
@@ -71,4 +74,5 @@ app.command()(simulate)
 app.command()(convert.convert)
 app.command()(urdf.urdf)
 app.add_typer(bench.app, name="bench")
+app.add_typer(config.app, name="config")
 app.add_typer(protocol.app, name="protocol")

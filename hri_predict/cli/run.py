@@ -101,7 +101,8 @@ def run(
     facts = commissioning_facts(loaded)
     if not is_as_commissioned(facts):
         print(f"warning: {commissioning_lines(facts)[0]}; see hri-predict check", file=sys.stderr)
-    _go(loaded, options, as_json)
+    with loaded.naming_lines():
+        _go(loaded, options, as_json)
 
 
 def replay(
