@@ -43,7 +43,7 @@ class MailHook(HookSettings):
     port: int | None = Field(None, ge=1, le=65535, description="default: 587, with tls 465")
     security: Literal["starttls", "tls", "none"] = Field(
         "starttls",
-        description="how the connection is encrypted; none sends no password, except to this machine",
+        description="encryption; with none no password is sent, except to this machine",
     )
     ca_file: str | None = Field(
         None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
