@@ -21,6 +21,7 @@ from hri_predict.cli.bench import bench
 from hri_predict.cli.calibrate.calibrate import calibrate
 from hri_predict.cli.check import check, conformance, predictors
 from hri_predict.cli.commission import commission
+from hri_predict.cli.explain.explain import explain
 from hri_predict.cli.register import register
 from hri_predict.cli.simulate.simulate import simulate
 
@@ -54,6 +55,7 @@ app.command()(check.check)
 app.command()(register.register)
 app.command()(commission.commission)
 app.command()(run.replay)
+app.command()(explain)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(evidence.evidence)

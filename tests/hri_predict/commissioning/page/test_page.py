@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.commissioning.identity import File
-from hri_predict.commissioning.page.markup import Markup, tag, text
+from hri_predict.markup import Markup, tag, text
 from hri_predict.commissioning.page.page import page_of
 from hri_predict.commissioning.report import (
     Curve,
