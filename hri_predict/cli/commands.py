@@ -22,6 +22,7 @@ from hri_predict.cli.calibrate.calibrate import calibrate
 from hri_predict.cli.check import check, conformance, predictors
 from hri_predict.cli.commission import commission
 from hri_predict.cli.explain.explain import explain
+from hri_predict.cli.explain.report import report
 from hri_predict.cli.register import register
 from hri_predict.cli.simulate.simulate import simulate
 
@@ -56,6 +57,7 @@ app.command()(register.register)
 app.command()(commission.commission)
 app.command()(run.replay)
 app.command()(explain)
+app.command()(report)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(evidence.evidence)

@@ -66,6 +66,11 @@ class Episode:
         worst = [phase for phase in self.phases if SEVERITY[phase.level] == top]
         return next((phase for phase in worst if phase.reason not in WAITING), worst[0])
 
+    @property
+    def stopped_ns(self) -> int:
+        """How long of it the robot had to stand."""
+        return sum(p.last_ns - p.first.utc_ns for p in self.phases if p.level in STOPS)
+
     def cause_before(self, utc_ns: int) -> Phase | None:
         """What a waiting phase waits for: the last phase before that names more than waiting."""
         before = [p for p in self.phases if p.first.utc_ns <= utc_ns and p.reason not in WAITING]
@@ -101,6 +106,7 @@ class EpisodeFinder:
         if not slowed:
             if episode is not None:
                 episode.end_ns, episode.after = told.utc_ns, level
+                episode.phases[-1].last_ns = told.utc_ns
                 ended = self._open.pop(robot)
             return ended
         if episode is None:

@@ -105,13 +105,13 @@ def _plan(axes: Axes, about: Situation) -> None:
     for name, pose in about.info.frames:
         axes.plot(*pose.xyz[:2], "k+", markersize=9, zorder=5)
         if name not in seen.robots:
-            axes.annotate(name, tuple(pose.xyz[:2]), (6, 6), textcoords="offset points")
+            axes.annotate(name, (pose.xyz[0], pose.xyz[1]), (6, 6), textcoords="offset points")
     if seen.line is not None:
         start, end = seen.line
         axes.plot(*np.array([start[:2], end[:2]]).T, "o-", color="black", lw=2, ms=4, zorder=6)
-        middle = tuple((start + end)[:2] / 2)
+        x, y = ((start + end)[:2] / 2).tolist()
         axes.annotate(
-            _distance(about), middle, (8, 10), textcoords="offset points", fontweight="bold",
+            _distance(about), (x, y), (8, 10), textcoords="offset points", fontweight="bold",
             bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8}, zorder=7,
         )  # fmt: skip
     if not (seen.bodies or seen.robots):

@@ -17,9 +17,9 @@ from tests.hri_predict.explaining.causes import CAUSES, record
         for name, cause in CAUSES.items()
     ],
 )
-def test_the_first_line_names_the_cause(name: str, tmp_path: Path) -> None:
+def test_the_first_line_names_the_cause(name: str, tmp_path: Path, near: Path) -> None:
     cause = CAUSES[name]
-    path = record(cause, tmp_path / "cell.mcap")
+    path = near if name == "person near" else record(cause, tmp_path / "cell.mcap")
     asked = CliRunner().invoke(app, ["explain", str(path), "--at", str(cause.at_s), "--json"])
     assert asked.exit_code == 0, asked.output
     found = json.loads(asked.stdout)
