@@ -9,7 +9,7 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError
-from hri_predict.explaining.because import distance_of
+from hri_predict.explaining.because import distance_of, needed_by
 from hri_predict.explaining.episodes import level_of
 from hri_predict.explaining.plan import plan
 from hri_predict.explaining.situation import Situation
@@ -137,7 +137,7 @@ def _distance(about: Situation) -> str:
 
 
 def _timeline(middle: Axes, below: Axes, about: Situation) -> Floats:
-    """Separation against what was needed, and the speed against its limit."""
+    """The deciding pair's distance against what was needed, and the speed against its limit."""
     now_ns = about.advice.utc_ns
     around = [
         told
@@ -149,8 +149,8 @@ def _timeline(middle: Axes, below: Axes, about: Situation) -> Floats:
     def of(key: str) -> Floats:
         return _series(around, lambda told: number(told.data.get(key)))
 
-    middle.plot(times, of("separation_m"), color=PERSON, label="least separation")
-    middle.plot(times, of("needed_m"), color=COLOURS["STOP"], label="needed")
+    middle.plot(times, _series(around, distance_of), color=PERSON, label="deciding pair")
+    middle.plot(times, _series(around, needed_by), color=COLOURS["STOP"], label="needed")
     middle.set_ylabel("m")
     below.plot(times, of("speed_limit_m_s"), color="black", lw=1, label="speed limit")
     below.plot(times, of("speed_m_s"), color="#56B4E9", label="robot's speed")
