@@ -22,7 +22,7 @@ from hri_predict.source import AnySourceClass, SourceSettings
 
 PartKind = Literal["sources", "predictors", "links"]
 """What anybody may bring, and ``hri-predict conformance`` checks."""
-Kind = PartKind | Literal["cells", "faults", "simulations"]
+Kind = PartKind | Literal["predictor_settings", "cells", "faults", "simulations"]
 
 _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}
 
@@ -107,6 +107,33 @@ def load(kind: Kind, name: str) -> Any:
             f"{base.__name__}; mend the package that brings it"
         )
     return part
+
+
+def predictor_settings(name: str) -> type[PredictorSettings]:
+    """The settings model of a predictor, without importing the predictor where that can be.
+
+    The group ``hri_predict.predictor_settings`` names models of predictors whose modules import
+    libraries that only they need, such as torch. A name that is not there is loaded.
+
+    Raises:
+        ConfigError: see ``load``; or what is registered is no ``PredictorSettings``.
+    """
+    point = _entry_points("predictor_settings").get(name)
+    if point is None or name not in _entry_points("predictors"):
+        return load("predictors", name).settings_model
+    try:
+        model = point.load()
+    except (Exception, SystemExit) as error:  # a third party's module may fail in any way
+        raise ConfigError(
+            f"settings of predictor '{name}' cannot be loaded: {_said(error)}; "
+            f"mend the package that brings it"
+        ) from error
+    if not (isinstance(model, type) and issubclass(model, PredictorSettings)):
+        raise ConfigError(
+            f"settings of predictor '{name}' are no class that derives from PredictorSettings; "
+            f"mend the package that brings it"
+        )
+    return model
 
 
 @contextlib.contextmanager

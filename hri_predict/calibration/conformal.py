@@ -31,6 +31,7 @@ from hri_predict.arrays import Floats, Ints
 from hri_predict.calibration.scale_fit import cross_scales
 from hri_predict.calibration.scores import HISTORY_STEPS, Scores, units
 from hri_predict.errors import ConfigError
+from hri_predict.machine.workers import Workers
 from hri_predict.risk.settings import LEVELS
 from hri_predict.risk.zones.calibration import OFS, Calibration, Of, UsedRecording, needed, plain
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES, speed_class
@@ -59,10 +60,12 @@ def calibrate(
     rate_hz: float,
     skeleton: Skeleton,
     on_fit: Callable[[str], None] = lambda _: None,
+    workers: Workers | None = None,
 ) -> Calibration:
     """Make a calibration; the same scores give the same calibration on the same machine.
 
-    ``on_fit`` is called before each fit of the scale, which takes a minute or more.
+    ``on_fit`` is called before each fit of the scale, which takes a minute or more; ``workers``
+    fit (default: this process).
 
     Raises:
         ConfigError: there are fewer than ``LEAST_RECORDINGS`` recordings, or they show no joint
@@ -76,7 +79,7 @@ def calibrate(
             f" {LEAST_RECORDINGS} at least ({needed(LEVELS[0])} for a guarantee of"
             f" {100 * LEVELS[0]:g} %)"
         )
-    network, scale = cross_scales(scores, rate_hz, skeleton, on_fit)
+    network, scale = cross_scales(scores, rate_hz, skeleton, on_fit=on_fit, workers=workers)
     error = np.concatenate([s.error_m for s in scores])
     scale_m = np.concatenate(scale)
     unit = np.concatenate([np.full(len(s.error_m), names.index(s.name)) for s in scores])

@@ -20,6 +20,7 @@ from hri_predict.calibration.judgement import HORIZONS_MS
 from hri_predict.calibration.scores import Scores, nearest
 from hri_predict.errors import ConfigError
 from hri_predict.evaluation.table import Table, plain
+from hri_predict.machine.workers import Workers
 from hri_predict.predictors.base import Predictor, PredictorSettings
 from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.calibration import OFS, Calibration, Of, identity
@@ -59,6 +60,7 @@ def leave_out(
     scores: Sequence[Scores],
     judged: Sequence[Scores],
     on_part: Callable[[str], None] = lambda _: None,
+    workers: Workers | None = None,
 ) -> list[LeftOut]:
     """Leave each of ``SETS`` out that occurs.
 
@@ -67,6 +69,7 @@ def leave_out(
         scores: the recordings to calibrate on.
         judged: the recordings to measure, as recorded; may hold those of ``scores``.
         on_part: called with the name of each set.
+        workers: who fits the scales; default: this process.
 
     Raises:
         ConfigError: no set occurs, or too few recordings are left.
@@ -86,6 +89,7 @@ def leave_out(
             weights=digest,
             rate_hz=predictor.rate_hz,
             skeleton=predictor.skeleton,
+            workers=workers,
         )
         made = replace(fitted, made=date.today())
         coverage = {

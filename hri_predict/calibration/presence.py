@@ -174,15 +174,29 @@ def of_each(
     left_out: list[str] = []
     names = names_of([e.path if isinstance(e, Recording) else e for e in entries])
     for entry, name in zip(entries, names, strict=True):
-        try:
-            recording = opened(entry, joint_map)
-            used = use(name, recording, presences_of(recording))
-            problem = "" if used else f"recording {recording.path}: {nobody}"
-        except UnusableRecordingError as error:
-            used, problem = [], str(error)
+        used, problem = of_one(entry, lambda *its: use(name, *its), joint_map, nobody)  # noqa: B023
         if problem:
             left_out.append(problem)
             on_left_out(f"{problem}; left out")
         found += used
         on_recording(name)
     return found, left_out
+
+
+def of_one(
+    entry: Path | Recording,
+    use: Callable[[Recording, Sequence[Presence]], list[Used]],
+    joint_map: JointMap | None,
+    nobody: str,
+) -> tuple[list[Used], str]:
+    """What is used of one recording, and why it is left out, or ""; see ``of_each``.
+
+    Raises:
+        RecordingError: it cannot be read, or cannot be true.
+    """
+    try:
+        recording = opened(entry, joint_map)
+        used = use(recording, presences_of(recording))
+    except UnusableRecordingError as error:
+        return [], str(error)
+    return used, "" if used else f"recording {recording.path}: {nobody}"

@@ -16,6 +16,7 @@ from torch import nn
 
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.calibration.scores import Scores, evidence_of, units
+from hri_predict.machine.workers import ThisProcess, Workers
 from hri_predict.risk.zones.learned_scale import (
     AHEAD,
     BEYOND,
@@ -88,26 +89,38 @@ def cross_scales(
     scores: Sequence[Scores],
     rate_hz: float,
     skeleton: Skeleton,
+    *,
     on_fit: Callable[[str], None] = lambda _: None,
+    workers: Workers | None = None,
 ) -> tuple[ScaleNetwork, list[Floats]]:
     """The network fitted to all, and (W, H, J) of each entry by one that has not seen it.
 
     Args:
         on_fit: called before each fit, which takes a minute or more, with what it is.
+        workers: who fits; default: this process.
         scores, rate_hz, skeleton: see ``conformal.calibrate``.
     """
     rows = _Rows(scores, rate_hz, skeleton)
     fold_of = {name: k % FOLDS for k, name in enumerate(rows.names)}
     of_unit = np.array([fold_of[name] for name in rows.names])
     folds = min(FOLDS, len(fold_of))
-    on_fit(f"fitting the scale, 1 of {1 + folds}")
-    network = _fitted(rows, np.arange(len(rows.unit)))
     steps = scores[0].error_m.shape[1]
+    chosen = [np.arange(len(rows.unit))]
+    chosen += [np.flatnonzero(of_unit[rows.unit] != fold) for fold in range(folds)]
+    begun = 1
+    on_fit(f"fitting the scale, 1 of {1 + folds}")
+
+    def on_done() -> None:
+        nonlocal begun
+        begun += 1
+        if begun <= 1 + folds:
+            on_fit(f"fitting the scale, {begun} of {1 + folds}")
+
+    fits = (workers or ThisProcess()).in_order(_fitted, [(rows, c) for c in chosen], on_done)
+    network = fits[0]
     found: list[Floats] = [np.zeros(0)] * len(scores)
-    for fold in range(folds):
-        on_fit(f"fitting the scale, {2 + fold} of {1 + folds}")
-        others = np.flatnonzero(of_unit[rows.unit] != fold)
-        own = LearnedScale(_fitted(rows, others), skeleton, rate_hz, steps)
+    for fold, fitted in enumerate(fits[1:]):
+        own = LearnedScale(fitted, skeleton, rate_hz, steps)
         for i, entry in enumerate(scores):
             if fold_of[entry.name] == fold:
                 found[i] = own(evidence_of(entry))

@@ -9,18 +9,22 @@ interval that ends with the step, because a zone must hold the body during the w
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hri_predict import registry
 from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.calibration.presence import Presence, as_tracked, gap_ns, of_each
+from hri_predict.calibration.presence import Presence, as_tracked, gap_ns, of_each, of_one
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
+from hri_predict.machine.workers import Workers
 from hri_predict.people.ring_buffer import resample
-from hri_predict.predictors.base import Predictor, checked
-from hri_predict.recording.recording import Recording
+from hri_predict.predictors.base import Predictor, PredictorSettings, checked
+from hri_predict.recording.recording import Recording, names_of
 from hri_predict.risk.self_check.past_forecasts import forecast_errors, mean_error
 from hri_predict.risk.zones.human_speed import joint_velocities
 from hri_predict.risk.zones.joint_zones import SETTLED_STEPS
@@ -101,29 +105,111 @@ def score_recordings(
         PredictorError: the predictor breaks its contract.
     """
 
-    def of(name: str, recording: Recording, presences: Sequence[Presence]) -> list[Scores]:
-        scored = [score_presence(predictor, name, recording.action, p) for p in presences]
-        if tracked:
-            seed = zlib.crc32(name.encode())
-            drawn = [as_tracked(p, seed + i) for i, p in enumerate(presences)]
-            scored += [
-                score_presence(predictor, name, recording.action, seen, delivered=delivered)
-                for seen, delivered in drawn
-            ]
-        return [replace(s, digest=recording.digest) for s in scored if s is not None]
-
-    least_s = (SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz
     found, left_out = of_each(
         recordings,
-        of,
+        lambda name, recording, presences: _scored(
+            predictor, name, recording, presences, tracked=tracked
+        ),
         joint_map=joint_map,
-        nobody=f"nobody is seen for {least_s:g} s without a break",
+        nobody=_nobody(predictor),
         on_recording=on_recording,
         on_left_out=on_left_out,
     )
+    _demand_some(found, left_out)
+    return found
+
+
+def scores_by(
+    workers: Workers,
+    settings: PredictorSettings,
+    paths: Sequence[Path],
+    *,
+    on_recording: Callable[[], None] = lambda: None,
+    on_left_out: Callable[[str], None] = lambda _: None,
+    joint_map: JointMap | None = None,
+    tracked: bool = False,
+) -> list[Scores]:
+    """``score_recordings`` by others: a task is one file, which each worker reads itself.
+
+    Args:
+        workers: who does it.
+        settings: of the predictor; each worker builds its own.
+        paths, on_recording, on_left_out, joint_map, tracked: see ``score_recordings``.
+
+    Raises:
+        HriPredictError: see ``score_recordings`` and ``Workers.each``.
+    """
+    names = names_of(paths)
+    tasks = [
+        (_File(settings, path, name, joint_map, tracked),)
+        for path, name in zip(paths, names, strict=True)
+    ]
+    results = workers.in_order(_of_file, tasks, on_recording)
+    left_out = [problem for _, problem in results if problem]
+    for problem in left_out:
+        on_left_out(f"{problem}; left out")
+    found = [entry for scored, _ in results for entry in scored]
+    _demand_some(found, left_out)
+    return found
+
+
+class _File(NamedTuple):
+    """A task; see ``scores_by``."""
+
+    settings: PredictorSettings
+    path: Path
+    name: str
+    joint_map: JointMap | None
+    tracked: bool
+
+
+def _of_file(file: _File) -> tuple[list[Scores], str]:
+    """The scores of one file, and why it is left out, or ""."""
+    predictor = _built(file.settings.name, file.settings.model_dump_json())
+    return of_one(
+        file.path,
+        lambda recording, presences: _scored(
+            predictor, file.name, recording, presences, tracked=file.tracked
+        ),
+        file.joint_map,
+        _nobody(predictor),
+    )
+
+
+@lru_cache(maxsize=4)
+def _built(method: str, settings: str) -> Predictor:
+    cls = registry.load("predictors", method)
+    predictor: Predictor = cls(cls.settings_model.model_validate_json(settings))
+    return predictor
+
+
+def _scored(
+    predictor: Predictor,
+    name: str,
+    recording: Recording,
+    presences: Sequence[Presence],
+    *,
+    tracked: bool,
+) -> list[Scores]:
+    scored = [score_presence(predictor, name, recording.action, p) for p in presences]
+    if tracked:
+        seed = zlib.crc32(name.encode())
+        drawn = [as_tracked(p, seed + i) for i, p in enumerate(presences)]
+        scored += [
+            score_presence(predictor, name, recording.action, seen, delivered=delivered)
+            for seen, delivered in drawn
+        ]
+    return [replace(s, digest=recording.digest) for s in scored if s is not None]
+
+
+def _nobody(predictor: Predictor) -> str:
+    least_s = (SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz
+    return f"nobody is seen for {least_s:g} s without a break"
+
+
+def _demand_some(found: Sequence[Scores], left_out: Sequence[str]) -> None:
     if left_out and not found:
         raise RecordingError(f"{left_out[0]}, and no other recording is left; give others")
-    return found
 
 
 def score_presence(

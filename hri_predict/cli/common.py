@@ -41,6 +41,19 @@ JointMapOption = Annotated[
         "Default: found by the joints' names.",
     ),
 ]
+JobsOption = Annotated[
+    int | None,
+    typer.Option("--jobs", min=1, max=256, help="Number of processes of this machine."),
+]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Let the workers of this Dask scheduler do the work, such as tcp://127.0.0.1:8786. "
+        "Connect only to a scheduler of your own: whoever reaches it can run any code.",
+    ),
+]
 _RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".csv", ".mcap")
 
 
@@ -53,6 +66,13 @@ def without_effect(flags: Mapping[str, Any], where: str) -> None:
         raise ConfigError(f"{', '.join(given)}: have no effect {where}; leave them out")
 
 
+def processes(jobs: int | None, cluster: str | None, default: int = 1) -> int:
+    """How many processes of this machine work; with a cluster, its workers do."""
+    if cluster is not None:
+        without_effect({"--jobs": jobs}, "with --cluster")
+    return default if jobs is None else jobs
+
+
 def predictor_settings(
     name: str, weights: Path | None, rate_hz: float, horizon_s: float
 ) -> "PredictorSettings":
@@ -61,7 +81,7 @@ def predictor_settings(
     Raises:
         ConfigError: there is no such predictor, it has no weights, or does not reach so far.
     """
-    model = registry.load("predictors", name).settings_model
+    model = registry.predictor_settings(name)
     asked: dict[str, Any] = {"name": name, "rate_hz": rate_hz, "horizon_s": horizon_s}
     if weights is not None:
         if "weights" not in model.model_fields:

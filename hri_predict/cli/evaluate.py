@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hri_predict import registry
 from hri_predict.cli.common import (
+    ClusterOption,
+    JobsOption,
     JointMapOption,
     check_writable,
     command,
@@ -19,6 +20,7 @@ from hri_predict.cli.common import (
     one_of,
     own_map,
     predictor_settings,
+    processes,
     progress,
     show,
     tell,
@@ -32,7 +34,7 @@ if TYPE_CHECKING:  # torch takes seconds to import, which the other commands nee
     from hri_predict.evaluation.benchmark import Forecaster, Protocol
     from hri_predict.evaluation.windows import Motion
     from hri_predict.joint_map import JointMap
-    from hri_predict.predictors.base import Predictor
+    from hri_predict.predictors.base import PredictorSettings
     from hri_predict.predictors.neural.weights import LoadedWeights
 
 
@@ -78,6 +80,8 @@ def evaluate(
             "--disturb", help="Also evaluate with missing joints, noise and dropped frames."
         ),
     ] = False,
+    jobs: JobsOption = None,
+    cluster: ClusterOption = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for tables (Markdown, CSV, JSON) and plots.")
     ] = None,
@@ -104,6 +108,8 @@ def evaluate(
             split=split,
             joint_map=joint_map,
             disturb=disturb,
+            jobs=processes(jobs, cluster),
+            cluster=cluster,
             out=out,
             as_json=as_json,
         )
@@ -113,6 +119,8 @@ def evaluate(
                 "--split": split,
                 "--joint-map": joint_map,
                 "--disturb": True if disturb else None,
+                "--jobs": jobs,
+                "--cluster": cluster,
             },
             "with --benchmark",
         )
@@ -256,32 +264,40 @@ def _real(
     split: str | None,
     joint_map: str | None,
     disturb: bool,
+    jobs: int,
+    cluster: str | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
     from hri_predict.datasets.corruption import standard
     from hri_predict.evaluation import report
-    from hri_predict.evaluation.recordings import baselines, judge_all
-    from hri_predict.evaluation.windows import origins
+    from hri_predict.evaluation.recordings import baselines, built, judge_by
+    from hri_predict.machine.hiring import workers_for
 
-    own = {name: _built(name, weights) for name, weights in asked.items()}
-    predictors = {**own, **baselines()}
+    own = {name: _settings(name, weights) for name, weights in asked.items()}
+    predictors = {name: built(settings) for name, settings in own.items()}  # errors before the work
     motions = _motions(files(data, split), own_map(joint_map))
-    windows = sum(len(origins(motion)[0]) for motion in motions)
     conditions = (None, *(standard() if disturb else ()))
-    with progress() as bar:
-        task = bar.add_task("judging", total=windows * len(conditions))
+    weighed = [Path(w) for w in asked.values() if w is not None]
+    with workers_for(jobs, cluster, weighed) as workers, progress() as bar:
+        task = bar.add_task("judging", total=len(motions) * len(conditions))
         results = []
         for condition in conditions:
             text = "judging" if condition is None else condition.name
             bar.update(task, description=text)
-            results += judge_all(predictors, motions, condition, lambda n: bar.advance(task, n))
+            results += judge_by(
+                workers,
+                {**own, **baselines()},
+                motions,
+                condition,
+                on_motion=lambda: bar.advance(task),
+            )
     if out is not None:
         written = report.write_report(results, out)
         # imported after the tables are written, because it needs matplotlib
         from hri_predict.evaluation.filmstrip import write_filmstrips
 
-        tell([*written, *write_filmstrips(own, motions, out, results[0].averaged)])
+        tell([*written, *write_filmstrips(predictors, motions, out, results[0].averaged)])
     if as_json:
         print(json.dumps(report.as_json(results)))
         return
@@ -313,13 +329,10 @@ def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motio
     return found
 
 
-def _built(predictor: str, weights: Path | None) -> "Predictor":
-    """The predictor as the node builds it, on the joints that are evaluated."""
+def _settings(predictor: str, weights: Path | None) -> "PredictorSettings":
     from hri_predict.evaluation.windows import FUTURE_STEPS, RATE_HZ
-    from hri_predict.predictors.neural.body import BODY
 
-    settings = predictor_settings(predictor, weights, RATE_HZ, FUTURE_STEPS / RATE_HZ)
-    return registry.load("predictors", predictor)(settings, BODY)
+    return predictor_settings(predictor, weights, RATE_HZ, FUTURE_STEPS / RATE_HZ)
 
 
 def card(

@@ -21,7 +21,8 @@ from hri_predict.errors import ConfigError
 from hri_predict.evaluation.benchmark import nominal_ms
 from hri_predict.files import atomic_write
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.predictor import NeuralPredictor, shipped_weights
+from hri_predict.predictors.neural.predictor import NeuralPredictor
+from hri_predict.predictors.neural.settings import shipped_weights
 from hri_predict.predictors.neural.weights import Header, load_weights, read_header, save_weights
 
 ATTRIBUTION = (

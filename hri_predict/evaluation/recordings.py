@@ -9,10 +9,12 @@ joint-frames of an action's windows; the headline is the mean over five actions 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from hri_predict import registry
 from hri_predict.arrays import Floats
 from hri_predict.datasets.corruption import Corruption
 from hri_predict.errors import PredictorError
@@ -27,14 +29,10 @@ from hri_predict.evaluation.windows import (
     read_motions,
     scored_joints,
 )
-from hri_predict.predictors.base import Predictor, checked
-from hri_predict.predictors.baselines import (
-    ConstantVelocity,
-    ConstantVelocitySettings,
-    ZeroVelocity,
-    ZeroVelocitySettings,
-)
-from hri_predict.predictors.kalman import ConstantAccelerationKalman, KalmanSettings
+from hri_predict.machine.workers import Workers
+from hri_predict.predictors.base import Predictor, PredictorSettings, checked
+from hri_predict.predictors.baselines import ConstantVelocitySettings, ZeroVelocitySettings
+from hri_predict.predictors.kalman import KalmanSettings
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.recording.recording import Recording
 
@@ -153,22 +151,99 @@ def judge_all(
     """
     for name, predictor in predictors.items():
         _check(name, predictor)
-    sums: dict[str, dict[str, Errors]] = {name: {} for name in predictors}
+    parts = [
+        (motion.action, _of_motion(predictors, motion, corruption, on_windows))
+        for motion in _read(recordings)
+    ]
+    return _summed(list(predictors), corruption, parts)
+
+
+def judge_by(
+    workers: Workers,
+    predictors: Mapping[str, PredictorSettings],
+    motions: Sequence[Motion],
+    corruption: Corruption | None = None,
+    *,
+    on_motion: Callable[[], None] = lambda: None,
+) -> list[RecordingResult]:
+    """``judge_all`` by others: a task is one motion, which is sent, not read there.
+
+    Args:
+        workers: who does it.
+        predictors: settings by name; each worker builds its own.
+        motions, corruption: see ``judge_all``.
+        on_motion: called when a motion is done.
+
+    Raises:
+        HriPredictError: see ``judge_all`` and ``Workers.each``.
+    """
+    tasks = [(dict(predictors), motion, corruption) for motion in motions]
+    found = workers.in_order(_by_settings, tasks, on_motion)
+    parts = [(motion.action, errors) for motion, errors in zip(motions, found, strict=True)]
+    return _summed(list(predictors), corruption, parts)
+
+
+def _by_settings(
+    asked: Mapping[str, PredictorSettings], motion: Motion, corruption: Corruption | None
+) -> dict[str, Errors]:
+    """A task: all predictors on one motion."""
+    return _of_motion({name: built(how) for name, how in asked.items()}, motion, corruption)
+
+
+def built(settings: PredictorSettings) -> Predictor:
+    """A predictor on the joints that are evaluated, built once in each process.
+
+    Raises:
+        PredictorError: it cannot be built, or works at another rate.
+    """
+    return _built(settings.name, settings.model_dump_json())
+
+
+@lru_cache(maxsize=32)
+def _built(method: str, settings: str) -> Predictor:
+    cls = registry.load("predictors", method)
+    predictor = cls(cls.settings_model.model_validate_json(settings), BODY)
+    _check(method, predictor)
+    return predictor
+
+
+def _of_motion(
+    predictors: Mapping[str, Predictor],
+    motion: Motion,
+    corruption: Corruption | None,
+    on_windows: Callable[[int], None] = lambda _: None,
+) -> dict[str, Errors]:
+    """Each predictor's errors on one motion; none if it is too short for a window."""
     longest = max([ORIGIN_STEPS, *(p.history_steps for p in predictors.values())])
-    for motion in _read(recordings):
-        for batch in batches(motion, longest):
-            disturbed = _disturbed(batch, corruption)
-            for name, predictor in predictors.items():
-                errors = sums[name].setdefault(motion.action, Errors())
-                try:
-                    _score(predictor, disturbed, errors)
-                except PredictorError as error:
-                    raise PredictorError(
-                        f"predictor {name}: {error}, on recording {motion.name}; leave it out, or "
-                        f"give it other weights"
-                    ) from error
-            on_windows(len(batch.history))
-    return [RecordingResult(name, corruption, sums[name]) for name in predictors]
+    sums: dict[str, Errors] = {}
+    for batch in batches(motion, longest):
+        disturbed = _disturbed(batch, corruption)
+        for name, predictor in predictors.items():
+            try:
+                _score(predictor, disturbed, sums.setdefault(name, Errors()))
+            except PredictorError as error:
+                raise PredictorError(
+                    f"predictor {name}: {error}, on recording {motion.name}; leave it out, or "
+                    f"give it other weights"
+                ) from error
+        on_windows(len(batch.history))
+    return sums
+
+
+def _summed(
+    names: Sequence[str],
+    corruption: Corruption | None,
+    parts: Sequence[tuple[str, Mapping[str, Errors]]],
+) -> list[RecordingResult]:
+    """Results from (action, predictor -> errors) of each motion, added in their order."""
+    sums: dict[str, dict[str, Errors]] = {name: {} for name in names}
+    for action, errors in parts:
+        for name, own in errors.items():
+            total = sums[name].setdefault(action, Errors())
+            total.windows += own.windows
+            total.total_m += own.total_m
+            total.count += own.count
+    return [RecordingResult(name, corruption, sums[name]) for name in names]
 
 
 def _read(recordings: Sequence[Path | Recording | Motion]) -> Iterable[Motion]:
@@ -225,18 +300,18 @@ def _score(predictor: Predictor, batch: Batch, errors: Errors) -> None:
     errors.count[:steps] += scored.sum(axis=0)
 
 
-def baselines() -> dict[str, Predictor]:
-    """Baselines that are evaluated beside every trained predictor."""
+def baselines() -> dict[str, PredictorSettings]:
+    """Settings of the baselines that are evaluated beside every trained predictor."""
     common = {"horizon_s": FUTURE_STEPS / RATE_HZ, "rate_hz": RATE_HZ}
     return {
-        "zero_velocity": ZeroVelocity(ZeroVelocitySettings(name="zero_velocity", **common), BODY),
+        "zero_velocity": ZeroVelocitySettings(name="zero_velocity", **common),
         **{
-            f"constant_velocity {ms} ms": ConstantVelocity(
-                ConstantVelocitySettings(name="constant_velocity", span_s=ms / 1000, **common), BODY
+            f"constant_velocity {ms} ms": ConstantVelocitySettings(
+                name="constant_velocity", span_s=ms / 1000, **common
             )
             for ms in (120, 40)
         },
-        "kalman": ConstantAccelerationKalman(KalmanSettings(name="kalman", **common), BODY),
+        "kalman": KalmanSettings(name="kalman", **common),
     }
 
 

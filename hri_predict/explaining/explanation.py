@@ -53,7 +53,11 @@ def explain(about: Situation) -> dict[str, Any]:
         "people": about.people,
         "separation": separation(about),
         "forecast": hindsight(
-            about.window, about.info, advice.utc_ns, person_of(advice), part_of(advice)
+            about.window,
+            about.info,
+            advice.utc_ns,
+            person=person_of(advice),
+            segment=part_of(advice),
         ),
         "history": None if about.episode is None else history(about, about.episode),
         "counters": [

@@ -51,7 +51,7 @@ def error_at(
 
 
 def hindsight(
-    window: Window, info: RecordingInfo, utc_ns: int, person: int | None, segment: str
+    window: Window, info: RecordingInfo, utc_ns: int, *, person: int | None, segment: str
 ) -> dict[str, Any] | None:
     """The forecast of one person at a moment, and how wrong it came out; ``None``: none was made.
 

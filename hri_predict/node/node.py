@@ -19,7 +19,7 @@ from hri_predict.node.shedding import Shedding
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
-from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.predictors.runner import Prediction
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
@@ -57,7 +57,7 @@ class Node:
         self,
         *,
         people: People,
-        prediction: PredictionRunner,
+        prediction: Prediction,
         risk: RiskEngine,
         robots: Sequence[RobotTracker],
         links: Sequence[Link],

@@ -269,6 +269,7 @@ class SimulationRequest:
     seed: int = 0
     people: int = 1
     jobs: int = 1
+    cluster: str | None = None
     out: Path | None = None
     resume: bool = False
 
@@ -288,6 +289,7 @@ class OcclusionRequest:
     free_space: bool = False
     occlude: bool = True
     jobs: int = 1
+    cluster: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

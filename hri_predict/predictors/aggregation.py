@@ -28,11 +28,8 @@ from hri_predict.predictors.neural.network import (
     mpjpe,
     network_class_of,
 )
-from hri_predict.predictors.neural.predictor import (
-    NeuralPredictor,
-    NeuralSettings,
-    shipped_weights,
-)
+from hri_predict.predictors.neural.predictor import NeuralPredictor
+from hri_predict.predictors.neural.settings import AggregatedSettings, NeuralSettings
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
 from hri_predict.settings import validated
 
@@ -156,17 +153,6 @@ class Aggregated(Network):
     def _near(self, target: Target) -> Target:
         steps = self.options.steps
         return Target(target.positions[:, :steps], target.observed[:, :steps])
-
-
-class AggregatedSettings(NeuralSettings):
-    """Settings of the aggregated predictor."""
-
-    inner: str = Field("trajectorycnn", description="trained predictor whose network is repeated")
-    steps: int = Field(5, ge=1, le=1000, description="steps used from each repetition")
-
-    def files(self) -> tuple[Path, ...]:
-        """The inner predictor's weights, unless others are named."""
-        return (shipped_weights(self.inner) if self.weights is None else Path(self.weights),)
 
 
 class AggregatedPredictor(NeuralPredictor):

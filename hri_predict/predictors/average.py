@@ -38,6 +38,11 @@ class AverageSettings(PredictorSettings):
             raise ValueError("an average of averages; name their members")
         return value
 
+    @property
+    def takes_long(self) -> bool:
+        """Whether a member does."""
+        return any(member.takes_long for member in self.of_members())
+
     def files(self) -> tuple[Path, ...]:
         """The weights of all members."""
         return tuple(path for member in self.of_members() for path in member.files())
@@ -55,7 +60,7 @@ class AverageSettings(PredictorSettings):
                 raise ConfigError(
                     f"predictor.members: unknown predictor '{name}' (known: {', '.join(known)})"
                 )
-            model = registry.load("predictors", name).settings_model
+            model = registry.predictor_settings(name)
             asked = {"name": name, "rate_hz": self.rate_hz, "horizon_s": self.horizon_s}
             if "threads" in model.model_fields:
                 asked["threads"] = self.threads

@@ -7,7 +7,7 @@ contract on any kind.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, Self, TypeVar
+from typing import Literal, Protocol, Self, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -29,6 +29,16 @@ class PredictorSettings(Settings):
     rate_hz: float = Field(
         25.0, gt=0, le=200, description="steps per second of history and forecast"
     )
+    process: Literal["auto"] | bool = Field(
+        "auto",
+        description="predict in a process of its own: auto does where forecasts take long and there"
+        " is more than one core",
+    )
+
+    @property
+    def takes_long(self) -> bool:
+        """Whether forecasts take so long that a process of its own pays; by default not."""
+        return False
 
     def resolved(self, base_dir: Path) -> Self:
         """The same with relative paths taken from ``base_dir``, the configuration's folder."""

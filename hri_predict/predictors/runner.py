@@ -2,6 +2,8 @@
 
 import logging
 import threading
+from collections.abc import Mapping
+from typing import Protocol
 
 import numpy as np
 
@@ -11,6 +13,39 @@ from hri_predict.predictors.base import Forecast, Predictor, checked
 from hri_predict.protocol.reasons import Reason
 
 log = logging.getLogger(__name__)
+
+
+class Prediction(Protocol):
+    """What runs a predictor for the node.
+
+    Attributes:
+        predictor: known once it is ready.
+        counters: of predictions that failed, were late, ... since the start.
+    """
+
+    @property
+    def predictor(self) -> Predictor:
+        """The predictor."""
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """By name."""
+
+    def wait_until_ready(self) -> None:
+        """Wait until it can predict.
+
+        Raises:
+            HriPredictError: the predictor cannot be built; one line with the remedy.
+        """
+
+    def start(self) -> None:
+        """Start before the first tick."""
+
+    def stop(self) -> None:
+        """End what was started; safe to call twice."""
+
+    def run(self, snapshot: PeopleSnapshot) -> tuple[Forecast | None, Reason | None]:
+        """Return a forecast for ``snapshot``, or the reason why there is none in this tick."""
 
 
 class PredictionRunner:
@@ -33,6 +68,14 @@ class PredictionRunner:
         self._snapshot: PeopleSnapshot | None = None
         self._result: Forecast | Exception | None = None
         self._thread: threading.Thread | None = None
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """By name."""
+        return {"predictor_failures": self.failures, "predictor_late": self.late}
+
+    def wait_until_ready(self) -> None:
+        """It was ready when it was built."""
 
     def start(self) -> None:
         """Start the thread, where there is a deadline."""

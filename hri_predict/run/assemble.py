@@ -6,13 +6,17 @@ from typing import Any
 
 from hri_predict import registry
 from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError, PredictorError, RobotError
+from hri_predict.errors import ConfigError, RobotError
 from hri_predict.link import Link, LinkLoad, LinkSettings, Simulatable, Transport, check_load
+from hri_predict.machine.realtime import can_have_process
 from hri_predict.node.node import Listener, Node
 from hri_predict.node.publisher import Publisher
 from hri_predict.people.people import People
-from hri_predict.predictors.base import Predictor, PredictorSettings, refuse_unsound
-from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.predictors.base import Predictor, PredictorSettings
+from hri_predict.predictors.building import predictor_of
+from hri_predict.predictors.process.remote import Job
+from hri_predict.predictors.process.runner import ProcessRunner
+from hri_predict.predictors.runner import Prediction, PredictionRunner
 from hri_predict.protocol.wire import StateShape
 from hri_predict.recording.played_link import played_links
 from hri_predict.risk.delay_budget import DelayBudget
@@ -36,7 +40,7 @@ class Assembly:
     clock: Clock
     source: Source
     links: tuple[Link, ...]
-    prediction: PredictionRunner
+    prediction: Prediction
     robots: tuple[RobotModel, ...]
     trackers: tuple[RobotTracker, ...]
     node: Node
@@ -57,20 +61,33 @@ def build_predictor(config: Config) -> Predictor:
     return predictor_of(config.predictor.resolved(config.base_dir))
 
 
-def predictor_of(settings: PredictorSettings) -> Predictor:
-    """Build a predictor from validated settings with resolved paths.
+def build_prediction(config: Config) -> Prediction:
+    """What runs the predictor in real time: a process of its own, where that is asked for.
+
+    Whoever builds it must stop it. A process is started at once, and can predict after
+    ``wait_until_ready``.
 
     Raises:
-        HriPredictError: it cannot be built; one line with the remedy.
+        HriPredictError: the predictor cannot be built; one line with the remedy.
     """
-    cls = registry.load("predictors", settings.name)
-    with registry.building(f"predictor '{settings.name}'"):
-        predictor = cls(settings)
-    try:
-        refuse_unsound(predictor)
-    except PredictorError as error:
-        raise PredictorError(f"predictor '{settings.name}': {error}") from error
-    return predictor
+    settings, realtime = config.predictor.resolved(config.base_dir), config.node.realtime
+    deadline_s = LATE_FRACTION / config.node.rate_hz
+    if not has_own_process(settings):
+        return PredictionRunner(predictor_of(settings), deadline_s)
+    job = Job(
+        settings=settings,
+        people=config.node.people.max_people,
+        cpus=realtime.inference_cpus,
+        lock_memory=realtime.lock_memory,
+    )
+    return ProcessRunner(job, deadline_s)
+
+
+def has_own_process(settings: PredictorSettings) -> bool:
+    """Whether a predictor gets a process of its own in real time."""
+    if settings.process == "auto":
+        return settings.takes_long and can_have_process()
+    return settings.process
 
 
 def build_robots(config: Config) -> tuple[RobotModel, ...]:
@@ -239,11 +256,13 @@ def build(
     transports: Mapping[str, Transport[Any]] | None = None,
     links: Sequence[Link] | None = None,
     deadline: bool = True,
+    prediction: Prediction | None = None,
     shadow: bool = False,
     listeners: Sequence[Listener] = (),
 ) -> Assembly:
     """Build everything, but open and start nothing.
 
+    ``prediction`` runs the predictor; without it, the predictor is built in this process.
     ``links`` replaces the configured links; each of them carries the advice for every robot.
     ``listeners`` is kept, not copied: the caller may add more until the first tick.
 
@@ -252,12 +271,16 @@ def build(
     """
     node = config.node
     source = source or build_source(config)
-    predictor = build_predictor(config)
+    if prediction is None:
+        deadline_s = LATE_FRACTION / node.rate_hz if deadline else None
+        prediction = PredictionRunner(build_predictor(config), deadline_s)
     robots = build_robots(config)
     trackers = tuple(
         RobotTracker(settings, model, config.base_dir, clock.now_ns())
         for settings, model in zip(node.robots, robots, strict=True)
     )
+    prediction.wait_until_ready()
+    predictor = prediction.predictor
     people = build_people(config, source, predictor)
     configured: tuple[Link, ...] = tuple(
         build_link(
@@ -272,7 +295,6 @@ def build(
     obeyed = bool(configured) and not shadow
     risk = build_risk(config, source, predictor, trackers, obeyed=obeyed)
     links = tuple(links or ()) or configured or played_links(source, clock)
-    prediction = PredictionRunner(predictor, LATE_FRACTION / node.rate_hz if deadline else None)
     everybody = frozenset(range(len(robots)))
     advised = advised_on_links(config) if configured else [everybody for _ in links]
     publisher = Publisher(links, advised, predictor, shadow)

@@ -16,6 +16,7 @@ from hri_predict.errors import ConfigError, nearest
 from hri_predict.evidence.settings import EvidenceSettings
 from hri_predict.files import data_path, read_text, read_yaml
 from hri_predict.link import ChecksTogether, LinkSettings
+from hri_predict.machine.realtime import RealtimeSettings
 from hri_predict.monitoring.alerts import AlertSettings
 from hri_predict.node.memory import StateSettings
 from hri_predict.people.settings import PeopleSettings
@@ -59,6 +60,7 @@ class NodeSettings(Settings):
     risk: RiskSettings = RiskSettings()
     zones: list[NamedZoneSettings] = Field([], max_length=MAX_ZONES)
     links: list[dict[str, Any]] = Field([], max_length=MAX_LINKS)
+    realtime: RealtimeSettings = RealtimeSettings()
     alerts: AlertSettings = AlertSettings()
     record: RecordSettings | None = Field(
         None, description="file to record into (MCAP), or a folder that can be left on"
@@ -237,6 +239,7 @@ def load(path: Path) -> Config:
     )
     _check_names(config)
     _check_links(config)
+    _check_alerts(config)
     return config
 
 
@@ -253,8 +256,8 @@ def predictor_settings(data: dict[str, Any], where: str) -> PredictorSettings:
         ConfigError: one line that starts with ``where`` and names the key and the remedy.
     """
     with _named(data, "name", "predictors", where) as name:
-        cls = registry.load("predictors", name)
-    return validated(cls.settings_model, data, where)
+        model = registry.predictor_settings(name)
+    return validated(model, data, where)
 
 
 def _link(data: dict[str, Any], where: str) -> LinkSettings:
@@ -302,3 +305,17 @@ def _check_links(config: Config) -> None:
             cls.check_together([link for link in config.links if link.kind == kind])
         except ConfigError as error:
             raise ConfigError(f"{config.path}: {error}") from error
+
+
+def _check_alerts(config: Config) -> None:
+    """Check that every robot and zone that an alert hook names exists: no alert would come."""
+    robots = [robot.name for robot in config.node.robots]
+    zones = [zone.name for zone in config.node.zones]
+    for i, hook in enumerate(config.node.alerts.to):
+        for key, known, named in (("robot", robots, hook.robots), ("zone", zones, hook.zones)):
+            for name in named or []:
+                if name not in known:
+                    raise ConfigError(
+                        f"{config.path}: alerts.to.{i}.{key}s: no {key} '{name}'"
+                        f"{nearest(name, known)}; there are: {', '.join(known) or 'none'}"
+                    )

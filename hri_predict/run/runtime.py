@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 from hri_predict.clock import VirtualClock
 from hri_predict.link import Link
+from hri_predict.machine.realtime import steady
 from hri_predict.monitoring.pace import Pace
 from hri_predict.protocol.messages import NodeState
 from hri_predict.protocol.reasons import Reason
@@ -72,7 +73,8 @@ def run_real_time(
     try:
         assembly.prediction.start()
         node.announce(clock.now_ns(), NodeState.STARTING, Reason.STARTING)
-        with _quiet_collector():  # before the first deadline, because a collection takes long
+        # before the first deadline, because a collection takes long
+        with _quiet_collector(), contextlib.ExitStack() as last:
             start_ns = clock.now_ns()
             assembly.source.open(start_ns)
             shared: dict[str, Any] = {
@@ -84,6 +86,7 @@ def run_real_time(
             }
             feeder = threading.Thread(target=_feed, kwargs=shared, name="source", daemon=True)
             feeder.start()
+            last.enter_context(steady(assembly.config.node.realtime))  # no thread inherits it
             _loop(
                 **shared,
                 end_ns=None if duration_s is None else start_ns + round(duration_s * 1e9),

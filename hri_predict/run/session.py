@@ -21,6 +21,7 @@ from hri_predict.monitoring.summary import LevelCounter, Summary, summarise
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory, StateSettings
 from hri_predict.peers import Cell, ControllerReport
+from hri_predict.predictors.runner import Prediction
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap.clocks import Clocks
@@ -136,6 +137,7 @@ class _Session:
             robots=names,
             clock=clock,
             base_dir=config.base_dir,
+            cell=config.path.stem,
             threaded=options.factor is not None,
         )
         self.reports: Sequence[ControllerReport] | None = None
@@ -144,6 +146,7 @@ class _Session:
         self.announcer: Announcer | None = None
         self.referee: _Referee | None = None
         self.memory: Memory | None = None
+        self.prediction: Prediction | None = None
 
     def build(self, **ends: Any) -> assemble.Assembly:
         """Build everything; create the recording last, when nothing else can fail."""
@@ -158,6 +161,7 @@ class _Session:
             self.clock,
             source=source,
             deadline=not virtual,
+            prediction=self.prediction,
             shadow=self.options.shadow,
             listeners=listeners,
             **ends,
@@ -242,6 +246,7 @@ class _Session:
         listeners.append(self.memory)
 
     def run_real_time(self, stop: threading.Event) -> Summary:
+        self.prediction = assemble.build_prediction(self.config)  # gets ready beside what follows
         ports = self.cell.start() if self.cell is not None else {}
         assembly = self.build(ports=ports)
         self.alerts.start()
@@ -276,7 +281,7 @@ class _Session:
         return self.summary(assembly, pace)
 
     def summary(self, assembly: assemble.Assembly, pace: Pace) -> Summary:
-        counters = dict(self.levels.people_counters)
+        counters = {**self.levels.people_counters, **assembly.prediction.counters}
         self.close()
         counters["alerts_dropped"] = self.alerts.dropped
         counters["alert_failures"] = self.alerts.failures
@@ -300,6 +305,7 @@ class _Session:
         result.source = source_report(
             self.config.source.kind, assembly.source, self.levels.clock, self.clock.now_ns()
         )
+        result.alerts = self.alerts.report()
         if self.recorder is not None:
             result.recording = self.recorder.report()
         if self.evidence is not None:
@@ -309,6 +315,8 @@ class _Session:
 
     def close(self) -> None:
         """Stop everything that was started; safe to call twice."""
+        if self.prediction is not None:
+            self.prediction.stop()
         if self.announcer is not None:
             self.announcer.stop()
         if self.cell is not None and self.reports is None:

@@ -20,7 +20,7 @@ from hri_predict.evaluation.recordings import judge_one
 from hri_predict.evaluation.windows import RATE_HZ, read_motions
 from hri_predict.files import atomic_write
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.predictor import NeuralSettings
+from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.settings import validated
 from hri_predict.training.building import build_network, open_samples
 from hri_predict.training.config import TrainingConfig, load_training_config

@@ -88,7 +88,7 @@ class Referee:
         self,
         robots: Sequence[RobotModel],
         clearance_m: float = 0.0,
-        tool_of: Callable[[str], int | None] = lambda _: None,
+        tool_of: Callable[[str], int | None] | None = None,
         on_contact: Callable[[Contact], None] | None = None,
     ) -> None:
         """Nothing was seen yet.
@@ -96,10 +96,11 @@ class Referee:
         Args:
             robots: their names are the keys in ``observe``.
             clearance_m: C + Z_d + Z_r.
-            tool_of: a robot's name -> number of the tool that it carries; ``None``: all of them.
+            tool_of: a robot's name -> number of the tool that it carries; ``None``: all
+                of them. Without the function: all of them.
             on_contact: called with the touches of a moving robot.
         """
-        self._tool_of = tool_of
+        self._tool_of = tool_of or (lambda _: None)
         self._on_contact = on_contact
         self._robots = {robot.name: robot for robot in robots}
         self._touches: dict[tuple[int, str], _Touch] = {}
@@ -188,7 +189,7 @@ class Referee:
         speed: Floats,
         elapsed_s: float,
     ) -> Floats:
-        """Follow every touch; return the distance (P, K) of each person from this robot."""
+        """Note every touch; return the distance (P, K) of each person from this robot."""
         body, counts = bodies
         distance = capsule_distance(
             Capsules(body.a[..., :, None, :], body.b[..., :, None, :], body.radius[..., :, None]),
@@ -207,15 +208,19 @@ class Referee:
                 )
             )
         distance = distance.min(axis=(-2, -1))  # (P, K)
+        self._note(ids, name, distance, speed)
+        return distance
+
+    def _note(self, ids: Sequence[int], name: str, distance: Floats, speed: Floats) -> None:
+        """Follow every touch at instants (P, K) of one robot, whose fastest point has (K,) m/s."""
         least = float(distance.min())
         if math.isfinite(least):
             known = self.min_separation_m
             self.min_separation_m = least if known is None else min(known, least)
         for person, row in zip(ids, distance, strict=True):
             touch = self._touches.setdefault((person, name), _Touch())
-            for gap, fastest in zip(row, speed, strict=True):
-                self._follow(touch, float(gap), float(fastest))
-        return distance
+            for gap, fastest in zip(row.tolist(), speed.tolist(), strict=True):
+                self._follow(touch, gap, fastest)
 
     def _measure(self, gaps: Floats, step_s: float) -> None:
         """Distances (M,) at the instants at which a robot moved, ``step_s`` apart."""

@@ -31,7 +31,7 @@ from hri_predict.predictors.baselines import (
 from hri_predict.predictors.kalman import ConstantAccelerationKalman, KalmanSettings
 from hri_predict.predictors.kdformer.model import KDFormerPredictor
 from hri_predict.predictors.neural.network import Trained, network_class_of
-from hri_predict.predictors.neural.predictor import NeuralSettings
+from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.protocol.can import CanFrame
 from hri_predict.source import AnySourceClass, SourceClass
 from hri_sim import simulation

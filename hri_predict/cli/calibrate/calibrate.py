@@ -7,7 +7,15 @@ import typer
 
 from hri_predict.cli.calibrate import checking, leaving_out, making, site
 from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings
-from hri_predict.cli.common import JointMapOption, one_of, own_map, without_effect
+from hri_predict.cli.common import (
+    ClusterOption,
+    JobsOption,
+    JointMapOption,
+    one_of,
+    own_map,
+    processes,
+    without_effect,
+)
 from hri_predict.datasets.splits import USES
 from hri_predict.errors import ConfigError
 
@@ -84,6 +92,8 @@ def calibrate(
             "--disturb", help="With --check: also with noise, a wrong scale and a moved camera."
         ),
     ] = False,
+    jobs: JobsOption = None,
+    cluster: ClusterOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
     """Calibrate a predictor's zones on recordings; --check measures how often zones hold people.
@@ -99,7 +109,7 @@ def calibrate(
     settings = calibrated_settings(predictor, weights, horizon)
     if split is not None:
         one_of("--split", split, USES)
-    chosen = Data(data, split, own_map(joint_map))
+    chosen = Data(data, split, own_map(joint_map), processes(jobs, cluster), cluster)
     if check and leave_out:
         raise ConfigError("--check: has no effect with --leave-out, which measures; give one")
     if check or leave_out:
@@ -134,7 +144,7 @@ def calibrate(
         "without --check",
     )
     if onto is not None:
-        without_effect({"--tracked": tracked}, "with --onto")
+        without_effect({"--tracked": tracked, "--jobs": jobs, "--cluster": cluster}, "with --onto")
         site.commission(
             settings=settings,
             data=chosen,

@@ -42,7 +42,7 @@ def check(
         read_card(card)  # before minutes of work
     built = registry.load("predictors", settings.name)(settings)
     calibration = _calibration(settings, path)
-    scores = scores_of(built=built, name=settings.name, data=data, default="test", tracked=tracked)
+    scores = scores_of(settings=settings, data=data, default="test", tracked=tracked)
     used = _calibrated_on(calibration, scores)
     if used:
         print(
@@ -139,8 +139,7 @@ def _beside(
     return {
         _BESIDE: (
             scores_of(
-                built=built,
-                name=_BESIDE,
+                settings=settings,
                 data=data,
                 default="test",
                 on_left_out=lambda _: None,  # said once

@@ -1,5 +1,6 @@
 """What the forms of ``calibrate`` have in common: predictor, recordings, scores."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -11,7 +12,7 @@ from hri_predict.predictors.base import PredictorSettings
 
 if TYPE_CHECKING:
     from hri_predict.calibration.scores import Scores
-    from hri_predict.predictors.base import Predictor
+    from hri_predict.machine.workers import Workers
 
 RATE_HZ = 25.0
 HORIZON_S = 1.2
@@ -20,11 +21,27 @@ LEAST_HORIZON_S = 0.2
 
 
 class Data(NamedTuple):
-    """Which recordings, and how their joints are named."""
+    """Which recordings, how their joints are named, and who works on them."""
 
     entries: Sequence[Path]
     split: str | None
     joint_map: JointMap | None
+    jobs: int = 1
+    cluster: str | None = None
+
+    def workers(self, settings: PredictorSettings, default: str = "") -> "Workers":
+        """Those who score and fit.
+
+        Raises:
+            ConfigError: the cluster cannot be used.
+        """
+        from hri_predict.machine.hiring import workers_for
+
+        weights = getattr(settings, "weights", None)
+        reads = [] if weights is None else [Path(weights)]
+        if self.cluster is not None:
+            reads += [path.resolve() for path in files(self.entries, self.split, default)]
+        return workers_for(self.jobs, self.cluster, reads)
 
 
 def calibrated_settings(predictor: str, weights: Path | None, horizon: float) -> PredictorSettings:
@@ -40,23 +57,32 @@ def calibrated_settings(predictor: str, weights: Path | None, horizon: float) ->
 
 def scores_of(
     *,
-    built: "Predictor",
-    name: str,
+    settings: PredictorSettings,
     data: Data,
     default: str,
     on_left_out: Callable[[str], None] = warn,
     tracked: bool = False,
+    workers: "Workers | None" = None,
 ) -> "list[Scores]":
-    """The scores of the recordings; ``default`` is the data pack's split if none is asked for."""
-    from hri_predict.calibration.scores import score_recordings
+    """The scores of the recordings; ``default`` is the data pack's split if none is asked for.
 
-    found = files(data.entries, data.split, default)
-    with progress() as bar:
-        task = bar.add_task(f"forecasting, {name}", total=len(found))
-        return score_recordings(
-            built,
+    ``workers`` score; default: those of ``data``, for this alone.
+    """
+    from hri_predict.calibration.scores import scores_by
+
+    with contextlib.ExitStack() as leaving:
+        if workers is None:
+            workers = leaving.enter_context(data.workers(settings, default))
+        found = files(data.entries, data.split, default)
+        if data.cluster is not None:  # a worker has another current folder
+            found = [path.resolve() for path in found]
+        bar = leaving.enter_context(progress())
+        task = bar.add_task(f"forecasting, {settings.name}", total=len(found))
+        return scores_by(
+            workers,
+            settings,
             found,
-            on_recording=lambda _: bar.advance(task),
+            on_recording=lambda: bar.advance(task),
             on_left_out=on_left_out,
             joint_map=data.joint_map,
             tracked=tracked,

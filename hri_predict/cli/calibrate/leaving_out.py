@@ -30,21 +30,20 @@ def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_j
         check_writable(out)
     built = registry.load("predictors", settings.name)(settings)
     to_calibrate = data._replace(split=_CALIBRATION)
-    known = scores_of(built=built, name=settings.name, data=to_calibrate, default="", tracked=True)
+    known = scores_of(settings=settings, data=to_calibrate, default="", tracked=True)
     judged = [
         entry
         for split in (_CALIBRATION, _JUDGED)
-        for entry in scores_of(
-            built=built, name=settings.name, data=data._replace(split=split), default=""
-        )
+        for entry in scores_of(settings=settings, data=data._replace(split=split), default="")
     ]
-    with progress() as bar:
+    with data.workers(settings, _CALIBRATION) as workers, progress() as bar:
         task = bar.add_task("calibrating without", total=None)
         found = judgement.leave_out(
             predictor=built,
             settings=settings,
             scores=known,
             judged=judged,
+            workers=workers,
             on_part=lambda p: stage(bar, task, f"calibrating without {p}"),
         )
     report = {"predictor": settings.name, "sets": judgement.as_json(found)}

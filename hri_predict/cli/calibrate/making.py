@@ -34,21 +34,23 @@ def make(
 
     check_out(out)
     built = registry.load("predictors", settings.name)(settings)
-    scores = scores_of(
-        built=built, name=settings.name, data=data, default="calibration", tracked=tracked
-    )
     values, digest = identity(settings)
-    with progress() as bar:
-        task = bar.add_task("fitting the scale", total=None)
-        fitted = conformal(
-            scores=scores,
-            predictor=settings.name,
-            settings=values,
-            weights=digest,
-            rate_hz=built.rate_hz,
-            skeleton=built.skeleton,
-            on_fit=lambda what: stage(bar, task, what),
+    with data.workers(settings, "calibration") as workers:
+        scores = scores_of(
+            settings=settings, data=data, default="calibration", tracked=tracked, workers=workers
         )
+        with progress() as bar:
+            task = bar.add_task("fitting the scale", total=None)
+            fitted = conformal(
+                scores=scores,
+                predictor=settings.name,
+                settings=values,
+                weights=digest,
+                rate_hz=built.rate_hz,
+                skeleton=built.skeleton,
+                on_fit=lambda what: stage(bar, task, what),
+                workers=workers,
+            )
     made = replace(fitted, made=date.today())
     write_calibration(out, made)
     if as_json:

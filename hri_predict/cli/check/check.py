@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
+from hri_predict.cli.alerts import hook_facts
 from hri_predict.cli.check.calibration import (
     calibration_facts,
     calibration_lines,
@@ -28,15 +29,18 @@ from hri_predict.cli.check.contact import (
     contact_table,
     unseen_ends_note,
 )
-from hri_predict.cli.check.engine import engine_facts, engine_lines
+from hri_predict.cli.check.engine import engine_facts, engine_lines, loops_line
 from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
 from hri_predict.cli.check.lost import lost_notes
+from hri_predict.cli.check.machine.realtime import look
+from hri_predict.cli.check.machine.realtime import show as show_machine
 from hri_predict.cli.check.modes import mode_notes
 from hri_predict.cli.check.tools import base_notes, tool_facts, tool_tables
 from hri_predict.cli.check.touch import measure_touch, show_touch
+from hri_predict.cli.common import without_effect
 from hri_predict.clock import MonotonicClock
 from hri_predict.joint_map import JointMap
 from hri_predict.link import Transport
@@ -68,6 +72,10 @@ def check(
         float | None,
         typer.Option(min=1, max=60, help="Listen to the source so many seconds: do people stand?"),
     ] = None,
+    realtime: Annotated[
+        bool,
+        typer.Option("--realtime", help="Check this machine: what its loop in time would lack."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
     """Validate a configuration; print the delay budget and each link's load.
@@ -80,11 +88,21 @@ def check(
     the floor. Exit status 1, with the axes that would be right, if they lie in
     the air, hang upside down or have left and right swapped.
 
+    With --realtime, say what this machine lacks for a steady loop, how to set
+    it, and how late it wakes a bare loop. Exit status 1 if something that is
+    configured under realtime: cannot be had.
+
     Exit status 1, too, if the cell is not as commissioned, or its commissioning failed.
 
     Example: hri-predict check cell.yaml --touched 0.5,-0.2,0.9
     """
     loaded = configuration.load(config)
+    if realtime:
+        flags = {"--touched": touched, "--joint": joint, "--listen": listen}
+        without_effect(flags, "with --realtime")
+        if not show_machine(look(loaded), as_json):
+            raise typer.Exit(1)
+        return
     if touched is not None:
         if not show_touch(measure_touch(loaded, touched, joint), as_json):
             raise typer.Exit(1)
@@ -115,7 +133,8 @@ def _print(found: dict[str, Any]) -> None:
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
-    for line in (*engine_lines(found["engine"]), *calibration_lines(found["calibration"])):
+    computed = (*engine_lines(found["engine"]), found["loops"])
+    for line in (*computed, *calibration_lines(found["calibration"])):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
@@ -129,6 +148,7 @@ def _print(found: dict[str, Any]) -> None:
     for line in (
         *joint_map_lines(found["joint_map"]),
         evidence_line(found["evidence"]),
+        f"alert hooks: {', '.join(hook['name'] for hook in found['alerts']) or 'none'}",
         *commissioning_lines(found["commissioning"]),
     ):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
@@ -158,6 +178,7 @@ def examine(config: Config) -> dict[str, Any]:
             links=simulated, robots=config.node.robots, base_dir=config.base_dir, clock=clock
         )
     alert_file(config.node.alerts, config.base_dir)
+    alerts = hook_facts(config)
     budget = assemble.build_budget(config, source)
     stops = {
         model.name: model.stopping(settings.max_speed_m_s)
@@ -186,6 +207,7 @@ def examine(config: Config) -> dict[str, Any]:
         "horizon_s": assembly.prediction.predictor.horizon_steps
         / assembly.prediction.predictor.rate_hz,
         "engine": engine_facts(assembly.prediction.predictor),
+        "loops": loops_line(),
         "risk": risk,
         "contact": contact_facts(*contact),
         "tools": tool_facts(assembly.robots, config.node.robots),
@@ -199,12 +221,14 @@ def examine(config: Config) -> dict[str, Any]:
         "state": _state(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "evidence": evidence,
+        "alerts": alerts,
         "commissioning": commissioning_facts(config),
         "notes": [
             *(note for robot in config.node.robots for note in mode_notes(robot)),
             *_notes(config),
             *race_notes(config.node, source.rate_hz),
             *evidence_notes(evidence),
+            *(f"alerts: {note}" for hook in alerts for note in hook["notes"]),
             *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),

@@ -49,10 +49,8 @@ def _predictor_row(name: str) -> dict[str, Any]:
 
 def _shipped(name: str) -> dict[str, Any]:
     """Return what the header of a trained predictor's shipped weights states."""
-    from hri_predict.predictors.neural.predictor import (
-        shipped_weights,  # imports torch, which takes seconds
-    )
-    from hri_predict.predictors.neural.weights import read_header
+    from hri_predict.predictors.neural.settings import shipped_weights
+    from hri_predict.predictors.neural.weights import read_header  # with torch: takes seconds
 
     path = shipped_weights(name)
     if not path.exists():

@@ -76,7 +76,7 @@ def explain(
 
 def _drawer() -> Any:
     """Fail now if pictures cannot be drawn."""
-    from hri_predict.explaining.picture import draw
+    from hri_predict.explaining.drawing.picture import draw
 
     return draw
 

@@ -11,11 +11,13 @@ from rich.table import Table
 
 from hri_predict import registry
 from hri_predict.cli.common import (
+    ClusterOption,
     JointMapOption,
     files,
     map_path,
     need_plots,
     one_of,
+    processes,
     progress,
     without_effect,
 )
@@ -86,7 +88,11 @@ def simulate(
         float | None,
         typer.Option(min=0, max=0.2, help="Noise correlated over 0.3 s: standard deviation, m."),
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, max=256, help="Number of processes.")] = 2,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, max=256, help="Number of processes.", show_default="2"),
+    ] = None,
+    cluster: ClusterOption = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for tables, plots and what --resume needs.")
     ] = None,
@@ -139,6 +145,7 @@ def simulate(
     Exit status 1: a simulated episode disagrees with the whole node, or, with --occlude, somebody
     was touched by a moving robot.
     """
+    jobs = processes(jobs, cluster, default=2)
     if occlude:
         without_effect(
             {
@@ -171,6 +178,7 @@ def simulate(
                 free_space=free_space,
                 occlude=cameras > 0,
                 jobs=jobs,
+                cluster=cluster,
             ),
             as_json=as_json,
         )
@@ -202,6 +210,7 @@ def simulate(
         seed=seed,
         people=people or 1,
         jobs=jobs,
+        cluster=cluster,
         out=out,
         resume=resume,
     )

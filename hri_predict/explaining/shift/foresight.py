@@ -27,11 +27,11 @@ _SEGMENTS = {segment.name: segment for segment in CANONICAL.segments}
 class _Check:
     """Something to compare when the source's clock has passed ``due_ns``."""
 
-    due_ns: int
     ahead_s: float
     person: int
-    predicted: Floats | None
-    zone: tuple[list[str], Floats] | None
+    predicted: Floats | None = None
+    zone: tuple[list[str], Floats] | None = None
+    due_ns: int = 0
 
 
 class Foresight:
@@ -76,7 +76,8 @@ class Foresight:
             capture_ns, steps, positions = made
             for k, step in enumerate(steps):
                 ahead_s = (step + 1) / info.forecast_rate_hz
-                self._later(capture_ns - offset_ns, ahead_s, person, positions[k], None)
+                check = _Check(ahead_s, person, predicted=positions[k])
+                self._later(capture_ns - offset_ns, check)
 
     def zones(self, told: Told) -> None:
         """Take zones: one a second is compared."""
@@ -92,20 +93,15 @@ class Foresight:
                 ahead_s, capsules = number(time_s), _capsules(told, k, step)
                 if ahead_s is not None and capsules is not None and len(capsules) == len(names):
                     zone = names, capsules
-                    self._later(now_ns - offset_ns, ahead_s, person, None, zone)
+                    self._later(now_ns - offset_ns, _Check(ahead_s, person, zone=zone))
 
-    def _later(
-        self,
-        begin_ns: int,
-        ahead_s: float,
-        person: int,
-        predicted: Floats | None,
-        zone: tuple[list[str], Floats] | None,
-    ) -> None:
-        horizon = next((h for h in HORIZONS_S if abs(h - ahead_s) <= _NEAR_S), None)
+    def _later(self, begin_ns: int, check: _Check) -> None:
+        """Compare it later, if it is at one of the horizons."""
+        horizon = next((h for h in HORIZONS_S if abs(h - check.ahead_s) <= _NEAR_S), None)
         if horizon is not None:
-            due_ns = begin_ns + round(ahead_s * NS)
-            self._checks.append(_Check(due_ns, horizon, person, predicted, zone))
+            check.due_ns = begin_ns + round(check.ahead_s * NS)
+            check.ahead_s = horizon
+            self._checks.append(check)
 
     def _tracks(self) -> dict[int, list[Seen]]:
         tracks: dict[int, list[Seen]] = {}

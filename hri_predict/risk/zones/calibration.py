@@ -305,9 +305,13 @@ def _table(rows: Any, shape: tuple[int, ...]) -> Floats:
 # -- which calibration belongs to which predictor ------------------------------------------------
 
 
+_NOT_ITS_OWN = {"name", "horizon_s", "weights", "engine", "process"}
+"""Settings that are compared elsewhere, or change nothing but where a forecast is computed."""
+
+
 def identity(settings: PredictorSettings) -> tuple[dict[str, Any], str | None]:
     """The settings that a predictor's errors depend on, and the hash of its weights."""
-    values = settings.model_dump(mode="json", exclude={"name", "horizon_s", "weights", "engine"})
+    values = settings.model_dump(mode="json", exclude=_NOT_ITS_OWN)
     found = [
         hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "missing"
         for path in settings.files()

@@ -215,7 +215,7 @@ def latency(kind: str, rate_hz: float, seconds: float, load: Load) -> dict[str, 
         "late_ticks": pace.late_ticks,
         "missed_ticks": pace.missed_ticks,
         "sheds": assembly.node.shedding.sheds,
-        "predictor_late": assembly.prediction.late,
+        "predictor_late": assembly.prediction.counters["predictor_late"],
         "superseded": link.counters.superseded,
         "decimated": link.counters.decimated,
     }

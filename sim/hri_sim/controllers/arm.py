@@ -73,6 +73,7 @@ class SimulatedArm:
         self.peak_speed_m_s = float(speeds.max())
         floor = max(_FLOOR * self.peak_speed_m_s, 1e-6)
         self._governed = np.maximum(speeds, floor).tolist()  # plain floats: read one by one, fast
+        self._last = len(speeds) - 2
         self._per_s = (len(speeds) - 1) / self._duration_s
         self.path_s = path_s % self._duration_s
         self.rate = rate
@@ -94,8 +95,7 @@ class SimulatedArm:
         elapsed_s = (now_ns - self._now_ns) * 1e-9
         self._now_ns = now_ns
         count = min(max(1, math.ceil(elapsed_s / _SUBSTEP_S)), 1000)
-        for _ in range(count):
-            self._substep(elapsed_s / count, permitted_m_s)
+        self._substeps(count, elapsed_s / count, permitted_m_s)
 
     def joints(self) -> tuple[Floats, Floats]:
         """Joint positions and velocities (N,), rad and rad/s."""
@@ -109,25 +109,30 @@ class SimulatedArm:
         """Whether the arm stands because it must."""
         return self.rate == 0.0
 
-    def _substep(self, dt: float, permitted_m_s: float) -> None:
-        speed = self.rate * self._nominal(self.path_s)
-        # where this substep ends, to first order: that is where the new speed holds
-        ahead = self._nominal(self.path_s + self._way * self.rate * dt)
-        wanted = min(permitted_m_s, ahead)
-        if speed > wanted:
-            reached = max(wanted, speed - self.deceleration_m_s2 * dt)
-        else:
-            reached = min(wanted, speed + self._acceleration * dt)
-        rate = min(reached / ahead, 1.0)
-        if permitted_m_s < speed:
-            rate = min(rate, self.rate)  # it must brake, so a slower path never speeds it up
-        moved = self._way * 0.5 * (self.rate + rate) * dt
-        self.path_s = (self.path_s + moved) % self._duration_s
-        self.rate = rate
+    def _substeps(self, count: int, dt: float, permitted_m_s: float) -> None:
+        """Move on ``count`` times by ``dt``; in plain numbers and one loop, for it runs often."""
+        path_s, rate, way = self.path_s, self.rate, self._way
+        slower, faster = self.deceleration_m_s2 * dt, self._acceleration * dt
+        for _ in range(count):
+            speed = rate * self._nominal(path_s)
+            # where this substep ends, to first order: that is where the new speed holds
+            ahead = self._nominal(path_s + way * rate * dt)
+            wanted = permitted_m_s if permitted_m_s < ahead else ahead
+            if speed > wanted:
+                reached = max(wanted, speed - slower)
+            else:
+                reached = min(wanted, speed + faster)
+            before, rate = rate, min(reached / ahead, 1.0)
+            if permitted_m_s < speed:
+                rate = min(rate, before)  # it must brake, so a slower path never speeds it up
+            path_s = (path_s + way * 0.5 * (before + rate) * dt) % self._duration_s
+        self.path_s, self.rate = path_s, rate
 
     def _nominal(self, path_s: float) -> float:
         place = (path_s % self._duration_s) * self._per_s
-        i = min(int(place), len(self._governed) - 2)
+        i = int(place)
+        if i > self._last:
+            i = self._last
         low, high = self._governed[i], self._governed[i + 1]
         value: float = low + (high - low) * (place - i)
         return value

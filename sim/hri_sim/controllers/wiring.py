@@ -5,7 +5,7 @@ Here that wire is a small file that both processes map into memory. A permit tha
 or older than ``PERMIT_STALE_S`` reads as 0: a dead monitor stops the robot.
 
 The same file carries the arm's true joint state, which the monitor reports and the referee uses. On
-the virtual clock a plain buffer replaces the file.
+the virtual clock plain values replace the file.
 """
 
 import mmap
@@ -71,10 +71,10 @@ class Wiring:
         self._channels = {name: 1 + i for i, name in enumerate(channels)}
         self._next_slot = [0] * (1 + len(channels))
 
-    @classmethod
-    def in_memory(cls, channels: Sequence[str]) -> Self:
+    @staticmethod
+    def in_memory(channels: Sequence[str]) -> "Wiring":
         """Wires within one process."""
-        return cls(bytearray(_REGISTER * (1 + len(channels))), channels)
+        return _InMemory(channels)
 
     @classmethod
     def create(cls, path: Path, channels: Sequence[str]) -> Self:
@@ -167,3 +167,17 @@ class Wiring:
             if newest is None or stamp_ns >= newest[0]:
                 newest = (stamp_ns, values[: min(count, _VALUES)])
         return newest
+
+
+class _InMemory(Wiring):
+    """Wires within one thread: nothing can be torn, so plain values replace bytes and CRCs."""
+
+    def __init__(self, channels: Sequence[str]) -> None:
+        super().__init__(bytearray(), channels)
+        self._registers: list[tuple[int, list[float]] | None] = [None] * (1 + len(channels))
+
+    def _write(self, register: int, stamp_ns: int, values: list[float]) -> None:
+        self._registers[register] = (stamp_ns, values)
+
+    def _read(self, register: int) -> tuple[int, list[float]] | None:
+        return self._registers[register]

@@ -1,45 +1,36 @@
 """Thousands of closed-loop episodes: ``hri-predict simulate``."""
 
-import hashlib
 import logging
-import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import hri_predict
-import hri_sim
 from hri_predict.clock import VirtualClock
 from hri_predict.errors import ConfigError, UnusableRecordingError
-from hri_predict.files import data_path, read_text
+from hri_predict.files import read_text
 from hri_predict.joint_map import MAP_ENDINGS
+from hri_predict.machine.hiring import workers_for
+from hri_predict.machine.identity import code_digest
 from hri_predict.peers import SimulationReport, SimulationRequest
-from hri_predict.recording import unused
 from hri_predict.recording.recording import names_of
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_sim.simulation.approach import ApproachSource, map_of, together
 from hri_sim.simulation.bodies import engines_of
 from hri_sim.simulation.cell import Cell, Variant, variants
-from hri_sim.simulation.motion import Motion, load_motion
+from hri_sim.simulation.motion import PROCEDURAL, Motion, load_motion
 from hri_sim.simulation.results.publish import Result, report
 from hri_sim.simulation.results.report import Judged, Row, judged
 from hri_sim.simulation.scenario import draw
 from hri_sim.simulation.store import Store
-from hri_sim.simulation.work import ALONE, Block, Plan, blocks, episodes, run_block
+from hri_sim.simulation.work import ALONE, Plan, blocks, episodes, run_block
 
 __all__ = ["Result", "report", "run", "simulate"]
 
 log = logging.getLogger(__name__)
 
-_DECIDING = (".py", ".yaml", ".json", ".safetensors")
 CHECKED_SHARE = 0.02
 CHECKED_LEAST = 3
 
@@ -70,10 +61,12 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
     total = plan.episodes * len(plan.predictors)
     done = total - sum(len(episodes(plan, block)) for block in todo)
     progress(done, total)
-    for block, rows in _worked(plan, todo, request.jobs):
-        store.add(block.key, rows)
-        done += len(episodes(plan, block))
-        progress(done, total)
+    jobs = request.jobs if len(todo) > 1 else 1
+    with workers_for(jobs, request.cluster, _reads(plan)) as workers:
+        for place, rows in workers.each(run_block, [(plan, block) for block in todo]):
+            store.add(todo[place].key, rows)
+            done += len(episodes(plan, todo[place]))
+            progress(done, total)
     return _result(plan, store, left_out)
 
 
@@ -112,7 +105,7 @@ def _decided_by(plan: Plan) -> dict[str, Any]:
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
-        "code": _code(),
+        "code": code_digest(),
     }
 
 
@@ -132,15 +125,14 @@ def _text(joint_map: str | None) -> str | None:
     return read_text(Path(joint_map), "joint map") if own and joint_map else joint_map
 
 
-def _code() -> str:
-    """Return a digest of the code, weights, calibrations and robots that decide the results."""
-    digest = hashlib.sha256()
-    folders = [Path(str(package.__file__)).parent for package in (hri_predict, hri_sim)]
-    for folder in (*folders, data_path()):
-        for path in sorted(p for p in folder.rglob("*") if p.suffix in _DECIDING):
-            digest.update(str(path.relative_to(folder)).encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+def _reads(plan: Plan) -> list[Path]:
+    """The files that decide an episode, but for those of the installation."""
+    config = plan.loaded(None)
+    beside = [config.node.risk.coverage.calibration, plan.joint_map, *dict(plan.seen).values()]
+    named = [name for name in beside if isinstance(name, str) and Path(name).suffix]
+    recorded = [name for name in plan.motions if not name.startswith(PROCEDURAL + ":")]
+    paths = [Path(plan.config), *((config.base_dir or Path()) / name for name in named)]
+    return [*paths, *map(Path, recorded)]
 
 
 def _usable(plan: Plan, cell: Cell, modes: Sequence[Variant]) -> tuple[Plan, list[str]]:
@@ -208,49 +200,6 @@ def _demand_fast(motion: Motion, cell: Cell, modes: Sequence[Variant]) -> None:
         raise UnusableRecordingError(
             f"recording {motion.name}: {motion.rate_hz:.3g} captures a second are too few; {error}"
         ) from error
-
-
-def _worked(plan: Plan, todo: Sequence[Block], jobs: int) -> Iterator[tuple[Block, dict[str, Any]]]:
-    """Yield each block when it is finished."""
-    if jobs == 1 or len(todo) < 2:
-        for block in todo:
-            yield block, run_block(plan, block)
-        return
-    context = multiprocessing.get_context("spawn")
-    for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):  # one thread for each process
-        os.environ.setdefault(variable, "1")
-    with ProcessPoolExecutor(jobs, context, initializer=_begin) as pool:
-        waiting = {pool.submit(run_block, plan, block): block for block in todo}
-        try:
-            while waiting:
-                finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    yield waiting.pop(future), future.result()
-        except BrokenProcessPool as error:
-            raise ConfigError(
-                "--jobs: a process ended too early, perhaps for lack of memory; run again with "
-                "fewer jobs, and with --resume if you gave --out"
-            ) from error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _begin() -> None:
-    """Set up a process: one thread, a quiet end, and an end with the process that started it."""
-    import torch
-
-    torch.set_num_threads(1)
-    logging.getLogger(unused.__name__).setLevel(logging.ERROR)  # said by the starting process
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _result(plan: Plan, store: Store, left_out: Sequence[str]) -> Result:

@@ -6,7 +6,7 @@ stages in its own frame, and an episode moves the results.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +36,13 @@ class Bodies:
         snapshots: (K).
         forecasts: (K) of (P, H, J, 3); ``None`` without a forecast.
         zones: variant's name -> (K).
+        nobody: (K) zones of the same moments if the node had seen nobody; empty: not computed.
     """
 
     snapshots: list[PeopleSnapshot]
     forecasts: list[Floats | None]
     zones: dict[str, list[BodyZones]]
+    nobody: list[BodyZones] = field(default_factory=list)
 
 
 def compute(
@@ -70,6 +72,7 @@ def compute(
     people = assemble.build_people(config, source, cell.predictor)
     runner = PredictionRunner(cell.predictor, deadline_s=None)
     engines = engines_of(cell, source, clock, variants)
+    (empty,) = engines_of(cell, source, clock, variants[:1]).values()
     found = Bodies([], [], {name: [] for name in engines})
     ticks = ticks_of(config.node, source.rate_hz, VIRTUAL_START_NS)
     for tick_ns in _ticks(source, people, ticks):
@@ -80,6 +83,7 @@ def compute(
             found.zones[name].append(engine.zones(snapshot, forecast, reasons))
         found.forecasts.append(None if forecast is None else forecast.positions)
         found.snapshots.append(snapshot)
+        found.nobody.append(empty.zones(without_people(snapshot), None))
     for name in (v.name for v in variants if v.is_foreknown):
         last_s = found.zones[name][-1].zones.times_s[-1]
         end_ns = found.snapshots[-1].now_ns + round(last_s * 1e9)
@@ -123,12 +127,30 @@ def _ticks(source: ApproachSource, people: People, ticks: Ticks) -> Iterator[int
             yield now_ns
 
 
+def without_people(snapshot: PeopleSnapshot) -> PeopleSnapshot:
+    """The snapshot of an empty room, and without reasons against one."""
+    return replace(
+        snapshot,
+        ids=(),
+        history=snapshot.history[:0],
+        observed=snapshot.observed[:0],
+        capture_ns=snapshot.capture_ns[:0],
+        last_positions=snapshot.last_positions[:0],
+        joint_age_s=snapshot.joint_age_s[:0],
+        lost=(),
+        reasons=(),
+        recent=None,
+        inferred=None,
+    )
+
+
 def moved(bodies: Bodies, matrix: Floats, person: int) -> Bodies:
     """Return the bodies after a rigid motion (4, 4), with every id raised by ``person``."""
     return Bodies(
         [_moved_snapshot(s, matrix, person) for s in bodies.snapshots],
         [None if f is None else transform(matrix, f) for f in bodies.forecasts],
         {name: [_moved_zones(z, matrix, person) for z in zs] for name, zs in bodies.zones.items()},
+        bodies.nobody,
     )
 
 

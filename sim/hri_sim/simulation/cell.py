@@ -125,6 +125,7 @@ class Cell:
                 f"has no hardware (see the shipped simulate.yaml)"
             )
         self.config = config
+        self._configs: dict[str, Config] = {}
         self.predictor = predictor or assemble.build_predictor(config)
         self._posts = posts(config.links, config.node.robots, config.base_dir)
         drives = {p.robot.name: p.drive for p in self._posts if p.drive is not None}
@@ -145,6 +146,12 @@ class Cell:
         """The configuration's source."""
         assert isinstance(self.config.source, ApproachSettings)
         return self.config.source
+
+    def config_of(self, variant: Variant) -> Config:
+        """``with_risk`` of a variant, validated once."""
+        if variant.name not in self._configs:
+            self._configs[variant.name] = with_risk(self.config, variant)
+        return self._configs[variant.name]
 
     def posts(self, links: Sequence[LinkSettings]) -> list[Post]:
         """Return the posts at the far ends of these links, with a scenario's start."""

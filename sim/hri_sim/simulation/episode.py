@@ -6,9 +6,9 @@ stepped as in ``hri-predict run --speed max``. People, predictor and zones are p
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.arrays import Floats
 from hri_predict.clock import VirtualClock
 from hri_predict.monitoring.pace import Pace
 from hri_predict.node.listeners import Listener, Tick
@@ -31,10 +31,12 @@ from hri_predict.run.runtime import step_all
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.scene import Scene
 from hri_sim.controllers.cell import MockCell
-from hri_sim.referee import Referee, TruePeople
+from hri_sim.referee import Bodies as BodiesNow
+from hri_sim.referee import TruePeople
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact
-from hri_sim.simulation.bodies import Bodies
-from hri_sim.simulation.cell import Cell, Variant, with_risk, with_scenario
+from hri_sim.simulation.bodies import Bodies, without_people
+from hri_sim.simulation.cell import Cell, Variant, with_scenario
+from hri_sim.simulation.course import Course, CourseReferee, SharedTruth
 from hri_sim.simulation.harm import Bearable, Harm
 from hri_sim.simulation.scenario import Scenario
 
@@ -45,7 +47,7 @@ class Log:
 
     Attributes:
         times_s: (K,) since the start.
-        people: (K) id -> canonical joints (J, 3) and which are known (J,).
+        course: (K) people, robots and tools.
         q, path_s: robot name -> (K) joints (N,), and seconds of full speed along its path, not
             wrapped at the cycle's end.
         levels: (K) of each robot's advice.
@@ -56,7 +58,7 @@ class Log:
     """
 
     times_s: list[float] = field(default_factory=list)
-    people: list[dict[int, tuple[Floats, Bools]]] = field(default_factory=list)
+    course: Course = field(default_factory=Course)
     q: dict[str, list[Floats]] = field(default_factory=dict)
     path_s: dict[str, list[float]] = field(default_factory=dict)
     levels: list[tuple[Level, ...]] = field(default_factory=list)
@@ -69,9 +71,20 @@ class Log:
     controllers: Sequence[ControllerReport] = ()
     harm: Harm | None = None
 
+    @property
+    def people(self) -> Sequence[BodiesNow]:
+        """(K) id -> canonical joints (J, 3) and which are known (J,)."""
+        return self.course.people
+
 
 def run_episode(
-    *, cell: Cell, scenario: Scenario, variant: Variant, bodies: Bodies, nobody: bool = False
+    *,
+    cell: Cell,
+    scenario: Scenario,
+    variant: Variant,
+    bodies: Bodies,
+    truth: SharedTruth | None = None,
+    nobody: bool = False,
 ) -> Log:
     """Step one episode.
 
@@ -80,10 +93,11 @@ def run_episode(
         scenario: the approach.
         variant: the way to judge risk.
         bodies: the people as the node knows them, in the room frame.
+        truth: where the people truly are, if other episodes of the scenario ask as well.
         nobody: show the node an empty room, so that the robot works as if alone. This gives the
             course without protection, and the work that an empty cell does.
     """
-    config = with_scenario(with_risk(cell.config, variant), scenario)
+    config = with_scenario(cell.config_of(variant), scenario)
     clock = VirtualClock(VIRTUAL_START_NS)
     mock = MockCell(
         links=config.links,
@@ -126,16 +140,29 @@ def run_episode(
         trackers=tuple(trackers),
         node=node,
     )
-    truth = TruePeople(ApproachSource(exact(cell_settings(config)), config.base_dir))
-    harm = Harm(_bearable(config, cell.models))
-    referee = Referee(cell.models, config.node.risk.clearance_m, mock.tool_of, harm.note)
-    recorder = _Recorder(mock, truth, referee, cell)
+    recorder = _Recorder(mock, truth or truth_of(cell, scenario), cell)
     step_all(assembly=assembly, pace=Pace(), beside=mock, each_tick=recorder.observe)
     if node.assess_failures or node.listener_failures:
         raise RuntimeError(f"the risk stage failed in episode {scenario.index}")
     log = recorder.log(watch, mock.stop())
-    log.harm = harm
+    log.harm = harm = Harm(_bearable(config, cell.models))
+    _judge(log, CourseReferee(cell.models, config.node.risk.clearance_m, None, harm.note))
     return log
+
+
+def truth_of(cell: Cell, scenario: Scenario) -> SharedTruth:
+    """Where the people of a scenario truly are, in all its episodes."""
+    settings = exact(cell_settings(with_scenario(cell.config, scenario)))
+    return SharedTruth(TruePeople(ApproachSource(settings, cell.config.base_dir)))
+
+
+def _judge(log: Log, referee: CourseReferee) -> None:
+    """Let the referee judge the whole course."""
+    referee.judge(log.course)
+    log.contacts, log.contacts_standing = referee.contacts, referee.contacts_standing
+    log.min_separation_m = referee.min_separation_m
+    log.moving_separation_m = referee.moving_separation_m
+    log.violation_s, log.violation_m = referee.violation_s, referee.violation_m
 
 
 def _bearable(config: Config, models: Sequence[RobotModel]) -> dict[str, Bearable]:
@@ -158,16 +185,16 @@ class _Played:
 
     def __init__(self, bodies: Bodies, variant: str, nobody: bool) -> None:
         self._bodies = bodies
-        self._zones = bodies.zones[variant]
+        self._zones = bodies.nobody if nobody else bodies.zones[variant]
         self._at = {snapshot.now_ns: k for k, snapshot in enumerate(bodies.snapshots)}
         self.nobody = nobody
 
     def snapshot(self, now_ns: int) -> PeopleSnapshot:
         snapshot = self._bodies.snapshots[self._at[now_ns]]
-        return _empty(snapshot) if self.nobody else snapshot
+        return without_people(snapshot) if self.nobody else snapshot
 
-    def zones(self, now_ns: int) -> BodyZones:
-        return self._zones[self._at[now_ns]]
+    def zones(self, now_ns: int) -> BodyZones | None:
+        return self._zones[self._at[now_ns]] if self._zones else None
 
 
 class _PlayedPeople(People):
@@ -206,10 +233,7 @@ class _PlayedRisk(RiskEngine):
     ) -> Assessment:
         """Judge the zones of this tick: separation and levels alone are computed."""
         engine = self._engine
-        if self._played.nobody:
-            bodies = engine.zones(snapshot, None)
-        else:
-            bodies = self._played.zones(snapshot.now_ns)
+        bodies = self._played.zones(snapshot.now_ns) or engine.zones(snapshot, None)
         findings = engine.separation(bodies, engine.robots(snapshot.now_ns))
         return engine.levels(snapshot, bodies, findings)
 
@@ -250,29 +274,28 @@ class _Watch(Listener):
 
 
 class _Recorder:
-    """Judges and records the true state at each tick."""
+    """Notes the true state at each tick."""
 
-    def __init__(self, mock: MockCell, truth: TruePeople, referee: Referee, cell: Cell) -> None:
-        self._mock, self._truth, self._referee = mock, truth, referee
+    def __init__(self, mock: MockCell, truth: SharedTruth, cell: Cell) -> None:
+        self._mock, self._truth = mock, truth
         self._cycles = {
             model.name: trajectory.duration_s
             for model, trajectory in zip(cell.models, cell.trajectories, strict=True)
         }
-        self._stamps: list[int] = []
         self._log = Log(
             q={name: [] for name in self._cycles}, path_s={name: [] for name in self._cycles}
         )
 
     def observe(self, now_ns: int) -> None:
-        """Judge the time since the last tick, as the node's own referee does."""
-        if not self._stamps:
+        """Note the state at a tick."""
+        log, course = self._log, self._log.course
+        if not course.stamps_ns:
             self._truth.open(now_ns)
-        people, robots = self._truth.at(now_ns), self._mock.robot_truth(now_ns)
-        self._referee.observe(now_ns, people, robots)
-        log, paths = self._log, self._mock.path_s()
-        self._stamps.append(now_ns)
-        log.times_s.append((now_ns - VIRTUAL_START_NS) * 1e-9)
-        log.people.append(people)
+        robots, paths = self._mock.robot_truth(now_ns), self._mock.path_s()
+        course.stamps_ns.append(now_ns)
+        course.people.append(self._truth.at(now_ns))
+        course.robots.append(robots)
+        course.tools.append({name: self._mock.tool_of(name) for name in robots})
         for name, cycle_s in self._cycles.items():
             log.q[name].append(robots[name][0])
             before, now = log.path_s[name], paths[name]
@@ -282,27 +305,8 @@ class _Recorder:
 
     def log(self, watch: _Watch, reports: Sequence[ControllerReport]) -> Log:
         """The whole log, at the end."""
-        log, referee = self._log, self._referee
-        log.levels = [watch.levels[stamp] for stamp in self._stamps]
-        log.contacts, log.contacts_standing = referee.contacts, referee.contacts_standing
-        log.min_separation_m = referee.min_separation_m
-        log.moving_separation_m = referee.moving_separation_m
-        log.violation_s, log.violation_m = referee.violation_s, referee.violation_m
+        log, stamps = self._log, self._log.course.stamps_ns
+        log.times_s = [(stamp - VIRTUAL_START_NS) * 1e-9 for stamp in stamps]
+        log.levels = [watch.levels[stamp] for stamp in stamps]
         log.controllers = reports
         return log
-
-
-def _empty(snapshot: PeopleSnapshot) -> PeopleSnapshot:
-    """Return the snapshot without people and without reasons against an empty room."""
-    return replace(
-        snapshot,
-        ids=(),
-        history=snapshot.history[:0],
-        observed=snapshot.observed[:0],
-        capture_ns=snapshot.capture_ns[:0],
-        last_positions=snapshot.last_positions[:0],
-        joint_age_s=snapshot.joint_age_s[:0],
-        lost=(),
-        reasons=(),
-        inferred=None,
-    )

@@ -9,13 +9,13 @@ from earlier results: people, zones, links, controllers, arm and referee are tho
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from hri_predict.errors import ConfigError, HriPredictError
+from hri_predict.machine.hiring import workers_for
 from hri_predict.node.listeners import Tick
 from hri_predict.peers import OcclusionRequest, OcclusionRow
 from hri_predict.people.settings import PeopleSettings
@@ -226,16 +226,14 @@ def _check_script(config: Config) -> None:
 def simulate(
     request: OcclusionRequest, progress: Callable[[int, int], None]
 ) -> Iterator[OcclusionRow]:
-    """Play all episodes; yield the rows of each when it is done."""
+    """Play all episodes; yield the rows of each, in their order."""
     indices = range(request.first, request.first + request.episodes)
     progress(0, request.episodes)
-    if request.jobs == 1:
-        for done, index in enumerate(indices, 1):
-            yield from play(request, index)
+    tasks = [(request, index) for index in indices]
+    found: dict[int, list[OcclusionRow]] = {}
+    with workers_for(request.jobs, request.cluster, [request.config]) as workers:
+        for done, (place, rows) in enumerate(workers.each(play, tasks), 1):
+            found[place] = rows
             progress(done, request.episodes)
-        return
-    with ProcessPoolExecutor(request.jobs) as pool:
-        results = pool.map(play, [request] * request.episodes, indices)
-        for done, rows in enumerate(results, 1):
-            yield from rows
-            progress(done, request.episodes)
+    for place in range(len(tasks)):
+        yield from found[place]

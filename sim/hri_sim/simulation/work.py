@@ -13,7 +13,7 @@ from hri_sim.simulation import bodies as stages
 from hri_sim.simulation.approach import over_floor
 from hri_sim.simulation.bodies import Bodies
 from hri_sim.simulation.cell import Cell, Variant, variants
-from hri_sim.simulation.episode import run_episode
+from hri_sim.simulation.episode import run_episode, truth_of
 from hri_sim.simulation.motion import load_motion
 from hri_sim.simulation.results.outcome import Truth, outcome, prediction
 from hri_sim.simulation.scenario import Scenario, draw
@@ -108,8 +108,14 @@ def run_block(plan: Plan, block: Block) -> dict[str, Any]:
     for index in episodes(plan, block):
         scenario = scenario_of(plan, cell, index, motions)
         together = _bodies(plan, block.predictor, scenario)
+        shared = truth_of(cell, scenario)
         alone = run_episode(
-            cell=cell, scenario=scenario, variant=modes[0], bodies=together, nobody=True
+            cell=cell,
+            scenario=scenario,
+            variant=modes[0],
+            bodies=together,
+            truth=shared,
+            nobody=True,
         )
         truth = Truth.of(alone, cell.models)
         found = outcome(cell=cell, scenario=scenario, log=alone, alone=alone, truth=truth).as_dict()
@@ -120,7 +126,9 @@ def run_block(plan: Plan, block: Block) -> dict[str, Any]:
             ).as_dict()
         )
         for variant in modes:
-            log = run_episode(cell=cell, scenario=scenario, variant=variant, bodies=together)
+            log = run_episode(
+                cell=cell, scenario=scenario, variant=variant, bodies=together, truth=shared
+            )
             found = outcome(
                 cell=cell, scenario=scenario, log=log, alone=alone, truth=truth
             ).as_dict()

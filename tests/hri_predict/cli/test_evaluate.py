@@ -16,7 +16,7 @@ from hri_predict.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.neural.network import Shape, network_class_of
-from hri_predict.predictors.neural.predictor import shipped_weights
+from hri_predict.predictors.neural.settings import shipped_weights
 from hri_predict.predictors.neural.weights import save_weights
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"

@@ -11,7 +11,7 @@ from hri_predict.conformance.predictors import CHECKS, PredictorPart, check_pred
 from hri_predict.errors import PredictorError
 from hri_predict.predictors.base import Forecast
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
-from hri_predict.predictors.neural.predictor import shipped_weights
+from hri_predict.predictors.neural.settings import shipped_weights
 from hri_predict.run.assemble import predictor_of
 
 DAILY = {"zero_velocity", "constant_velocity", "kalman", "sinn"}

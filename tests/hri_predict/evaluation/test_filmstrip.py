@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from hri_predict.evaluation.filmstrip import draw, middle, write_filmstrips
-from hri_predict.evaluation.recordings import baselines, forecast
+from hri_predict.evaluation.recordings import baselines, built, forecast
 from hri_predict.evaluation.windows import Motion, origins
 from hri_predict.predictors.neural.body import BODY
 
@@ -60,7 +60,7 @@ def test_no_window_without_a_second_of_known_future():
 def test_a_picture_per_time_tells_the_error_and_that_of_standing_still():
     scene = middle([wave("walking_1")], 15)
     assert scene is not None
-    predictor = baselines()["zero_velocity"]
+    predictor = built(baselines()["zero_velocity"])
     whole = forecast(predictor, scene.window)[0]
     shown = texts(draw("kalman", [scene], [whole]))
     scored = [j for j, name in enumerate(BODY.joints) if name[2:] != "hip"]
@@ -73,7 +73,7 @@ def test_a_picture_per_time_tells_the_error_and_that_of_standing_still():
 
 
 def test_a_file_per_predictor_of_the_actions_asked_for(tmp_path):
-    both = {name: baselines()[name] for name in ("zero_velocity", "kalman")}
+    both = {name: built(baselines()[name]) for name in ("zero_velocity", "kalman")}
     arms = [j for j, name in enumerate(BODY.joints) if name[2:] in ("shoulder", "elbow", "wrist")]
     motions = [wave("walking_1"), wave("arms_1", seen=arms)]
     files = write_filmstrips(both, motions, tmp_path / "new", ["walking", "arms", "running"])

@@ -12,6 +12,7 @@ from hri_predict.evaluation.recordings import (
     Errors,
     RecordingResult,
     baselines,
+    built,
     judge_all,
 )
 from hri_predict.evaluation.recordings import judge_one as judge
@@ -56,7 +57,7 @@ def motion(duration_s: float, rate_hz: float, name: str = "walking_1", seed: int
 
 
 def predictor(kind: str = "zero_velocity"):
-    return baselines()[kind]
+    return built(baselines()[kind])
 
 
 class Off:
@@ -79,7 +80,9 @@ class Off:
 @pytest.mark.skipif(not DATA.exists(), reason="needs ../shared/data")
 def test_baselines_have_the_known_errors_over_the_five_actions():
     files = [DATA / "cmu_mocap" / "test" / f"{action}_1.npz" for action in MEAN_ACTIONS]
-    results = {r.predictor: r for r in judge_all(baselines(), files)}
+    results = {
+        r.predictor: r for r in judge_all({n: built(s) for n, s in baselines().items()}, files)
+    }
     windows = [e.windows for e in results["zero_velocity"].actions.values()]
     assert windows == [81, 396, 86, 36, 535]
     columns = [HORIZONS_MS.index(ms) for ms in (120, 200, 400, 600, 1000)]

@@ -16,7 +16,7 @@ from hri_predict.predictors.neural.network import (
     Shape,
     network_class_of,
 )
-from hri_predict.predictors.neural.predictor import NeuralSettings, shipped_weights
+from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import save_weights
 from hri_predict.skeleton import CANONICAL
 from hri_sim.people.body import Body

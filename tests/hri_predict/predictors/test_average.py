@@ -6,7 +6,7 @@ import pytest
 from hri_predict import registry
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.average import AveragePredictor, AverageSettings
-from hri_predict.predictors.neural.predictor import shipped_weights
+from hri_predict.predictors.neural.settings import shipped_weights
 from hri_predict.run.config import predictor_settings
 
 BASELINES = ("zero_velocity", "constant_velocity", "kalman")

@@ -4,8 +4,6 @@ Nothing here asserts that anything is fast: slow ticks are made, and what must f
 """
 
 import itertools
-import os
-import signal
 import sys
 import threading
 import time
@@ -16,67 +14,11 @@ import pytest
 
 from hri_predict.clock import MonotonicClock, VirtualClock
 from hri_predict.errors import LinkError
-from hri_predict.node.shedding import Shedding
+from hri_predict.machine.realtime import RealtimeSettings
 from hri_predict.protocol.messages import NodeState
-from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
+from hri_predict.run.runtime import run_real_time, run_virtual
 from hri_predict.source import NOT_KNOWN_NS
-
-MS = 1_000_000
-
-
-class Source:
-    """A scene every 10 ms, or what the test asks for."""
-
-    def __init__(self, period_ns=10 * MS, count=None):
-        self.period_ns, self.count = period_ns, count
-        self.k, self.start_ns, self.polls, self.closed = 0, 0, 0, False
-        self.rate_hz = 1e9 / (period_ns or 10 * MS)
-        self.fails: list[str] = []  # what to raise, one per poll
-
-    def open(self, start_ns):
-        self.start_ns = start_ns
-
-    def next_ns(self):
-        if self.count is not None and self.k >= self.count:
-            return None
-        return self.start_ns + self.k * self.period_ns
-
-    def poll(self, now_ns):
-        self.polls += 1
-        assert not self.closed
-        if self.fails:
-            raise OSError(self.fails.pop())
-        due_ns = self.next_ns()
-        if due_ns is None or due_ns > now_ns:
-            return None
-        self.k += 1
-        return self.k
-
-    def close(self):
-        self.closed = True
-
-
-class Node:
-    def __init__(self, clock):
-        self.clock = clock
-        self.ticks, self.scenes, self.said = [], [], []
-        self.slow: dict[int, float] = {}  # tick -> seconds that it takes
-        self.shedding = Shedding()
-        self.warm = False
-
-    def warm_up(self):
-        assert not self.said, "it is warm before anybody hears of it"
-        self.warm = True
-
-    def tick(self, now_ns):
-        self.ticks.append(now_ns)
-        time.sleep(self.slow.get(len(self.ticks), 0.0))
-
-    def receive(self, scene, receipt_ns):
-        self.scenes.append((scene, receipt_ns))
-
-    def announce(self, now_ns, state, reason):
-        self.said.append(state)
+from tests.hri_predict.run.fakes import MS, Node, Source
 
 
 class Link:
@@ -105,7 +47,9 @@ def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
         source=source or Source(),
         links=tuple(links),
         prediction=prediction,
-        config=SimpleNamespace(node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed")),
+        config=SimpleNamespace(
+            node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed", realtime=RealtimeSettings())
+        ),
     )
 
 
@@ -332,28 +276,6 @@ def test_the_interpreter_is_left_as_it_was():
     before = sys.getswitchinterval()
     run_real_time(assembly=make(), stop=threading.Event(), duration_s=0.05)
     assert sys.getswitchinterval() == before
-
-
-def test_a_hangup_that_is_ignored_stays_ignored():
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with stop_on_signals(threading.Event()):
-            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGHUP, before)
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signals_set_the_event_and_are_put_back(number):
-    stop, at_start = threading.Event(), signal.getsignal(number)
-    signal.signal(number, signal.default_int_handler)  # under nohup SIGHUP is ignored
-    try:
-        with stop_on_signals(stop):
-            os.kill(os.getpid(), number)
-            assert stop.wait(5)
-        assert signal.getsignal(number) is signal.default_int_handler
-    finally:
-        signal.signal(number, at_start)
 
 
 # -- virtual time

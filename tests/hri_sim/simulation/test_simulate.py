@@ -12,6 +12,7 @@ from hri_predict.peers import SimulationRequest
 from hri_predict.run import config as configuration
 from hri_sim.simulation import report, simulate
 from hri_sim.simulation.work import BLOCK, Plan, blocks, episodes
+from tests.hri_predict.machine.dask_processes import scheduler, worker
 
 
 def plan(motions, count):
@@ -165,3 +166,20 @@ def test_unknown_modes_and_coverages_are_refused_before_anything_starts(request_
 def test_a_configuration_without_a_closed_loop_is_refused(request_of):
     with pytest.raises(ConfigError, match="needs 'approach'"):
         simulate(request_of(config=configuration.shipped("demo.yaml")), lambda *_: None)
+
+
+@pytest.mark.realtime
+@pytest.mark.long
+def test_two_processes_give_the_same_table_as_one(request_of):
+    alone = text(simulate(request_of(jobs=1), lambda *_: None))
+    assert text(simulate(request_of(jobs=2), lambda *_: None)) == alone
+
+
+@pytest.mark.realtime
+@pytest.mark.long
+def test_two_workers_of_a_cluster_give_the_same_table_as_this_process(request_of, tmp_path):
+    pytest.importorskip("distributed", reason="needs the extra 'cluster'")
+    alone = text(simulate(request_of(jobs=1), lambda *_: None))
+    with scheduler(tmp_path) as address, worker(address, tmp_path / "a"):  # noqa: SIM117
+        with worker(address, tmp_path / "b"):
+            assert text(simulate(request_of(cluster=address), lambda *_: None)) == alone

@@ -115,3 +115,18 @@ def test_a_recording_named_twice_is_refused(cli, tmp_path):
     status, _, err = cli("--data", path, "--data", path)
     assert status == 2
     assert "named twice" in err
+
+
+def test_a_cluster_that_is_not_there_is_one_line(cli, small, monkeypatch):
+    pytest.importorskip("distributed", reason="needs the extra 'cluster'")
+    monkeypatch.setattr("hri_predict.machine.cluster.CONNECT_S", 0.3)
+    status, text, err = cli(*small, "--cluster", "tcp://127.0.0.1:9")
+    assert (status, text) == (2, "")
+    assert "no Dask scheduler answers there" in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_jobs_have_no_effect_with_a_cluster(cli, small):
+    status, _, err = cli(*small, "--cluster", "tcp://127.0.0.1:9", "--jobs", "2")
+    assert status == 2
+    assert "--jobs: has no effect with --cluster" in err

@@ -15,10 +15,11 @@ from torch import nn
 from hri_predict import registry
 from hri_predict.cli.check import predictors as listing
 from hri_predict.errors import ConfigError, PredictorError
-from hri_predict.predictors.neural import predictor as neural
+from hri_predict.predictors.neural import settings as neural
 from hri_predict.predictors.neural.body import BODY, SHARED_BODY, SHARED_CANONICAL, from_canonical
 from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, Window, last_pose
-from hri_predict.predictors.neural.predictor import NeuralPredictor, NeuralSettings, shipped_weights
+from hri_predict.predictors.neural.predictor import NeuralPredictor
+from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import save_weights
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Network, Shape, Target, Window
-from hri_predict.predictors.neural.predictor import NeuralSettings
+from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.predictors.neural.weights import save_weights
 from hri_predict.predictors.sinn.model import SINN, SINNOptions, SINNPredictor
 from hri_predict.predictors.sinn.symplectic import Critic, momentum, momentum_error, velocity

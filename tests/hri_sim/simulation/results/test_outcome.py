@@ -9,6 +9,7 @@ import pytest
 from hri_predict.geometry import Capsules
 from hri_predict.peers import ControllerReport
 from hri_predict.protocol.messages import Level
+from hri_sim.simulation.course import Course
 from hri_sim.simulation.episode import Log
 from hri_sim.simulation.results.outcome import HORIZON_S, NEAR_M, Truth, outcome
 from hri_sim.simulation.scenario import Scenario
@@ -49,7 +50,7 @@ def log(path_s, levels, events=(), **more):
     report = ControllerReport(name="drive", role="drive", robot="arm", events=list(events))
     return Log(
         times_s=times.tolist(),
-        people=[here if t >= 1.0 else {} for t in times],
+        course=Course(people=[here if t >= 1.0 else {} for t in times]),
         q={"arm": [np.array([p % 4.0]) for p in path_s]},
         path_s={"arm": list(path_s)},
         levels=[(level,) for level in levels],

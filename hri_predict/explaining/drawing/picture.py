@@ -10,8 +10,8 @@ import numpy as np
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError
 from hri_predict.explaining.because import distance_of, needed_by
+from hri_predict.explaining.drawing.plan import plan
 from hri_predict.explaining.episodes import level_of
-from hri_predict.explaining.plan import plan
 from hri_predict.explaining.situation import Situation
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import number
@@ -86,10 +86,10 @@ def _plan(axes: Axes, about: Situation) -> None:
     seen = plan(about)
     level = level_of(about.advice.data)
     for each in seen.zones.values():
-        _fill(axes, each, COLOURS[level], 0.10, 1)
+        _fill(axes, each, colour=COLOURS[level], alpha=0.10, layer=1)
     for id_, body in seen.bodies.items():
         colour = LOST if id_ in seen.lost else PERSON
-        _fill(axes, body, colour, 0.35, 2)
+        _fill(axes, body, colour=colour, alpha=0.35, layer=2)
         if len(body):
             word = " (lost)" if id_ in seen.lost else ""
             x, y = body[:, :2].mean(axis=0).tolist()
@@ -97,7 +97,7 @@ def _plan(axes: Axes, about: Situation) -> None:
                 f"person {id_}{word}", (x, y), (0, -34), textcoords="offset points", ha="center"
             )
     for name, robot in seen.robots.items():
-        _fill(axes, robot, ROBOT, 0.55, 3)
+        _fill(axes, robot, colour=ROBOT, alpha=0.55, layer=3)
         if len(robot):
             axes.annotate(
                 name, tuple(robot[0, :2]), (-6, 12), textcoords="offset points", ha="right"
@@ -125,7 +125,7 @@ def _plan(axes: Axes, about: Situation) -> None:
     axes.set_title(f"seen from above; {shade}", fontsize=9, loc="left")
 
 
-def _fill(axes: Axes, capsules: Floats, colour: str, alpha: float, layer: int) -> None:
+def _fill(axes: Axes, capsules: Floats, *, colour: str, alpha: float, layer: int) -> None:
     for capsule in capsules:
         edge = outline(capsule)
         axes.fill(*edge.T, color=colour, alpha=alpha, lw=0, zorder=layer)

@@ -1,0 +1,1 @@
+"""``check --realtime``: the machine that the node runs on."""

@@ -1,0 +1,21 @@
+"""Builds a predictor from validated settings, in the node's process or in its own."""
+
+from hri_predict import registry
+from hri_predict.errors import PredictorError
+from hri_predict.predictors.base import Predictor, PredictorSettings, refuse_unsound
+
+
+def predictor_of(settings: PredictorSettings) -> Predictor:
+    """Build a predictor from validated settings with resolved paths.
+
+    Raises:
+        HriPredictError: it cannot be built; one line with the remedy.
+    """
+    cls = registry.load("predictors", settings.name)
+    with registry.building(f"predictor '{settings.name}'"):
+        predictor = cls(settings)
+    try:
+        refuse_unsound(predictor)
+    except PredictorError as error:
+        raise PredictorError(f"predictor '{settings.name}': {error}") from error
+    return predictor

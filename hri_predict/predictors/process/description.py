@@ -1,0 +1,105 @@
+"""What a predictor in another process is: all that the node asks of one, except a forecast."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from hri_predict.predictors.base import Predictor
+from hri_predict.skeleton import CANONICAL, Segment, Skeleton, make_skeleton
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """The attributes of a predictor; see ``base.Predictor``.
+
+    Attributes:
+        digest: of the files that its forecasts depend on: a worker that is started anew must have
+            read the same ones.
+    """
+
+    skeleton: Skeleton
+    history_steps: int
+    horizon_steps: int
+    rate_hz: float
+    digest: str
+
+    @classmethod
+    def of(cls, predictor: Predictor, files: Sequence[Path]) -> Self:
+        """Describe ``predictor``, which depends on ``files``."""
+        whole = hashlib.sha256()
+        for path in files:
+            whole.update(hashlib.sha256(path.read_bytes()).digest() if path.is_file() else b"-")
+        return cls(
+            predictor.skeleton,
+            predictor.history_steps,
+            predictor.horizon_steps,
+            float(predictor.rate_hz),
+            whole.hexdigest(),
+        )
+
+    def as_data(self) -> dict[str, Any]:
+        """As plain data for JSON."""
+        return {
+            "skeleton": _skeleton_data(self.skeleton),
+            "history_steps": self.history_steps,
+            "horizon_steps": self.horizon_steps,
+            "rate_hz": self.rate_hz,
+            "digest": self.digest,
+        }
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> Self:
+        """The description that ``as_data`` gave. The canonical skeleton is the node's own object.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is not such data.
+        """
+        return cls(
+            _skeleton(data["skeleton"]),
+            int(data["history_steps"]),
+            int(data["horizon_steps"]),
+            float(data["rate_hz"]),
+            str(data["digest"]),
+        )
+
+    def is_like(self, other: "Description") -> bool:
+        """Whether another worker's forecasts can take the place of this one's."""
+        return json.dumps(self.as_data()) == json.dumps(other.as_data())
+
+
+def _skeleton_data(skeleton: Skeleton) -> dict[str, Any]:
+    return {
+        "name": skeleton.name,
+        "joints": skeleton.joints,
+        "parents": skeleton.parents,
+        "segments": [
+            [each.name, each.joint_a, each.joint_b, each.radius, each.part]
+            for each in skeleton.segments
+        ],
+        "left_right_pairs": skeleton.left_right_pairs,
+        "parts": skeleton.parts,
+        "bone_lengths": [
+            0.0 if parent < 0 else float(skeleton.reach[joint, parent])
+            for joint, parent in enumerate(skeleton.parents)
+        ],
+    }
+
+
+def _skeleton(data: dict[str, Any]) -> Skeleton:
+    if json.dumps(data) == json.dumps(_skeleton_data(CANONICAL)):
+        return CANONICAL
+    return make_skeleton(
+        data["name"],
+        data["joints"],
+        data["parents"],
+        segments=[
+            Segment(name=name, joint_a=a, joint_b=b, radius=radius, part=part)
+            for name, a, b, radius, part in data["segments"]
+        ],
+        left_right_pairs=[(left, right) for left, right in data["left_right_pairs"]],
+        parts={name: tuple(joints) for name, joints in data["parts"].items()},
+        bone_lengths=data["bone_lengths"],
+    )

@@ -1,0 +1,207 @@
+"""The node's end of one worker: starts the process, asks it for forecasts, kills it."""
+
+import contextlib
+import json
+import logging
+import os
+import select
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.errors import PredictorError
+from hri_predict.predictors.base import Forecast, PredictorSettings
+from hri_predict.predictors.process import shared
+from hri_predict.predictors.process.description import Description
+from hri_predict.predictors.process.worker import ASKED, LOG, MAX_MESSAGE
+
+_BEGIN = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from hri_predict.predictors.process.worker import main; sys.exit(main(sys.argv[2:]))"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """What a worker is told.
+
+    Attributes:
+        settings: of the predictor, with resolved paths.
+        people: the most that there can be.
+        cpus: cores that it may use; none: all.
+        lock_memory: keep its memory from being swapped out.
+    """
+
+    settings: PredictorSettings
+    people: int
+    cpus: tuple[int, ...] = ()
+    lock_memory: bool = False
+
+    def text(self) -> bytes:
+        """As JSON."""
+        return json.dumps(
+            {
+                "settings": self.settings.model_dump(mode="json", exclude_unset=True)
+                | {"name": self.settings.name},
+                "people": self.people,
+                "cpus": self.cpus,
+                "lock_memory": self.lock_memory,
+            }
+        ).encode()
+
+
+class WorkerEndedError(PredictorError):
+    """The worker's process has ended."""
+
+
+class Worker:
+    """One process that predicts. The loop's thread asks; another thread starts it and waits."""
+
+    def __init__(self, job: Job) -> None:
+        """Start the process; ``begin`` waits until it is ready.
+
+        Raises:
+            OSError, AttributeError: the system has no such processes, memory or sockets, or too
+                few.
+        """
+        self._job = job
+        self._memory = shared.create()
+        self._windows: shared.SharedWindows | None = None
+        self._asked = 0
+        self._owed_since: float | None = None  # perf_counter; the oldest unanswered window, at most
+        try:
+            self._link, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            with far:
+                self.process = _started([far.fileno(), self._memory])
+        except BaseException:
+            os.close(self._memory)
+            raise
+        self._readable = select.poll()
+        self._readable.register(self._link, select.POLLIN)
+
+    def begin(self, limit_s: float) -> Description:
+        """Wait until the predictor is built, and let the worker begin.
+
+        Raises:
+            PredictorError: it cannot be built, or takes longer than ``limit_s``.
+            WorkerEndedError: the process ended before.
+        """
+        until = time.perf_counter() + limit_s
+        try:
+            self._link.send(self._job.text())
+            told: dict[str, Any] = {}
+            while not told:
+                message = self._message(until - time.perf_counter())
+                if message is None:
+                    raise PredictorError(
+                        f"predictor '{self._job.settings.name}' was not ready in its own process "
+                        f"within {limit_s:g} s; make it start faster, or set predictor.process to "
+                        f"false"
+                    )
+                told = json.loads(message)
+            if "error" in told:
+                raise PredictorError(told["error"])
+            described = Description.from_data(told["ready"])
+            sizes = shared.Sizes(
+                self._job.people,
+                described.history_steps,
+                described.horizon_steps,
+                len(described.skeleton.joints),
+            )
+            shared.set_size(self._memory, sizes)
+            self._windows = shared.SharedWindows(self._memory, sizes)
+            self._link.send(b"begin")
+        except OSError as error:
+            raise WorkerEndedError(f"its process: {error.strerror}") from error
+        finally:
+            os.close(self._memory)
+        self._link.setblocking(False)
+        return described
+
+    def forecast(self, history: Floats, observed: Bools, wait_s: float) -> Forecast | None:
+        """Ask for the forecast of a window; ``None``: it did not come within ``wait_s``.
+
+        A worker that still owes more than the window before gets the window but no time: a tick is
+        not to wait for what will hardly come.
+
+        Raises:
+            PredictorError: the predictor failed.
+            WorkerEndedError: the process has ended.
+        """
+        assert self._windows is not None
+        owed = self._asked - self._windows.given
+        if owed > 1:
+            wait_s = 0.0
+        if owed == 0 or self._owed_since is None:
+            self._owed_since = time.perf_counter()
+        until = time.perf_counter() + wait_s
+        self._asked += 1
+        self._windows.post(self._asked, history, observed)
+        try:
+            with contextlib.suppress(BlockingIOError):  # it has bytes enough that wake it
+                self._link.send(ASKED)
+            while (answer := self._windows.answer(self._asked)) is None:
+                if self._message(until - time.perf_counter()) is None:
+                    return None
+                self._owed_since = time.perf_counter()  # it is slow, and does not hang
+        except OSError as error:
+            raise WorkerEndedError("its process has ended") from error
+        self._owed_since = None
+        if isinstance(answer, PredictorError):
+            raise answer
+        return answer
+
+    @property
+    def silent_s(self) -> float:
+        """For how long it has owed an answer and given none."""
+        return 0.0 if self._owed_since is None else time.perf_counter() - self._owed_since
+
+    def end(self) -> None:
+        """Let the process end by itself: it does when nobody is at the socket."""
+        with contextlib.suppress(OSError):
+            self._link.shutdown(socket.SHUT_RDWR)
+
+    def wait(self) -> int:
+        """Wait until the process has ended; return its exit status."""
+        return self.process.wait()
+
+    def kill(self) -> None:
+        """Kill the process at once, if it still runs."""
+        self.process.kill()
+
+    def _message(self, wait_s: float) -> bytes | None:
+        """The next message that is no line of the log; ``None``: none came in time.
+
+        Raises:
+            OSError: the process has ended.
+        """
+        until = time.perf_counter() + wait_s
+        while self._readable.poll(max(0.0, 1e3 * (until - time.perf_counter()))):
+            message = self._link.recv(MAX_MESSAGE)
+            if not message:
+                raise ConnectionResetError(0, "it ended")
+            if not message.startswith(LOG):
+                return message
+            _log(message[len(LOG) :])
+        return None
+
+
+def _started(own: list[int]) -> subprocess.Popen[bytes]:
+    """The process, which inherits the descriptors ``own``."""
+    path = json.dumps(sys.path)  # third parties' predictors lie where the node finds them
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", _BEGIN, path, *map(str, own), str(os.getpid())],
+        pass_fds=own,
+        stdin=subprocess.DEVNULL,
+        stdout=sys.__stderr__ or subprocess.DEVNULL,  # the node's output is its own
+    )
+
+
+def _log(line: bytes) -> None:
+    with contextlib.suppress(ValueError, TypeError):
+        name, level, text = json.loads(line)
+        logging.getLogger(str(name)).log(int(level), "%s", text)

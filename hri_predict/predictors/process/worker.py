@@ -1,0 +1,132 @@
+"""The predictor's process: builds the predictor, then answers windows until the node ends.
+
+``Worker`` in ``remote.py`` starts it, with two descriptors and the node's process id. Over the
+socket come one job and the word to begin; from then on a byte says that a window is in the memory,
+or that an answer is. Settings come as JSON and are validated anew; nothing that comes in is code.
+"""
+
+import contextlib
+import ctypes
+import gc
+import json
+import logging
+import os
+import signal
+import socket
+from pathlib import Path
+from typing import Any
+
+ASKED = ANSWERED = b"."
+LOG = b"L"  # the first byte of a line of the log
+MAX_MESSAGE = 64 * 1024  # bytes; a socket takes them whole
+_PR_SET_PDEATHSIG = 1
+
+
+def main(arguments: list[str]) -> int:
+    """Run the worker; return its exit status.
+
+    Args:
+        arguments: descriptors of socket and memory, and the node's process id.
+    """
+    link_descriptor, memory, parent = (int(each) for each in arguments)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the node ends it, by the socket
+        signal.signal(number, signal.SIG_IGN)
+    _end_with(parent)
+    with contextlib.suppress(OSError):  # where memory runs out, this process goes, not the node
+        Path("/proc/self/oom_score_adj").write_text("500")
+    link = socket.socket(fileno=link_descriptor)
+    logging.basicConfig(level=logging.WARNING, handlers=[_ToNode(link)])
+    job = json.loads(link.recv(MAX_MESSAGE) or b"{}")
+    if not job:
+        return 1
+    if job["cpus"]:
+        os.sched_setaffinity(0, job["cpus"])
+    # slow imports, and only here: whatever is wrong with them is told to the node
+    from hri_predict.errors import HriPredictError
+
+    try:
+        _serve(link, memory, job)
+    except HriPredictError as error:
+        _tell(link, {"error": str(error)})
+        return 2
+    except ConnectionError:  # the node ended while this process was at work
+        return 0
+    return 0
+
+
+def _serve(link: socket.socket, memory: int, job: dict[str, Any]) -> None:
+    """Build the predictor, describe it, and answer until the socket ends.
+
+    Raises:
+        HriPredictError: it cannot be built.
+    """
+    from hri_predict import registry
+    from hri_predict.machine.realtime import lock_memory
+    from hri_predict.predictors.building import predictor_of
+    from hri_predict.predictors.process.description import Description
+    from hri_predict.predictors.process.shared import SharedWindows, Sizes
+    from hri_predict.settings import validated
+
+    model = registry.predictor_settings(job["settings"]["name"])
+    settings = validated(model, job["settings"], "predictor")
+    predictor = predictor_of(settings)
+    described = Description.of(predictor, settings.files())
+    _tell(link, {"ready": described.as_data()})
+    if not link.recv(MAX_MESSAGE):  # the word to begin: the memory has its size
+        return
+    sizes = Sizes(
+        job["people"],
+        predictor.history_steps,
+        predictor.horizon_steps,
+        len(predictor.skeleton.joints),
+    )
+    windows = SharedWindows(memory, sizes)
+    if job["lock_memory"] and (problem := lock_memory()):
+        logging.getLogger(__name__).warning("the predictor's process: %s", problem)
+    gc.collect()
+    gc.freeze()
+    done = 0
+    while link.recv(MAX_MESSAGE):
+        taken = windows.take(after=done)
+        if taken is None:  # answered already, or being written: another byte follows
+            continue
+        done, history, observed = taken
+        _answer(windows, done, predictor, (history, observed))
+        link.send(ANSWERED)
+
+
+def _answer(windows: Any, number: int, predictor: Any, window: tuple[Any, Any]) -> None:
+    from hri_predict.predictors.base import checked
+
+    try:
+        forecast = predictor.predict(*window)
+        windows.give(number, checked(forecast, len(window[0]), predictor))
+    except (Exception, SystemExit) as error:  # a third party's predictor may fail in any way
+        kind = "" if type(error).__name__ == "PredictorError" else f"{type(error).__name__}: "
+        windows.refuse(number, f"{kind}{error}")
+
+
+def _end_with(parent: int) -> None:
+    """Let the kernel end this process with the node, even if both hang or the node is killed."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before the kernel was told
+        os._exit(1)
+
+
+def _tell(link: socket.socket, what: dict[str, Any]) -> None:
+    link.send(json.dumps(what).encode())
+
+
+class _ToNode(logging.Handler):
+    """Hands log lines to the node, which writes them where its own go."""
+
+    def __init__(self, link: socket.socket) -> None:
+        super().__init__()
+        self._link = link
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Send one line; it is lost if the node does not listen."""
+        line = json.dumps([record.name, record.levelno, record.getMessage()[:2000]])
+        with contextlib.suppress(OSError):
+            self._link.send(LOG + line.encode(), socket.MSG_DONTWAIT)

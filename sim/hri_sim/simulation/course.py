@@ -1,0 +1,154 @@
+"""What truly happened in an episode: noted tick by tick, and judged afterwards, many ticks at once.
+
+Recorded people do not react, so where they truly are is the same whatever the robot does: it is
+computed once for all episodes of a scenario. Nor does the referee act: it may judge when all is
+over, and then the arrays are long enough to be worth their calls.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.skeleton import CANONICAL
+from hri_sim.referee import MOVING_M_S, Bodies, Joints, Referee, TruePeople, body_capsules
+
+_MOST_TICKS = 12
+"""Ticks judged at once: more, and the distances no longer fit a core's cache."""
+
+
+class SharedTruth:
+    """The true positions of all people, kept for the next episode of the same scenario."""
+
+    def __init__(self, truth: TruePeople) -> None:
+        self._truth = truth
+        self._known: dict[int, dict[int, tuple[Floats, Bools]]] = {}
+
+    def open(self, start_ns: int) -> None:
+        """Start; once is enough."""
+        if not self._known:
+            self._truth.open(start_ns)
+
+    def at(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
+        """See ``TruePeople.at``: times that were not asked for before must not go back."""
+        if now_ns not in self._known:
+            self._known[now_ns] = self._truth.at(now_ns)
+        return self._known[now_ns]
+
+
+@dataclass(kw_only=True)
+class Course:
+    """The true state at each of K ticks.
+
+    Attributes:
+        stamps_ns: (K,).
+        people, robots: (K,) see ``referee.Bodies`` and ``referee.Joints``.
+        tools: (K,) robot's name -> number of the tool that it carries; ``None``: all of them.
+    """
+
+    stamps_ns: list[int] = field(default_factory=list)
+    people: list[Bodies] = field(default_factory=list)
+    robots: list[Joints] = field(default_factory=list)
+    tools: list[dict[str, int | None]] = field(default_factory=list)
+
+    def runs(self) -> Iterator[range]:
+        """Ticks that can be judged at once: each has the people and tools of the one before."""
+        k = 0
+        while k < len(self.stamps_ns):
+            end = k + 1
+            if self._goes_on(k):
+                step_ns = self.stamps_ns[k] - self.stamps_ns[k - 1]
+                while (
+                    end < min(len(self.stamps_ns), k + _MOST_TICKS)
+                    and self._goes_on(end)
+                    and self.stamps_ns[end] - self.stamps_ns[end - 1] == step_ns
+                    and self.tools[end] == self.tools[k]
+                ):
+                    end += 1
+            yield range(k, end)
+            k = end
+
+    def _goes_on(self, k: int) -> bool:
+        return (
+            k > 0
+            and bool(self.people[k])
+            and self.people[k].keys() == self.people[k - 1].keys()
+            and self.robots[k].keys() == self.robots[k - 1].keys()
+        )
+
+
+class CourseReferee(Referee):
+    """The referee, for a course that is over. It comes to the same as tick by tick."""
+
+    def judge(self, course: Course) -> None:
+        """Judge all of it."""
+        for ticks in course.runs():
+            self._tool_of = course.tools[ticks[0]].get
+            if len(ticks) == 1 or not self._judge_at_once(course, ticks):
+                for k in ticks:
+                    self.observe(course.stamps_ns[k], course.people[k], course.robots[k])
+
+    def _judge_at_once(self, course: Course, ticks: range) -> bool:
+        """Judge a run; false if somebody has to be told of its touches one by one."""
+        assert self._last is not None
+        times = self._instants(course.stamps_ns[ticks[0]])
+        ids = sorted(course.people[ticks[0]])
+        bodies, counts = _bodies(ids, course.people[ticks[0] - 1 : ticks[-1] + 1], times)
+        ever = np.flatnonzero(counts.any(axis=(0, 1)))  # others would only cost time
+        bodies = Capsules(bodies.a[:, :, ever], bodies.b[:, :, ever], bodies.radius[:, :, ever])
+        found = {}
+        for name in course.robots[ticks[0]]:
+            states = [course.robots[k][name] for k in range(ticks[0] - 1, ticks[-1] + 1)]
+            model = self._robots[name].counting(self._tool_of(name))
+            q, qd = (_between(np.array([s[i] for s in states]), times) for i in (0, 1))
+            robot, speed = model.moving(q, qd)
+            gaps = _gaps(bodies, counts[:, :, ever], robot)
+            if self._on_contact is not None and (gaps[:, speed > MOVING_M_S] <= 0).any():
+                return False
+            found[name] = gaps, np.asarray(speed)
+        elapsed_s = (course.stamps_ns[ticks[0]] - self._last[0]) * 1e-9
+        for tick in range(len(ticks)):
+            part = slice(tick * len(times), (tick + 1) * len(times))
+            for name, (gaps, speed) in found.items():
+                self._note(ids, name, gaps[:, part], speed[part])
+                moving = gaps[:, part].min(axis=0)[speed[part] > MOVING_M_S]
+                self._measure(moving, elapsed_s / len(times))
+        last = ticks[-1]
+        self._last = (course.stamps_ns[last], course.people[last], course.robots[last])
+        self.observations += len(ticks) * len(times)
+        return True
+
+
+def _gaps(bodies: Capsules, counts: Bools, robot: Capsules) -> Floats:
+    """(P, K) distances of bodies (P, K, B) that count from a robot (K, C)."""
+    distance = capsule_distance(
+        Capsules(bodies.a[..., :, None, :], bodies.b[..., :, None, :], bodies.radius[..., :, None]),
+        Capsules(robot.a[:, None], robot.b[:, None], robot.radius[:, None]),
+    )
+    least: Floats = np.where(counts[..., None], distance, np.inf).min(axis=(-2, -1), initial=np.inf)
+    return least
+
+
+def _between(states: Floats, times: Floats) -> Floats:
+    """(M * K, N) values at K fractions of the way from each of M + 1 states (M + 1, N) to the
+    next."""
+    start, end = states[:-1, None], states[1:, None]
+    result: Floats = start + (end - start) * times[:, None]
+    return result.reshape(-1, states.shape[-1])
+
+
+def _bodies(ids: Sequence[int], people: Sequence[Bodies], times: Floats) -> tuple[Capsules, Bools]:
+    """Capsules (P, M * K, B) at K fractions of the way between each two of M + 1 observations."""
+    joints = len(CANONICAL.joints)
+    at = np.array([[seen[person][0] for seen in people] for person in ids])  # (P, M + 1, J, 3)
+    known = np.array([[seen[person][1] for seen in people] for person in ids])
+    start = np.where(known[:, :-1, :, None], at[:, :-1], at[:, 1:])
+    end = np.where(known[:, 1:, :, None], at[:, 1:], at[:, :-1])
+    moved = start[:, :, None] + (end - start)[:, :, None] * times[:, None, None]
+    both = np.broadcast_to((known[:, :-1] | known[:, 1:])[:, :, None], (*moved.shape[:3], joints))
+    count = moved.shape[1] * moved.shape[2]
+    return body_capsules(
+        moved.reshape(len(ids), count, joints, 3), both.reshape(len(ids), count, joints)
+    )

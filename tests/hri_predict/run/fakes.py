@@ -1,0 +1,62 @@
+"""A source and a node that note what the loop does with them."""
+
+import time
+
+from hri_predict.node.shedding import Shedding
+
+MS = 1_000_000
+
+
+class Source:
+    """A scene every 10 ms, or what the test asks for."""
+
+    def __init__(self, period_ns=10 * MS, count=None):
+        self.period_ns, self.count = period_ns, count
+        self.k, self.start_ns, self.polls, self.closed = 0, 0, 0, False
+        self.rate_hz = 1e9 / (period_ns or 10 * MS)
+        self.fails: list[str] = []  # what to raise, one per poll
+
+    def open(self, start_ns):
+        self.start_ns = start_ns
+
+    def next_ns(self):
+        if self.count is not None and self.k >= self.count:
+            return None
+        return self.start_ns + self.k * self.period_ns
+
+    def poll(self, now_ns):
+        self.polls += 1
+        assert not self.closed
+        if self.fails:
+            raise OSError(self.fails.pop())
+        due_ns = self.next_ns()
+        if due_ns is None or due_ns > now_ns:
+            return None
+        self.k += 1
+        return self.k
+
+    def close(self):
+        self.closed = True
+
+
+class Node:
+    def __init__(self, clock):
+        self.clock = clock
+        self.ticks, self.scenes, self.said = [], [], []
+        self.slow: dict[int, float] = {}  # tick -> seconds that it takes
+        self.shedding = Shedding()
+        self.warm = False
+
+    def warm_up(self):
+        assert not self.said, "it is warm before anybody hears of it"
+        self.warm = True
+
+    def tick(self, now_ns):
+        self.ticks.append(now_ns)
+        time.sleep(self.slow.get(len(self.ticks), 0.0))
+
+    def receive(self, scene, receipt_ns):
+        self.scenes.append((scene, receipt_ns))
+
+    def announce(self, now_ns, state, reason):
+        self.said.append(state)
