@@ -23,6 +23,8 @@ from hri_predict.cli.bench import bench
 from hri_predict.cli.calibrate.calibrate import calibrate
 from hri_predict.cli.check import check, conformance, predictors
 from hri_predict.cli.commission import commission
+from hri_predict.cli.explain.explain import explain
+from hri_predict.cli.explain.report import report
 from hri_predict.cli.init.init import init
 from hri_predict.cli.register import register
 from hri_predict.cli.simulate.simulate import simulate
@@ -59,6 +61,8 @@ app.command()(alerts.alerts)
 app.command()(register.register)
 app.command()(commission.commission)
 app.command()(run.replay)
+app.command()(explain)
+app.command()(report)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(evidence.evidence)
