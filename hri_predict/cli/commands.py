@@ -14,6 +14,7 @@ from hri_predict.cli import (
     listen,
     protocol,
     run,
+    service,
     train,
     urdf,
 )
@@ -57,6 +58,7 @@ app.command()(run.replay)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(evidence.evidence)
+app.command()(service.service)
 app.command()(discover.discover)
 app.command()(predictors.predictors)
 app.command()(conformance.conformance)
