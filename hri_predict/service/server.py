@@ -50,7 +50,9 @@ class MetricsServer:
         self._socket = _listening(settings)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="metrics", daemon=True)
+        self._up = threading.Event()
         self._thread.start()
+        self._up.wait(END_S)
 
     def close(self) -> None:
         """Answer nobody any more; safe to call twice."""
@@ -64,6 +66,7 @@ class MetricsServer:
         self._loop.set_exception_handler(self._trouble)
         serving = asyncio.start_server(self._serve, sock=self._socket, limit=REQUEST_BYTES)
         server = self._loop.run_until_complete(serving)
+        self._up.set()
         try:
             self._loop.run_forever()
         finally:
