@@ -108,6 +108,11 @@ def run(
     notifier = Notifier.from_environ()
     if notifier is not None:  # the watchdog's SIGABRT then says where each thread hangs
         faulthandler.enable()
+
+    def read() -> Config:
+        loaded = configuration.load(config)
+        return loaded if log_format is None else loaded.with_log_format(log_format.value)
+
     options = Options(
         duration_s=duration,
         record=record,
@@ -116,11 +121,9 @@ def run(
         keep_state=True,
         state=state,
         notifier=notifier,
-        reloads=notifier is not None or not has_terminal(),
+        reread=read if notifier is not None or not has_terminal() else None,
     )
-    loaded = configuration.load(config)
-    if log_format is not None:
-        loaded = loaded.with_log_format(log_format.value)
+    loaded = read()
     facts = commissioning_facts(loaded)
     if not is_as_commissioned(facts):
         print(f"warning: {commissioning_lines(facts)[0]}; see hri-predict check", file=sys.stderr)

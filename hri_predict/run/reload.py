@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from hri_predict.errors import HriPredictError
-from hri_predict.run import config as configuration
 from hri_predict.run.config import Config, NodeSettings
 from hri_predict.service.notify import Notifier
 
@@ -27,6 +26,7 @@ class Reload:
 
     Args:
         config: the configuration that runs.
+        load: reads it anew, as it was read at the start.
         parts: key or dotted key of the configuration -> who takes it, and all beneath it.
         notifier: told when a reload begins and ends.
 
@@ -36,9 +36,13 @@ class Reload:
     """
 
     def __init__(
-        self, config: Config, parts: Mapping[str, Takes], notifier: Notifier | None = None
+        self,
+        config: Config,
+        load: Callable[[], Config],
+        parts: Mapping[str, Takes],
+        notifier: Notifier | None = None,
     ) -> None:
-        self._path, self._parts, self._notifier = config.path, parts, notifier
+        self._load, self._parts, self._notifier = load, parts, notifier
         self._running: dict[str, Any] = config.node.model_dump()
         self.count = self.failures = 0
         self._asked: queue.SimpleQueue[bool] = queue.SimpleQueue()
@@ -66,7 +70,7 @@ class Reload:
         if self._notifier is not None:
             self._notifier.reloading()
         try:
-            said = self._take(configuration.load(self._path))
+            said = self._take(self._load())
         except HriPredictError as error:
             self.failures += 1
             said = [f"nothing changed: {error}"]

@@ -27,21 +27,23 @@ class Serving:
     Args:
         config: what runs.
         notifier: who started the node, if that wants to know how it is.
-        reloads: whether SIGHUP reads the configuration again.
+        reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP ends the node.
 
     Attributes:
         pace: of the loop.
         hangup: what SIGHUP does; ``None``: it ends the node.
     """
 
-    def __init__(self, config: Config, notifier: Notifier | None, reloads: bool) -> None:
+    def __init__(
+        self, config: Config, notifier: Notifier | None, reread: Callable[[], Config] | None
+    ) -> None:
         self._config, self._notifier = config, notifier
         self._settings: MetricsSettings | None = None
         self._server: MetricsServer | None = None
         self._figures: Figures | None = None
         # what may refuse stands last: then nothing of a refused file is in force
         self._parts: dict[str, Callable[[NodeSettings], Callable[[], None]]] = {"log": _take_log}
-        self._reload = Reload(config, self._parts, notifier) if reloads else None
+        self._reload = Reload(config, reread, self._parts, notifier) if reread else None
         self.hangup = self._reload.ask if self._reload is not None else None
         self.pace = Pace()
 

@@ -61,7 +61,7 @@ class Options:
         state: use this state file instead, at any speed.
         view: shows each tick; the loop's thread calls it, so it must be quick.
         notifier: who wants to know how the node is (systemd), in real time only.
-        reloads: SIGHUP reads the configuration again, instead of ending the node.
+        reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP ends the node.
     """
 
     factor: float | None = 1.0
@@ -74,7 +74,7 @@ class Options:
     state: Path | None = None
     view: View | None = None
     notifier: Notifier | None = None
-    reloads: bool = False
+    reread: Callable[[], Config] | None = None
 
 
 class _AlertListener(Listener):
@@ -145,7 +145,7 @@ class _Session:
             base_dir=config.base_dir,
             threaded=options.factor is not None,
         )
-        self.serving = Serving(config, options.notifier, options.reloads)
+        self.serving = Serving(config, options.notifier, options.reread)
         self.reports: Sequence[ControllerReport] | None = None
         self.recorder: Recorder | None = None
         self.evidence: Evidence | None = None

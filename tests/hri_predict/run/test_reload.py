@@ -35,8 +35,11 @@ def parts():
 
 @pytest.fixture
 def reload(tmp_path, parts):
-    config = configuration.load(written(tmp_path, cell()))
-    return Reload(config, {"log": parts.log, "metrics": parts.metrics})
+    path = written(tmp_path, cell())
+    config = configuration.load(path)
+    return Reload(
+        config, lambda: configuration.load(path), {"log": parts.log, "metrics": parts.metrics}
+    )
 
 
 @pytest.fixture
@@ -108,11 +111,12 @@ def test_where_one_part_refuses_no_part_changes(tmp_path, reload, parts, said):
 
 def test_a_folder_of_recordings_keeps_to_new_limits_but_never_moves(tmp_path, said):
     record = {"folder": str(tmp_path / "recordings"), "keep_days": 9, "max_mb": 10}
-    config = configuration.load(written(tmp_path, cell(record=record)))
+    path = written(tmp_path, cell(record=record))
+    config = configuration.load(path)
     assert config.node.record is not None
     folder = Folder(tmp_path / "recordings", "cell", config.node.record)
     parts = {f"record.{key}": _takes_limits(folder) for key in RECORD_LIMITS}
-    reload = Reload(config, parts)
+    reload = Reload(config, lambda: configuration.load(path), parts)
     written(tmp_path, cell(record={**record, "keep_days": 2, "zones_hz": 1}))
     reload.now()
     folder.close()
