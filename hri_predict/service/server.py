@@ -7,8 +7,10 @@ or not, and there are few at once. None of them can reach the loop.
 import asyncio
 import json
 import logging
+import math
 import socket
 import threading
+import time
 from collections.abc import Callable
 
 from hri_predict.errors import ConfigError
@@ -22,6 +24,9 @@ CONNECTIONS = 16
 REQUEST_BYTES = 8192
 REQUEST_S = 2.0
 """From the connection to the last byte of the answer."""
+KEEP_S = 0.5
+"""Whoever asks for metrics again within this time gets the same text: to make it takes the time of
+the interpreter that the loop runs in, so a flood of requests must not make it often."""
 END_S = 2.0
 
 
@@ -47,6 +52,7 @@ class MetricsServer:
         self._figures, self._request_s = figures, request_s
         self.answered = self.refused = self.failed = 0
         self._open = 0
+        self._kept, self._kept_s = b"", -math.inf
         self._socket = _listening(settings)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="metrics", daemon=True)
@@ -116,7 +122,11 @@ class MetricsServer:
         return whole if method == b"GET" else whole.partition(b"\r\n\r\n")[0] + b"\r\n\r\n"
 
     def _metrics(self) -> bytes:
-        return _response("200 OK", as_text(self._figures.families()), kind=CONTENT_TYPE)
+        now_s = time.monotonic()
+        if now_s - self._kept_s >= KEEP_S:
+            text = as_text(self._figures.families())
+            self._kept, self._kept_s = _response("200 OK", text, kind=CONTENT_TYPE), now_s
+        return self._kept
 
     def _health(self) -> bytes:
         is_well, said = self._figures.health()

@@ -2,6 +2,7 @@
 
 import copy
 import logging
+from typing import Any
 
 import pytest
 
@@ -125,7 +126,7 @@ def test_a_folder_of_recordings_keeps_to_new_limits_but_never_moves(tmp_path, sa
 
 
 def test_differences_name_the_deepest_key():
-    old = {"a": {"b": [1, {"c": 2}]}, "d": [1], "e": None}
+    old: dict[str, Any] = {"a": {"b": [1, {"c": 2}]}, "d": [1], "e": None}
     new = copy.deepcopy(old)
     new["a"]["b"][1]["c"] = 3
     new["d"].append(2)

@@ -22,7 +22,7 @@ from hri_predict.protocol.messages import Advice, Level, NodeState, Status
 from hri_predict.protocol.reasons import Reason
 from hri_predict.service.exposition import Family, Sample, as_text
 from hri_predict.service.figures import Figures
-from hri_predict.service.server import CONNECTIONS, MetricsServer
+from hri_predict.service.server import CONNECTIONS, KEEP_S, MetricsServer
 from hri_predict.service.settings import MetricsSettings
 from hri_predict.source import SourceCounters
 from tests.hri_predict.service.cells import free_port
@@ -241,6 +241,22 @@ def test_slow_silent_and_endless_clients_are_ended_and_others_are_served(server)
         time.sleep(0.01)
     assert one.failed > failed
     assert get(port, "/healthz").startswith(b"HTTP/1.1 200")
+
+
+def test_a_flood_of_requests_makes_the_text_seldom(server):
+    one, port = server
+    made = []
+    families = one._figures.families
+
+    def counted():
+        made.append(1)
+        return families()
+
+    one._figures.families = counted
+    began = time.monotonic()
+    for _ in range(20):
+        assert get(port, "/metrics").startswith(b"HTTP/1.1 200")
+    assert 1 <= len(made) <= 1 + (time.monotonic() - began) / KEEP_S
 
 
 def test_a_port_in_use_is_one_line_with_the_remedy(server):

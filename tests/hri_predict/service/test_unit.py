@@ -18,7 +18,9 @@ def test_the_unit_says_what_the_node_does(tmp_path):
     text = data_path("service", UNIT).read_text(encoding="utf-8")
     for line in ("Type=notify", "Restart=on-failure", "KillMode=mixed", "CapabilityBoundingSet="):
         assert line in text.splitlines()
-    assert float(re.search(r"^WatchdogSec=(\d+)$", text, re.M)[1]) >= 2
+    watchdog = re.search(r"^WatchdogSec=(\d+)$", text, re.MULTILINE)
+    assert watchdog is not None
+    assert float(watchdog[1]) >= 2
     assert "MemoryDenyWriteExecute" not in text  # compiled loops are written and run
 
 
