@@ -3,6 +3,7 @@
 import itertools
 import json
 import signal
+import time
 import urllib.request
 
 import pytest
@@ -60,6 +61,9 @@ def test_a_node_that_stands_still_is_killed_and_started_anew_by_its_watchdog(tmp
         service, starts = Service(config, notify), starts + 1
         assert notify.listen(START_S, until="READY=1"), service.says()
         assert notify.listen(2 * WATCHDOG_S, until="WATCHDOG=1")
+        end = time.monotonic() + 10.0
+        while not (tmp_path / "state.json").exists() and time.monotonic() < end:
+            time.sleep(0.02)  # a thread of its own writes it
     finally:
         service.end()
         notify.close()
