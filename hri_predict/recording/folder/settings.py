@@ -41,6 +41,8 @@ class RecordSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _file_alone(cls, data: Any) -> Any:
+        if not isinstance(data, (str, dict, cls)):
+            raise ValueError("give a file's path as a string, or keys with 'file' or 'folder'")
         return {"file": data} if isinstance(data, str) else data
 
     @model_validator(mode="after")
