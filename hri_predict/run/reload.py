@@ -73,7 +73,9 @@ class Reload:
             said = self._take(self._load())
         except HriPredictError as error:
             self.failures += 1
-            said = [f"nothing changed: {error}"]
+            first, *others = str(error).splitlines()
+            more = f" (and {len(others)} more: hri-predict check)" if others else ""
+            said = [f"nothing changed: {first}{more}"]
         except Exception as error:  # the node goes on as it was
             self.failures += 1
             said = [f"nothing changed: {type(error).__name__}: {error}"]
