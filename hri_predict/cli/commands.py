@@ -16,6 +16,7 @@ from hri_predict.cli import (
     listen,
     protocol,
     run,
+    service,
     train,
     urdf,
 )
@@ -66,6 +67,7 @@ app.command()(report)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(evidence.evidence)
+app.command()(service.service)
 app.command()(discover.discover)
 app.command()(predictors.predictors)
 app.command()(conformance.conformance)

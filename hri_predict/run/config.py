@@ -27,6 +27,7 @@ from hri_predict.risk.engine import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from hri_predict.run.commissioned import CommissioningSettings
 from hri_predict.run.mistakes import Mistakes, place
+from hri_predict.service.settings import LogSettings, MetricsSettings
 from hri_predict.settings import Settings, validated
 from hri_predict.source import SourceSettings
 
@@ -95,6 +96,10 @@ class NodeSettings(Settings):
     )
     commissioning: CommissioningSettings | None = Field(
         None, description="the report of hri-predict commission, with which check compares"
+    )
+    log: LogSettings = LogSettings()
+    metrics: MetricsSettings | None = Field(
+        None, description="answer /metrics and /healthz over HTTP; without it, nothing listens"
     )
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; without it, nothing is announced"
@@ -216,8 +221,8 @@ class Config:
     def aside(self) -> "Config":
         """Return this configuration without what belongs to the live cell alone.
 
-        Its alert log and commands, recordings, state, evidence and announcement: a replay with the
-        cell's configuration must not touch them. Alert lines on the terminal stay.
+        Its alert log and commands, recordings, state, evidence, metrics and announcement: a replay
+        with the cell's configuration must not touch them. Alert lines on the terminal stay.
         """
         node = self.node.model_copy(
             update={
@@ -226,6 +231,7 @@ class Config:
                 "state": None,
                 "evidence": None,
                 "discovery": None,
+                "metrics": None,
             }
         )
         return replace(self, node=node)
@@ -234,6 +240,11 @@ class Config:
         """Return this configuration with the alerts of another one."""
         node = self.node.model_copy(update={"alerts": live.node.alerts})
         return replace(self, node=node)
+
+    def with_log_format(self, form: str) -> "Config":
+        """Return this configuration with the log's lines as ``text`` or ``json``."""
+        log = self.node.log.model_copy(update={"format": form})
+        return replace(self, node=self.node.model_copy(update={"log": log}))
 
     def quiet(self) -> "Config":
         """Return this configuration without alert lines on the terminal, for use with a view."""
