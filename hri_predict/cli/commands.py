@@ -7,14 +7,12 @@ import typer
 from hri_predict import __version__
 from hri_predict.cli import (
     alerts,
-    config,
     convert,
     discover,
     evaluate,
     evidence,
     fleet,
     listen,
-    protocol,
     run,
     service,
     train,
@@ -26,6 +24,7 @@ from hri_predict.cli.check import check, conformance, predictors
 from hri_predict.cli.commission import commission
 from hri_predict.cli.explain.explain import explain
 from hri_predict.cli.explain.report import report
+from hri_predict.cli.generated import config, protocol
 from hri_predict.cli.init.init import init
 from hri_predict.cli.register import register
 from hri_predict.cli.simulate.simulate import simulate

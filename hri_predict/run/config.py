@@ -97,7 +97,9 @@ class NodeSettings(Settings):
     commissioning: CommissioningSettings | None = Field(
         None, description="the report of hri-predict commission, with which check compares"
     )
-    log: LogSettings = LogSettings()
+    log: LogSettings = Field(
+        LogSettings(), description="format, least severity and rate of the log's lines"
+    )
     metrics: MetricsSettings | None = Field(
         None, description="answer /metrics and /healthz over HTTP; without it, nothing listens"
     )

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from hri_predict.cli.common import tell, without_effect
-from hri_predict.cli.config import write
+from hri_predict.cli.generated.config import write
 from hri_predict.cli.init.cell import DOORS_M, HORIZONS_S, Answers, cell, hints
 from hri_predict.cli.init.questions import Asker, ask_all
 from hri_predict.errors import ConfigError

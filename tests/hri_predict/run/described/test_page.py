@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.cli.config import DOCUMENT
+from hri_predict.cli.generated.config import DOCUMENT
 from hri_predict.run.described.page import page
 from hri_predict.run.described.schema import schema
 
