@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,14 +17,16 @@ from hri_predict.cli.check.commissioned import (
     is_as_commissioned,
 )
 from hri_predict.cli.common import JointMapOption, map_path
+from hri_predict.cli.screens.options import Host, Operator, Viewer, screens
 from hri_predict.cli.terminal.view import TerminalView
 from hri_predict.errors import ConfigError
 from hri_predict.monitoring.summary import Summary
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import unused_coverage
 from hri_predict.run.config import Config
-from hri_predict.run.session import Options
+from hri_predict.run.session import Options, View
 from hri_predict.run.session import run as run_session
+from hri_predict.viewing.feed import LOOPBACK, Feed
 
 Json = Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")]
 Record = Annotated[
@@ -63,6 +66,9 @@ def demo(
     record: Record = None,
     overwrite: Overwrite = False,
     fault: Faults = None,
+    viewer: Viewer = None,
+    operator: Operator = None,
+    viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
     """Run a demonstration without hardware: a person approaches a robot, two controllers obey.
@@ -71,7 +77,7 @@ def demo(
     """
     config = _with_faults(configuration.load(configuration.shipped("demo.yaml")), fault)
     options = Options(factor=_factor(speed), duration_s=DEMO_S, record=record, overwrite=overwrite)
-    _go(config, options, as_json)
+    _go(config, options, as_json, screens(viewer, operator, viewer_host))
 
 
 def run(
@@ -82,6 +88,9 @@ def run(
     duration: Duration = None,
     shadow: Shadow = False,
     state: State = None,
+    viewer: Viewer = None,
+    operator: Operator = None,
+    viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
     """Run the node until SIGINT or SIGTERM; it tells the controllers before it ends.
@@ -101,7 +110,7 @@ def run(
     facts = commissioning_facts(loaded)
     if not is_as_commissioned(facts):
         print(f"warning: {commissioning_lines(facts)[0]}; see hri-predict check", file=sys.stderr)
-    _go(loaded, options, as_json)
+    _go(loaded, options, as_json, screens(viewer, operator, viewer_host))
 
 
 def replay(
@@ -134,6 +143,9 @@ def replay(
     ] = False,
     state: State = None,
     fault: Faults = None,
+    viewer: Viewer = None,
+    operator: Operator = None,
+    viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
     """Replay a recording through the node and its links.
@@ -174,17 +186,21 @@ def replay(
         shadow=shadow,
         state=state,
     )
-    _go(loaded, options, as_json)
+    _go(loaded, options, as_json, screens(viewer, operator, viewer_host))
 
 
-def _go(config: Config, options: Options, as_json: bool) -> None:
+def _go(
+    config: Config, options: Options, as_json: bool, screens: AbstractContextManager[Feed | None]
+) -> None:
     if unused := unused_coverage(config):
         print(f"warning: {unused}", file=sys.stderr)
-    if not as_json and options.factor is not None and sys.stderr.isatty():
-        with TerminalView() as view:
-            summary = run_session(config.quiet(), replace(options, view=view))
-    else:
-        summary = run_session(config, options)
+    in_terminal = not as_json and options.factor is not None and sys.stderr.isatty()
+    with screens as feed, TerminalView() if in_terminal else nullcontext() as terminal:
+        views: list[View] = [each for each in (feed, terminal) if each is not None]
+        run_config = config.quiet() if in_terminal else config
+        summary = run_session(run_config, replace(options, views=views))
+    if feed is not None:
+        summary.counted["pictures_dropped"] = feed.dropped
     try:
         _show(summary, as_json)
     finally:  # even if the summary cannot be printed

@@ -57,7 +57,7 @@ class Options:
         shadow: send *unknown* on the links whatever the advice is.
         keep_state: use the state file of the configuration (``state``), in real time only.
         state: use this state file instead, at any speed.
-        view: shows each tick; the loop's thread calls it, so it must be quick.
+        views: show each tick; the loop's thread calls them, so they must be quick.
     """
 
     factor: float | None = 1.0
@@ -68,7 +68,7 @@ class Options:
     shadow: bool = False
     keep_state: bool = False
     state: Path | None = None
-    view: View | None = None
+    views: Sequence[View] = ()
 
 
 class _AlertListener(Listener):
@@ -153,8 +153,7 @@ class _Session:
         settings, place = self._where_to_record()
         source = assemble.build_source(self.config)
         listeners: list[Listener] = [self.levels, _AlertListener(self.alerts)]
-        if self.options.view is not None:
-            listeners.append(self.options.view)
+        listeners.extend(self.options.views)
         assembly = assemble.build(
             self.config,
             self.clock,
@@ -165,8 +164,8 @@ class _Session:
             listeners=listeners,
             **ends,
         )
-        if self.options.view is not None:
-            self.options.view.bind(assembly)
+        for view in self.options.views:
+            view.bind(assembly)
         if self.cell is not None and live_part(source) is None:  # live people have no copy
             self.referee = _Referee(self.config, assembly, self.cell)
         self._remember(assembly, listeners)
