@@ -14,9 +14,20 @@ from typing import Any
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 WAIT_S = 60.0
-_FLAGS = """--headless=new --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader
---disable-quic --no-first-run --disable-background-networking --disable-component-update
---disable-sync --hide-scrollbars --remote-debugging-port=0 --disable-dev-shm-usage""".split()
+_FLAGS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+]
 
 
 class Browser:

@@ -16,9 +16,9 @@ def nearest_points(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     d1, d2, r = b1 - a1, b2 - a2, a1 - a2
     a, e, b, c, f = d1 @ d1, d2 @ d2, d1 @ d2, d1 @ r, d2 @ r
     square = a * e - b * b
-    s = _unit((b * f - c * e) / square) if square > 1e-12 * a * e else 0.0
-    t = _unit((b * s + f) / e) if e > 0 else 0.0
-    s = _unit((b * t - c) / a) if a > 0 else 0.0
+    s = _unit(float((b * f - c * e) / square)) if square > 1e-12 * a * e else 0.0
+    t = _unit(float((b * s + f) / e)) if e > 0 else 0.0
+    s = _unit(float((b * t - c) / a)) if a > 0 else 0.0
     on_1, on_2 = a1 + s * d1, a2 + t * d2
     gap = on_2 - on_1
     length = float(np.sqrt(gap @ gap))

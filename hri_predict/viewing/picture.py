@@ -1,6 +1,6 @@
 """One picture of the cell, and how it goes through a pipe: JSON for facts, floats for shapes.
 
-    length (4 bytes, little endian) | length of the JSON (4 bytes) | JSON | 32-bit floats
+length (4 bytes, little endian) | length of the JSON (4 bytes) | JSON | 32-bit floats
 """
 
 import json

@@ -16,9 +16,7 @@ Viewer = Annotated[
 ]
 Operator = Annotated[
     int | None,
-    typer.Option(
-        "--operator", metavar="PORT", help="Serve the operator's page; 0: any free port."
-    ),
+    typer.Option("--operator", metavar="PORT", help="Serve the operator's page; 0: any free port."),
 ]
 Host = Annotated[
     str,

@@ -96,7 +96,7 @@ class LiveView:
             self._strip.content = strip(self._kept.levels(now_s))
         horizon_s = max(found[1].facts["times_s"], default=0.0)
         if horizon_s > 0 and abs(self._ahead.max - horizon_s) > 0.01:
-            self._ahead.value = min(self._ahead.value, horizon_s)
+            self._ahead.value = min(self._ahead.value, horizon_s)  # type: ignore[misc]
             self._ahead.max = round(horizon_s, 2)
         shown = (found[0], stale, self._ahead.value)
         if shown == self._shown:

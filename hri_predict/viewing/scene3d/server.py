@@ -19,7 +19,11 @@ def serve(host: str, port: int) -> viser.ViserServer:
         server = viser.ViserServer(host=host, port=port, label=TITLE, verbose=False)
     server.request_share_url = _refuse  # type: ignore[method-assign]
     server.gui.configure_theme(
-        control_layout="fixed", control_width="large", dark_mode=True, show_logo=False, show_share_button=False
+        control_layout="fixed",
+        control_width="large",
+        dark_mode=True,
+        show_logo=False,
+        show_share_button=False,
     )
     return server
 

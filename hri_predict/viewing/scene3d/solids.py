@@ -21,7 +21,8 @@ def cylinder() -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
     """Vertices and triangles of an open cylinder of radius 1 along z, from -0.5 to 0.5."""
     turns = np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False)
     ring = np.stack((np.cos(turns), np.sin(turns), np.zeros(_AROUND)), axis=-1)
-    points = np.concatenate((ring + [0, 0, 0.5], ring - [0, 0, 0.5]))
+    up = np.array([0.0, 0.0, 0.5])
+    points = np.concatenate((ring + up, ring - up))
     return points.astype(np.float32), _sides(1)
 
 

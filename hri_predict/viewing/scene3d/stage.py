@@ -10,13 +10,15 @@ from hri_predict.viewing.levels import COLOURS, GREY, Rgb, colour, worst
 from hri_predict.viewing.picture import Picture, Shapes
 from hri_predict.viewing.scene3d.solids import cylinder, cylinders_of, sphere, spheres_of
 
-PERSON: Rgb = (40, 120, 240)
+PERSON: Rgb = (20, 85, 200)
 LOST: Rgb = (150, 60, 200)
 FORECAST: Rgb = (90, 190, 255)
 VIEW: Rgb = (70, 130, 150)
 ZONE_OPACITY, LOST_OPACITY, FORECAST_OPACITY = 0.045, 0.07, 0.4
 _NOWHERE = np.array([[0, 0, -50, 0, 0, -50, 1e-3]], np.float32)
 """Drawn where nothing is to be drawn: a batch is never empty."""
+_NONE = np.zeros(1, np.float32)
+_UNTURNED = np.array([1, 0, 0, 0], np.float32)
 
 
 class _Solids:
@@ -50,10 +52,10 @@ class _Solids:
         capsules, colours = capsules[sound], np.asarray(colours, np.uint8)[sound]
         opacities = np.asarray(opacities, np.float32)[sound]
         if not len(capsules):
-            capsules, colours, opacities = _NOWHERE, np.zeros((1, 3), np.uint8), np.zeros(1)
+            capsules, colours, opacities = _NOWHERE, np.zeros((1, 3), np.uint8), _NONE
         ends, middles = self._parts
         ends.batched_positions, ends.batched_scales = spheres_of(capsules)
-        ends.batched_wxyzs = np.tile(np.float32([1, 0, 0, 0]), (2 * len(capsules), 1))
+        ends.batched_wxyzs = np.tile(_UNTURNED, (2 * len(capsules), 1))
         ends.batched_colors = np.concatenate((colours, colours))
         middles.batched_positions, middles.batched_wxyzs, middles.batched_scales = cylinders_of(
             capsules
@@ -120,7 +122,7 @@ class Stage:
     def _region(self, name: str, region: dict[str, Any], rgb: Rgb) -> None:
         """A prism as its edges, with its name."""
         floor = np.array([[*corner, region["z_min"]] for corner in region["polygon"]])
-        roof = floor + [0.0, 0.0, region["z_max"] - region["z_min"]]
+        roof = floor + np.array([0.0, 0.0, region["z_max"] - region["z_min"]])
         edges = [(floor, np.roll(floor, -1, 0)), (roof, np.roll(roof, -1, 0)), (floor, roof)]
         points = np.concatenate([np.stack(edge, axis=1) for edge in edges]).astype(np.float32)
         path = f"/regions/{len(self._regions)}"
@@ -148,7 +150,7 @@ class Stage:
                 line.points = np.array([ends], np.float32)
                 rgb = np.array(colour(robot["level"]) if known else GREY, np.uint8)
                 line.colors = np.broadcast_to(rgb, (1, 2, 3)).copy()
-                label.position = tuple(np.mean(ends, axis=0) + [0, 0, 0.08])
+                label.position = tuple(np.mean(ends, axis=0) + np.array([0, 0, 0.08]))
                 metres = robot["separation_m"]
                 label.text = "?" if metres is None else f"{metres:.2f} m"
 

@@ -1,5 +1,6 @@
 """A screen's process that is fed by hand."""
 
+import contextlib
 import subprocess
 import sys
 import threading
@@ -29,8 +30,9 @@ class Shown:
         assert self.process.stdin is not None
         while not self._stop.wait(0.1):
             if self._packed:
-                self.process.stdin.write(self._packed)
-                self.process.stdin.flush()
+                with contextlib.suppress(BrokenPipeError):
+                    self.process.stdin.write(self._packed)
+                    self.process.stdin.flush()
 
     def __enter__(self) -> "Shown":
         return self
@@ -45,6 +47,7 @@ class Shown:
         self._thread.join()
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        self.process.stdin.close()
+        with contextlib.suppress(BrokenPipeError):  # a test killed it
+            self.process.stdin.close()
         self.process.wait(10)
         self.process.stdout.close()

@@ -1,3 +1,4 @@
+import contextlib
 import io
 import math
 
@@ -40,10 +41,8 @@ def test_other_bytes_are_refused(data):
 def test_a_damaged_picture_is_a_picture_or_refused(place, value):
     data = bytearray(pack(Picture({"a": 1}, **empty_shapes()))[4:])
     data[place % len(data)] = value
-    try:
-        unpack(bytes(data))
-    except ValueError as error:
-        assert "no picture" in str(error)
+    with contextlib.suppress(ValueError):
+        assert isinstance(unpack(bytes(data)), Picture)
 
 
 def test_a_pipe_that_ends_in_a_picture_ends():
