@@ -1,6 +1,7 @@
 # make demo: the whole cell, simulated.  make test: lint, types, tests, and what the wheel holds.
 # make test-long: the tests marked `long`, and the wheel installed alone.
 # make docs: the site of all pages, into build/site.
+# make pictures: the pictures of pages in docs/, by a real browser (Debian's chromium).
 # Each makes its own .venv; PIP_FLAGS goes to pip (an index with the CPU build of torch, say);
 # JOBS is how many tests run at once: a number, or all the machine's cores.
 PYTHON ?= python3
@@ -11,7 +12,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) -c constraints.txt
 WHEEL_VENV := build/wheel-venv
 
-.PHONY: demo test test-long lint types pytest pytest-long wheel wheel-alone bench docs clean
+.PHONY: demo test test-long lint types pytest pytest-long wheel wheel-alone bench docs pictures clean
 
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
@@ -65,6 +66,9 @@ bench: $(VENV)/.run
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+pictures: $(VENV)/.dev
+	$(BIN)/python -m tests.pictures docs
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -22,6 +22,7 @@ from hri_predict.cli.calibrate.calibrate import calibrate
 from hri_predict.cli.check import check, conformance, predictors
 from hri_predict.cli.commission import commission
 from hri_predict.cli.register import register
+from hri_predict.cli.screens.view import view
 from hri_predict.cli.simulate.simulate import simulate
 
 app = typer.Typer(
@@ -54,6 +55,7 @@ app.command()(check.check)
 app.command()(register.register)
 app.command()(commission.commission)
 app.command()(run.replay)
+app.command()(view)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(evidence.evidence)

@@ -14,10 +14,10 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import Grounds
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
-from hri_predict.settings import Region
 from hri_predict.skeleton import CANONICAL
 from hri_predict.viewing.nearest import nearest_points
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
+from hri_predict.viewing.room import room_of
 
 STEPS = 8
 """So many moments of the horizon are sent, now and its end among them."""
@@ -80,7 +80,7 @@ def facts_of(tick: Tick, config: Config) -> dict[str, Any]:
         "zones": [],
         "times_s": [0.0],
         "coverage": coverage_of(config),
-        "room": _room(config),
+        "room": room_of(config),
     }
 
 
@@ -151,17 +151,3 @@ def _robot(advice: Advice, config: Config) -> dict[str, Any]:
 
 def _reasons(assessment: Any) -> tuple[Reason, ...]:
     return () if assessment is None else assessment.reasons
-
-
-def _room(config: Config) -> dict[str, Any]:
-    view = config.source.field_of_view
-    return {
-        "cell": config.path.stem,
-        "named": [{"name": zone.name, **_region(zone)} for zone in config.node.zones],
-        "view": None if view is None else _region(view),
-    }
-
-
-def _region(region: Region) -> dict[str, Any]:
-    corners = [[float(x), float(y)] for x, y in region.polygon]
-    return {"polygon": corners, "z_min": region.z_min, "z_max": region.z_max}

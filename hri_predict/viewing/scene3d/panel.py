@@ -19,9 +19,9 @@ def badge(word: str, rgb: tuple[int, int, int], line: str) -> str:
     )
 
 
-def page(facts: dict[str, Any], *, stale: str = "") -> str:
-    """The panel for a picture; ``stale`` says why it is not now, in grey."""
-    parts = []
+def page(facts: dict[str, Any], *, stale: str = "", when: str = "") -> str:
+    """The panel for a picture; ``stale`` says why it is not now, in grey; ``when`` it was."""
+    parts = [_table([("recorded", when)])] if when else []
     if stale:
         parts.append(badge("NOT LIVE", GREY, stale))
     for robot in facts["robots"]:
@@ -70,8 +70,9 @@ def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("people", f"{tracked}" + (f", lost: {', '.join(map(str, lost))}" if lost else "")),
         ("age", "-" if age is None else f"{age * 1e3:.0f} ms"),
         ("rate", "-" if rate is None else f"{rate:.1f} Hz"),
-        ("coverage", facts["coverage"]),
     ]
+    if facts["coverage"]:
+        rows.append(("coverage", facts["coverage"]))
     rows += [("", reason) for reason in facts["reasons"]]
     if facts.get("dropped"):
         rows.append(("pictures dropped", str(facts["dropped"])))

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import socket
 
 import viser
 
@@ -19,12 +20,9 @@ def serve(host: str, port: int) -> viser.ViserServer:
         server = viser.ViserServer(host=host, port=port, label=TITLE, verbose=False)
     server.request_share_url = _refuse  # type: ignore[method-assign]
     server.gui.configure_theme(
-        control_layout="fixed",
-        control_width="large",
-        dark_mode=True,
-        show_logo=False,
-        show_share_button=False,
+        control_width="large", dark_mode=True, show_logo=False, show_share_button=False
     )
+    server.gui.main_panel.dock_right()
     return server
 
 
@@ -39,8 +37,6 @@ def _refuse(verbose: bool = True) -> None:
 
 
 def _free(host: str) -> int:
-    import socket
-
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
         probe.bind((host, 0))
         return int(probe.getsockname()[1])

@@ -12,6 +12,7 @@ from hri_predict.viewing.picture import Picture
 from tests.browser import CHROMIUM, Browser, wait_for
 from tests.hri_predict.viewing.shown import Shown
 from tests.hri_predict.viewing.staged import pictures
+from tests.pictures import faded_in
 
 pytest.importorskip("viser", reason="the extra viewer is not installed")
 
@@ -20,12 +21,6 @@ def scene(browser: Browser) -> np.ndarray:
     """The screen left of the panel, 0 to 1."""
     image = matplotlib.image.imread(io.BytesIO(browser.screenshot()))
     return image[:, : image.shape[1] - 420, :3]
-
-
-def faded_in(browser: Browser) -> bool:
-    """viser shows its scene slowly."""
-    script = "Math.min(...[...document.querySelectorAll('canvas')].map("
-    return browser.evaluate(script + "c => +getComputedStyle(c).opacity))") > 0.99
 
 
 @pytest.mark.long
