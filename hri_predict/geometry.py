@@ -9,6 +9,7 @@ angle between the axes costs no digits; and the distance is the length of the di
 an expansion of its square, so it stays exact near zero.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,4 +166,13 @@ def in_polygon(points: Floats, corners: Floats) -> Bools:
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = x0 + (y - y0) * (x1 - x0) / (y1 - y0)
     inside: Bools = (np.count_nonzero(spans & (x < crossing), axis=-1) % 2).astype(bool)
+    return inside
+
+
+def is_in_polygon(x: float, y: float, corners: Sequence[Sequence[float]]) -> bool:
+    """``in_polygon`` of one point, in plain numbers: much faster for a few corners."""
+    inside = False
+    for (x0, y0), (x1, y1) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        if (y0 > y) != (y1 > y) and x < x0 + (y - y0) * (x1 - x0) / (y1 - y0):
+            inside = not inside
     return inside

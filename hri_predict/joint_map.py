@@ -20,7 +20,7 @@ with its uncertainty, where the map's joints allow (``people/body/inferred.py``)
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -52,6 +52,7 @@ class JointMap:
         rotation: (3, 3) from the source's axes to forward, left, up.
         weights: (J, J_source) weight of each source joint in each canonical one; a row of zeros if
             the source has no such joint.
+        mapped: (J,) which canonical joints this source can ever deliver.
     """
 
     name: str
@@ -59,11 +60,13 @@ class JointMap:
     scale_to_m: float
     rotation: Floats
     weights: Floats
+    mapped: Bools = field(init=False)
+    _needed: Floats = field(init=False)
 
-    @property
-    def mapped(self) -> Bools:
-        """(J,) which canonical joints this source can ever deliver."""
-        return np.asarray((self.weights > 0).any(axis=1))
+    def __post_init__(self) -> None:
+        needed = self.weights > 0
+        object.__setattr__(self, "mapped", np.asarray(needed.any(axis=1)))
+        object.__setattr__(self, "_needed", needed.T.astype(np.float64))
 
     def to_metres_z_up(self, points: Floats) -> Floats:
         """Raw (..., 3) in the source's units and axes to metres, x forward, y left, z up."""
@@ -84,7 +87,7 @@ class JointMap:
         """
         good = observed & np.isfinite(positions).all(axis=-1)
         clean = np.where(good[..., np.newaxis], positions, 0.0)
-        missing = (~good).astype(np.float64) @ (self.weights > 0).T.astype(np.float64)
+        missing = (~good).astype(np.float64) @ self._needed
         seen: Bools = (missing == 0.0) & self.mapped
         mapped: Floats = np.where(seen[..., np.newaxis], self.weights @ clean, 0.0)
         return mapped, seen

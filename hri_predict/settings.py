@@ -23,7 +23,7 @@ from pydantic import (
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.files import load_yaml
-from hri_predict.geometry import in_polygon
+from hri_predict.geometry import is_in_polygon
 
 
 class Settings(BaseModel):
@@ -118,9 +118,8 @@ class Region(Settings):
 
     def contains(self, point: Floats) -> bool:
         """Whether ``point`` (3,) lies in the prism."""
-        corners = np.asarray(self.polygon, dtype=np.float64)
-        high = self.z_min <= point[2] <= self.z_max
-        return bool(high and in_polygon(point[:2], corners))
+        x, y, z = point.tolist()
+        return self.z_min <= z <= self.z_max and is_in_polygon(x, y, self.polygon)
 
 
 def _crosses_itself(polygon: list[Point]) -> bool:

@@ -34,7 +34,7 @@ MAY_IMPORT = {  # from the bottom to the top
     "machine": "core",
     "protocol": "core",
     "discovery": "core protocol",
-    "robots": "core protocol",
+    "robots": "core machine protocol",
     "contracts": "core protocol robots",
     "people": "core machine protocol",
     "predictors": "core machine protocol contracts people",

@@ -134,6 +134,10 @@ def _chosen(
 
 def _summary(recording: Recording, output: Path, kind: str, written: Written) -> dict[str, Any]:
     notes = [recording.note] if recording.note else []
+    if recording.floor_m:
+        way = "lowered" if recording.floor_m > 0 else "raised"
+        by_cm = abs(recording.floor_m) * 100
+        notes.append(f"heights are {way} by {by_cm:.1f} cm, so that the floor is at 0")
     joints = len(recording.joint_map.source_joints) if written.joints is None else written.joints
     notes += written.notes
     if line := unused(recording.joint_map):

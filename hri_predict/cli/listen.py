@@ -209,6 +209,8 @@ class Printer:
     def _out(self, what: str, fields: dict[str, Any], seconds: float | None) -> None:
         if self._json:
             stamp = {} if seconds is None else {"time_s": round(seconds, 4)}
+            if "capsules" in fields:  # by name, as all else
+                fields = fields | {"capsules": [c._asdict() for c in fields["capsules"]]}
             line = json.dumps({"message": what, **stamp, **fields}, default=dataclasses.asdict)
             print(f"{line}\n", end="", flush=True)  # at once: Ctrl-C comes between two writes
             return

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import starmap
 
 from hri_predict.link import Link
 from hri_predict.people.snapshot import PeopleSnapshot
@@ -95,10 +96,9 @@ class Publisher:
                 for part in (zones.capsules.a, zones.capsules.b, zones.capsules.radius)
             )
             for p, person in enumerate(zones.ids):
-                capsules = tuple(
-                    ZoneCapsule(segment, tuple(start), tuple(end), r)
-                    for segment, start, end, r in zip(segments, a[p], b[p], radius[p], strict=True)
-                )
+                starts, ends = map(tuple, a[p]), map(tuple, b[p])
+                rows = zip(segments, starts, ends, radius[p], strict=True)
+                capsules = tuple(starmap(ZoneCapsule, rows))
                 capture_ns = captures.get(person, snapshot.newest_capture_ns)  # none if lost
                 age_s = (snapshot.now_ns - capture_ns) * 1e-9
                 # on the wire horizons count from the capture; step 0 is the body at that moment

@@ -31,113 +31,24 @@ Where this differs from the paper, and why:
 """
 
 import math
-from typing import Literal, Self, cast
+from collections.abc import Callable
+from typing import cast
 
 import torch
-from pydantic import Field, model_validator
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hri_predict.predictors.auxformer_attention import PER_METRE, AuxFormerOptions, Layer
+from hri_predict.predictors.auxformer_lean import lean
 from hri_predict.predictors.neural.body_frame import fill
 from hri_predict.predictors.neural.network import (
     Network,
-    NetworkOptions,
     Shape,
     Target,
     Window,
     mpjpe,
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
-
-_PER_METRE = 10.0  # the input is divided by 100 mm (section 5.2)
-
-
-class AuxFormerOptions(NetworkOptions):
-    """Sizes and switches; the paper's are 96 features (CMU), 8 heads and 3 or 4 layers."""
-
-    features: int = Field(32, ge=4, le=1024, description="F, of a token")
-    heads: int = Field(2, ge=1, le=64, description="of each attention; divides features")
-    layers: int = Field(3, ge=1, le=32, description="L, of observed-only and full attention each")
-    hidden: int = Field(32, ge=1, le=4096, description="units of the FFN after each attention")
-    future_stride: int = Field(
-        5, ge=1, le=1000, description="future steps per token; the paper's is 1"
-    )
-    scale: Literal["head", "features"] = Field(
-        "head", description="width whose root divides attention's products; the paper's is features"
-    )
-    velocity: bool = Field(False, description="tokens also hold their joint's last step")
-    observed_attention: bool = Field(True, description="Table 7: false keeps only full attention")
-    order: Literal["iterative", "separate"] = Field(
-        "iterative", description="Table 7: separate has all observed-only attention come first"
-    )
-    masking: bool = Field(True, description="Tables 5 and 6: learn to recover hidden coordinates")
-    denoising: bool = Field(True, description="Tables 5 and 6: learn to clean noisy coordinates")
-    mask_ratio: float = Field(0.5, ge=0, le=1, description="share of coordinates hidden")
-    noise_ratio: float = Field(0.3, ge=0, le=1, description="share of coordinates with noise")
-    noise_m: float = Field(0.05, ge=0, description="its standard deviation per axis, metres")
-    mask_weight: float = Field(1.0, ge=0, description="alpha_1, of the masking loss")
-    denoise_weight: float = Field(1.0, ge=0, description="alpha_2, of the denoising loss")
-    auxiliary_share: float = Field(
-        0.5, gt=0, le=1, description="share of a batch in the auxiliary tasks; the paper's is 1"
-    )
-    auxiliary_future: bool = Field(
-        False, description="these tasks, too, have future tokens, and masking predicts the future"
-    )
-
-    @model_validator(mode="after")
-    def _heads_divide(self) -> Self:
-        if self.features % self.heads:
-            raise ValueError(f"features ({self.features}) must be a multiple of heads")
-        return self
-
-
-class Attention(nn.Module):
-    """Mask-aware attention and FFN with a residual (section 4.2)."""
-
-    def __init__(self, options: AuxFormerOptions, over: Literal["joints", "steps"]) -> None:
-        super().__init__()
-        features, hidden = options.features, options.hidden
-        self.heads, self.over = options.heads, over
-        self.scale = features**-0.5 if options.scale == "features" else None
-        self.norm = nn.LayerNorm(features)
-        self.qkv = nn.Linear(features, 3 * features)
-        self.ffn = nn.Sequential(
-            nn.Linear(features, hidden), nn.ReLU(inplace=True), nn.Linear(hidden, features)
-        )
-
-    def forward(self, tokens: Tensor, observed: Tensor | None) -> Tensor:
-        """Update tokens (N, T, J, F) by attention to those that are ``observed`` (N, T, J), or all.
-
-        H <- H + FFN(heads of softmax(Q K' / sqrt(width)) V), the softmax over observed keys.
-        """
-        q, k, v = self._split(self.qkv(self.norm(tokens)))
-        keys = None if observed is None else self._keys(observed)
-        mixed = functional.scaled_dot_product_attention(q, k, v, attn_mask=keys, scale=self.scale)
-        change = self.ffn(mixed.transpose(1, 2).reshape(tokens.shape))
-        if observed is not None:
-            change = change * observed[..., None]
-        return tokens + change
-
-    def _split(self, x: Tensor) -> tuple[Tensor, ...]:
-        """Split (N, T, J, 3 F) into three (sequences, heads, length, F / heads) without a copy.
-
-        Features are ordered by head, then query, key, value, so that joints and heads are one axis.
-        """
-        n, steps, joints, features = x.shape
-        depth = features // (3 * self.heads)
-        if self.over == "joints":
-            x = x.view(n * steps, joints, self.heads, 3, depth)
-        else:
-            x = x.view(n, steps, joints * self.heads, 3, depth)
-        return x.transpose(1, 2).unbind(3)
-
-    def _keys(self, observed: Tensor) -> Tensor:
-        """Key mask that fits ``_split``; without observed keys all are open (queries unused)."""
-        if self.over == "joints":
-            keys = observed.flatten(0, 1)[:, None, None]
-        else:
-            keys = observed.transpose(1, 2).repeat_interleave(self.heads, 1)[:, :, None]
-        return keys | ~keys.any(-1, keepdim=True)
 
 
 class AuxFormer(Network):
@@ -157,8 +68,8 @@ class AuxFormer(Network):
         self.step = _dictionary(shape.history_steps + self.future_tokens, 1, size)
         self.hidden = _dictionary(size)
         observed_only = options.layers if options.observed_attention else 0
-        self.observed_layers = nn.ModuleList(_Layer(options) for _ in range(observed_only))
-        self.full_layers = nn.ModuleList(_Layer(options) for _ in range(options.layers))
+        self.observed_layers = nn.ModuleList(Layer(options) for _ in range(observed_only))
+        self.full_layers = nn.ModuleList(Layer(options) for _ in range(options.layers))
         self.norm = nn.LayerNorm(size)
         self.predict = _head(size, 3 * stride)
         self.unmask = _head(size, 3) if options.masking else None
@@ -170,8 +81,12 @@ class AuxFormer(Network):
         """Predict (B, H, J, 3) in the body frame; only observed coordinates are read."""
         return self.forward_filled(Window(self._filled(window), window.observed))
 
+    def lean(self) -> Callable[[Window], Tensor]:
+        """See ``auxformer_lean``."""
+        return lean(self)
+
     def forward_filled(self, window: Window) -> Tensor:
-        """``forward`` without filling in again."""
+        """``forward`` of a window that ``enter`` has filled, without filling in again."""
         tokens = self._features(window.positions, window.observed, future=True)
         return self._future(self.predict, tokens, window.positions)
 
@@ -260,13 +175,13 @@ class AuxFormer(Network):
             both = functional.pad(seen[:, 1:] & seen[:, :-1], (0, 0, 0, 0, 1, 0))
             step = functional.pad(filled[:, 1:] - filled[:, :-1], (0, 0, 0, 0, 1, 0))
             parts.append(torch.where(both, step, 0.0))
-        coordinates = torch.cat(parts, -1) * _PER_METRE
+        coordinates = torch.cat(parts, -1) * PER_METRE
         places = self.step + self.joint
         tokens = torch.where(seen, self.coordinate(coordinates), self.hidden) + places[:past]
         if future:
             ahead = (self.hidden + places[past:]).expand(filled.shape[0], -1, -1, -1)
             tokens = torch.cat([tokens, ahead], 1)
-        for layer, observed_only in self._order():
+        for layer, observed_only in self.order():
             if not observed_only:
                 tokens = layer(tokens, None)
             elif future:
@@ -276,36 +191,27 @@ class AuxFormer(Network):
                 tokens = layer(tokens, observed)
         return cast(Tensor, self.norm(tokens))
 
-    def _order(self) -> list[tuple[nn.Module, bool]]:
+    def order(self) -> list[tuple[Layer, bool]]:
         """Layers in order, and whether each attends to observed tokens only (Table 7)."""
-        observed = [(layer, True) for layer in self.observed_layers]
-        full = [(layer, False) for layer in self.full_layers]
+        observed = [(cast(Layer, layer), True) for layer in self.observed_layers]
+        full = [(cast(Layer, layer), False) for layer in self.full_layers]
         if self.options.order == "separate" or not observed:
             return observed + full
         return [pair for both in zip(observed, full, strict=True) for pair in both]
 
     def _past(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
         """(N, T, J, 3) metres: the filled input plus the head's output."""
-        return filled + cast(Tensor, head(tokens[:, : filled.shape[1]])) / _PER_METRE
+        return filled + cast(Tensor, head(tokens[:, : filled.shape[1]])) / PER_METRE
 
     def _future(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
         """(N, H, J, 3) metres: the last filled pose plus the head's output."""
-        count, past, joints, _ = filled.shape
-        change = head(tokens[:, past:]).view(count, self.future_tokens, joints, -1, 3)
+        return self.ahead_of(head, tokens[:, filled.shape[1] :], filled)
+
+    def ahead_of(self, head: nn.Module, future: Tensor, filled: Tensor) -> Tensor:
+        """The same of future tokens alone, (N, future tokens, J, F)."""
+        change = head(future).unflatten(3, (self.options.future_stride, 3))
         change = change.transpose(2, 3).flatten(1, 2)[:, : self.shape.horizon_steps]
-        return filled[:, -1:] + change / _PER_METRE
-
-
-class _Layer(nn.Module):
-    """Spatial, then temporal attention."""
-
-    def __init__(self, options: AuxFormerOptions) -> None:
-        super().__init__()
-        self.spatial = Attention(options, over="joints")
-        self.temporal = Attention(options, over="steps")
-
-    def forward(self, tokens: Tensor, observed: Tensor | None) -> Tensor:
-        return cast(Tensor, self.temporal(self.spatial(tokens, observed), observed))
+        return filled[:, -1:] + change / PER_METRE
 
 
 def _dictionary(*shape: int) -> nn.Parameter:

@@ -44,6 +44,7 @@ class Recording:
         declares_noise: see ``source.Source``.
         received: messages of controllers during the recording: (link, message); "mcap" only.
         note: something the user should know, such as where a cut file was cut; "" if nothing.
+        floor_m: height of the floor in the file; the reader took it off all heights.
         config: text of the recording node's configuration; "mcap" only.
         utc_ns: (N,) the arrivals in UTC, nanoseconds since 1970; empty if that is not known.
     """
@@ -57,6 +58,7 @@ class Recording:
     declares_noise: bool = False
     received: Sequence[tuple[str, Received]] = ()
     note: str = ""
+    floor_m: float = 0.0
     config: str = ""
     utc_ns: Sequence[int] = ()
 

@@ -11,7 +11,7 @@ from hri_predict.geometry import Capsules, in_polygon, segment_distance
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.demand import Demand
-from hri_predict.risk.separation.terms import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
+from hri_predict.risk.separation.permitted import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.settings import Region

@@ -165,9 +165,7 @@ class RiskEngine:
                 self.zones(*tick)
         finally:
             self._check = kept
-        warm_up = getattr(self._separation, "warm_up", None)  # it may have no loops of its own
-        if warm_up is not None:
-            warm_up()
+        self._separation.warm_up()
 
     def assess(
         self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()

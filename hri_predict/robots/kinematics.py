@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.arrays import Bools, Floats
 from hri_predict.geometry import cross
 
 
@@ -85,63 +85,26 @@ class Chain:
 
     Attributes:
         dof: N.
-        sliding: indices of the prismatic joints.
+        geometry: base (3, 4), blocks (N, 3, 16), (N,) which joints are prismatic, and (N, 3, 2)
+            each joint's axis and origin in the parent's frame; for ``links_of`` and ``twists_of``.
     """
 
     def __init__(self, base: Floats, joints: list[Joint]) -> None:
         self.dof = len(joints)
-        self.sliding = np.array([i for i, joint in enumerate(joints) if joint.slides], np.intp)
-        self._base = base
         self._joints = joints
         # pre Rot(q) post is linear in 1, sin q and cos q (Rodrigues). So each joint has three
         # constant 4 x 4 blocks, and one product gives all joints' local transforms: (N, 3, 16).
         # pre Trans(q) post is linear in 1 and q, so q takes the place of sin q.
-        self._blocks = np.array([_blocks(joint) for joint in joints]).reshape(self.dof, 3, 16)
-        # (N, 3, 2) each joint's axis and origin in the parent's frame
-        self._axis_and_origin = np.array(
+        blocks = np.array([_blocks(joint) for joint in joints]).reshape(self.dof, 3, 16)
+        axis_and_origin = np.array(
             [np.column_stack([j.pre[:3, :3] @ j.axis, j.pre[:3, 3]]) for j in joints]
         )
+        slides = np.array([joint.slides for joint in joints], np.bool_)
+        self.geometry = np.array(base[:3], np.float64), blocks, slides, axis_and_origin
 
     def links(self, q: Floats) -> Floats:
         """(N+1, ..., 3, 4) rotation and position of every link at configurations q (..., N)."""
-        q = np.asarray(q, dtype=np.float64)
-        flat = q.reshape(-1, self.dof).T
-        terms = np.ones((*flat.shape, 3))
-        np.sin(flat, out=terms[..., 1])
-        np.cos(flat, out=terms[..., 2])
-        if len(self.sliding):
-            terms[self.sliding, :, 1] = flat[self.sliding]
-        local = np.matmul(terms, self._blocks).reshape(*flat.shape, 4, 4)  # (N, R, 4, 4)
-        links = np.empty((self.dof + 1, flat.shape[1], 3, 4))
-        links[0] = self._base[:3]
-        for i in range(self.dof):
-            np.matmul(links[i], local[i], out=links[i + 1])
-        result: Floats = links.reshape(self.dof + 1, *q.shape[:-1], 3, 4)
-        return result
-
-    def twists(self, links: Floats, qd: Floats) -> tuple[Floats, Floats]:
-        """Angular and linear velocity of every link as one moving frame through the origin.
-
-        Args:
-            links: the result of ``links``.
-            qd: (..., N) rad/s, m/s.
-
-        Returns:
-            ``omega, v0``, each (N+1, ..., 3); a point x of link i moves at ``v0 + omega x x``.
-        """
-        parent = links[:-1]
-        qd = np.asarray(qd)
-        axis_and_origin = self._axis_and_origin.reshape(self.dof, *(1,) * (qd.ndim - 1), 3, 2)
-        turned = np.matmul(parent[..., :3], axis_and_origin)  # (N, ..., 3, 2)
-        axis, on_axis = turned[..., 0], turned[..., 1] + parent[..., 3]
-        turn = axis * np.moveaxis(qd, -1, 0)[..., None]
-        shift = cross(on_axis, turn)
-        if len(self.sliding):
-            shift[self.sliding], turn[self.sliding] = turn[self.sliding], 0.0
-        omega, v0 = np.zeros((2, *links.shape[:-2], 3))
-        np.cumsum(turn, axis=0, out=omega[1:])
-        np.cumsum(shift, axis=0, out=v0[1:])
-        return omega, v0
+        return links_of(*self.geometry[:3], np.asarray(q, np.float64))
 
     def arms(self, link: int, point: Floats) -> Floats:
         """(N,) lengths of the rigid pieces between the joint axes, from joint 1 to a point.
@@ -159,3 +122,56 @@ class Chain:
             end = point if i == link - 1 else self._joints[i + 1].pre[:3, 3]
             lengths[i] = np.linalg.norm(end - start)
         return lengths
+
+
+def links_of(base: Floats, blocks: Floats, slides: Bools, q: Floats) -> Floats:
+    """(N+1, ..., 3, 4) rotation and position of every link of a ``Chain`` at ``q`` (..., N).
+
+    Args:
+        base: (3, 4) pose of link 0.
+        blocks: (N, 3, 16) of the joints.
+        slides: (N,) which joints are prismatic.
+        q: rad, m.
+    """
+    dof = len(blocks)
+    flat = q.reshape(-1, dof).T
+    terms = np.ones((*flat.shape, 3))
+    np.sin(flat, out=terms[..., 1])
+    np.cos(flat, out=terms[..., 2])
+    if slides.any():
+        terms[slides, :, 1] = flat[slides]
+    local = np.matmul(terms, blocks).reshape(*flat.shape, 4, 4)  # (N, R, 4, 4)
+    links = np.empty((dof + 1, flat.shape[1], 3, 4))
+    links[0] = base
+    for i in range(dof):
+        np.matmul(links[i], local[i], out=links[i + 1])
+    result: Floats = links.reshape(dof + 1, *q.shape[:-1], 3, 4)
+    return result
+
+
+def twists_of(
+    axis_and_origin: Floats, slides: Bools, links: Floats, qd: Floats
+) -> tuple[Floats, Floats]:
+    """Angular and linear velocity of every link as one moving frame through the origin.
+
+    Args:
+        axis_and_origin: (N, 3, 2) each joint's in its parent's frame.
+        slides: (N,) which joints are prismatic.
+        links: the result of ``links_of``.
+        qd: (..., N) rad/s, m/s.
+
+    Returns:
+        ``omega, v0``, each (N+1, ..., 3); a point x of link i moves at ``v0 + omega x x``.
+    """
+    parent = links[:-1]
+    local = axis_and_origin.reshape(len(slides), *(1,) * (qd.ndim - 1), 3, 2)
+    turned = np.matmul(parent[..., :3], local)  # (N, ..., 3, 2)
+    axis, on_axis = turned[..., 0], turned[..., 1] + parent[..., 3]
+    turn = axis * np.moveaxis(qd, -1, 0)[..., None]
+    shift = cross(on_axis, turn)
+    if slides.any():
+        shift[slides], turn[slides] = turn[slides], 0.0
+    omega, v0 = np.zeros((2, *links.shape[:-2], 3))
+    np.cumsum(turn, axis=0, out=omega[1:])
+    np.cumsum(shift, axis=0, out=v0[1:])
+    return omega, v0

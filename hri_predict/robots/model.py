@@ -7,9 +7,12 @@ import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.errors import RobotError
-from hri_predict.geometry import Capsules, cross, norm
+from hri_predict.geometry import Capsules
+from hri_predict.machine.compiled import plain
+from hri_predict.robots.body.ahead import Tables, straight
 from hri_predict.robots.body.shape import Shape
 from hri_predict.robots.body.sweep import Pieces
+from hri_predict.robots.body.sweeping import capsules_of, ends_of, moving_capsules, swept_capsules
 from hri_predict.robots.file import RobotFile, read_robot_file
 from hri_predict.robots.kinematics import Chain
 from hri_predict.robots.mobile_base import COORDINATES, FARTHEST, Course, MobileBase, base_joints
@@ -32,6 +35,9 @@ __all__ = [
     "TrajectoryMotion",
     "load_robot",
 ]
+
+
+_NO_BASE = np.empty(0)
 
 
 class RobotModel:
@@ -98,8 +104,8 @@ class RobotModel:
         self._link, self._ends, self._radius = shape.link, shape.ends, shape.radius
         self.moves: Bools = self._link > lead
         # (C, 4, 2) for products with (3, 4) poses
-        self._ends_h = np.pad(self._ends, ((0, 0), (0, 0), (0, 1)), constant_values=1.0)
-        self._ends_h = np.ascontiguousarray(self._ends_h.swapaxes(1, 2))
+        ends = np.pad(self._ends, ((0, 0), (0, 0), (0, 1)), constant_values=1.0).swapaxes(1, 2)
+        self._geometry = *self._chain.geometry, self._link, plain(ends), plain(self._radius)
         self._pieces = self._measured()
         root = float(np.linalg.norm(joints[lead].pre[:3, 3]))
         on_base = np.max(np.linalg.norm(self._ends, axis=-1), axis=-1)
@@ -188,7 +194,7 @@ class RobotModel:
 
     def capsules(self, q: Floats) -> Capsules:
         """Capsules (..., C) in the room at joint positions ``q`` (..., N) rad, m."""
-        return self._capsules(self._ends_at(self._chain.links(q)))
+        return capsules_of(self._geometry, ends_of(self._geometry, self._chain.links(q)))
 
     def tool_position(self, q: Floats, tool: Floats) -> Floats:
         """(3,) room position of the point ``tool`` (3,) of the last link at positions ``q``."""
@@ -207,14 +213,10 @@ class RobotModel:
 
     def moving(self, q: Floats, qd: Floats) -> tuple[Capsules, Floats]:
         """``capsules`` and ``tip_speed`` at once."""
-        links = self._chain.links(q)
-        ends = self._ends_at(links)
-        by_base = 0.0 if self.mobile is None else self.mobile.speed(np.asarray(qd))
-        omega, v0 = self._chain.twists(links, self._of_arm(qd))
-        turn, shift = (np.moveaxis(v.take(self._link, axis=0), 0, -2) for v in (omega, v0))
-        fastest = norm(shift + cross(turn, ends)).max(axis=0)
-        speed: Floats = (fastest + norm(turn) * self._radius).max(axis=-1) + by_base
-        return self._capsules(ends), speed
+        q, qd = np.asarray(q, np.float64), np.asarray(qd, np.float64)
+        by_base = 0.0 if self.mobile is None else self.mobile.speed(qd)
+        capsules, speed = moving_capsules(self._geometry, q, self._of_arm(qd))
+        return capsules, speed + by_base
 
     def _of_arm(self, qd: Floats) -> Floats:
         """``qd`` (..., N) without the base's motion."""
@@ -232,20 +234,24 @@ class RobotModel:
         """
         if np.isnan(speed_m_s):
             raise ValueError("speed is NaN")
+        if self.mobile is None:
+            return self.table.at(speed_m_s)
         speed = np.array(speed_m_s)
-        return float(self.stopping_times(speed)), float(self._stopping_m(speed))
+        return float(self.stopping_times(speed)), float(self.mobile.distances_m(self.table, speed))
+
+    @property
+    def stopping_tables(self) -> Tables:
+        """How it stops, as arrays; see ``ahead``."""
+        speeds = times = _NO_BASE
+        if self.mobile is not None:
+            speeds, times, _ = self.mobile.table.rows
+        return *self.table.rows, speeds, times, self.stretch
 
     def stopping_times(self, speeds: Floats) -> Floats:
         """The times of ``stopping``, for any number of speeds at once."""
         if self.mobile is not None:
             return self.mobile.times_s(self.table, speeds)
         return self.table.times_s(speeds)
-
-    def _stopping_m(self, speeds: Floats) -> Floats:
-        """The distances of ``stopping``, for any number of speeds at once."""
-        if self.mobile is not None:
-            return self.mobile.distances_m(self.table, speeds)
-        return self.table.distances_m(speeds)
 
     def stopping_capsules(
         self,
@@ -289,13 +295,17 @@ class RobotModel:
             )
             swept = self.swept_capsules(path.q, path.dq_most, path.ddq_most, path.half)
             return Capsules(swept.a, swept.b, swept.radius + path.veer_m[..., None])
-        stopping = np.asarray(stopping_s, float)[..., None]
         if speed_m_s is None:
             speed_m_s = float(self.tip_speed(q, qd))
-        travel = self.travel_s(factor * speed_m_s, np.asarray(times_s, float), reaction_s, stopping)
-        u = factor * travel  # seconds at qd itself, from here on
-        half = np.diff(u, axis=-1, prepend=u[..., :1]) / 2
-        return self.swept_capsules(q + u[..., None] * qd, np.abs(qd), np.zeros(self.dof), half)
+        lead = np.broadcast_shapes(np.shape(scale), np.shape(stopping_s))
+        each = [plain(np.broadcast_to(v, lead).reshape(-1)) for v in (scale, stopping_s)]
+        at_s = plain(np.asarray(times_s))
+        moves = each[0], each[1], speed_m_s
+        joints = plain(q), plain(qd)
+        places, half = straight(joints, self.stopping_tables, moves, (at_s, reaction_s))
+        shape, none = (*lead, *places.shape[1:]), np.zeros(self.dof)
+        half = half.reshape(shape[:-1])
+        return self.swept_capsules(places.reshape(shape), np.abs(qd), none, half)
 
     def swept_capsules(
         self, q: Floats, dq_most: Floats, ddq_most: Floats, half: Floats
@@ -315,11 +325,7 @@ class RobotModel:
                 stretch.
             half: (..., K) h of each stretch; 0 for entry 0.
         """
-        ends = self._ends_at(self._chain.links(q))
-        before = np.concatenate([ends[..., :1, :, :], ends[..., :-1, :, :]], axis=-3)
-        a, b = 0.5 * (ends + before)
-        grow = self._pieces.departure(ends, before, q=q, dq=dq_most, ddq=ddq_most, half=half)
-        return Capsules(a, b, self._radius + grow)
+        return swept_capsules(self._geometry, self._pieces, q, (dq_most, ddq_most, half))
 
     def shift_m(self, off: Floats) -> float:
         """How far any point may be off if each joint is off by at most ``off`` (N,) rad, m."""
@@ -337,17 +343,6 @@ class RobotModel:
         ``speeds`` and ``stopping_s`` are (..., 1).
         """
         return self.table.travel_s(speeds, times_s, reaction_s, stopping_s)
-
-    def _ends_at(self, links: Floats) -> Floats:
-        """(2, ..., C, 3) both ends of every capsule on links (N+1, ..., 3, 4)."""
-        lead, count = links.shape[1:-2], len(self._link)
-        at = links.take(self._link, axis=0).reshape(count, -1, 4)
-        # one product of matrices for each capsule's ends
-        ends = np.matmul(at, self._ends_h).reshape(count, -1, 3, 2)
-        return np.ascontiguousarray(ends.transpose(3, 1, 0, 2)).reshape(2, *lead, count, 3)
-
-    def _capsules(self, ends: Floats) -> Capsules:
-        return Capsules(ends[0], ends[1], np.broadcast_to(self._radius, ends.shape[1:-1]))
 
 
 def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:

@@ -148,7 +148,7 @@ class RobotMotion:
         return 0.0 if self.on_plan is None else self.on_plan.phase_s
 
     def _steps_until(self, stands_s: Floats) -> Ints:
-        until: Ints = np.searchsorted(self.times_s[:-1], stands_s, side="right")
+        until: Ints = self.times_s[:-1].searchsorted(stands_s, "right")
         return until
 
     def _stopping_s(self, speeds_m_s: Floats) -> Floats:

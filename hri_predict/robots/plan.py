@@ -13,6 +13,9 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules
+from hri_predict.machine.compiled import plain
+from hri_predict.robots.body import ahead
+from hri_predict.robots.body.ahead import stretches
 from hri_predict.robots.model import RobotModel
 from hri_predict.robots.trajectory import Trajectory
 
@@ -126,34 +129,16 @@ class Plan:
             ``RobotModel.swept_capsules``). And (L,) seconds from time 0 until it stands.
         """
         phases, stands_s = self.phases(start.phase_s, speeds_m_s, times_s, reaction_s)
-        before = np.concatenate([phases[:, :1], phases[:, :-1]], axis=1)
-        q, dq = self.trajectory.at(phases)
-        rate = np.abs(dq)
-        bend = self.trajectory.acceleration_most(before, phases)
-        half = (phases - before) / 2
-        # no place of a stretch is farther than half of it from one of its ends
-        fastest = np.maximum(rate, np.concatenate([rate[:, :1], rate[:, :-1]], axis=1))
-        swept = self._model.swept_capsules(q, fastest + half[..., None] * bend, bend, half)
+        swept = self._model.swept_capsules(*stretches(self.trajectory.moves, phases))
         return Capsules(swept.a, swept.b, swept.radius + start.off_m), stands_s
 
     def phases(
         self, start_s: float, speeds_m_s: Floats, times_s: Floats, reaction_s: float
     ) -> tuple[Floats, Floats]:
         """(L, K) phases of ``stopping_capsules`` at the times, and (L,) when the robot stands."""
-        cells = math.ceil(reaction_s / self._step_s) + 1
-        at: Floats = start_s + np.arange(cells + 1, dtype=np.float64) * self._step_s
-        rates = self._rates(speeds_m_s[:, None], at[:-1] + self._step_s / 2)
-        passed = np.zeros((len(speeds_m_s), cells + 1))
-        np.cumsum(self._step_s / np.maximum(rates, 1e-9), axis=1, out=passed[:, 1:])
-        follows = np.append(np.minimum(times_s, reaction_s), reaction_s)
-        followed = np.array([np.interp(follows, when, at) for when in passed])
-        phases, brakes = followed[:, :-1], followed[:, -1]
-        rate = self._rates(speeds_m_s, brakes)
-        speed = rate * self._speed_at(brakes)
-        stopping_s = self._model.stopping_times(speed)
-        after = np.maximum(times_s - reaction_s, 0.0)
-        travel = self._model.travel_s(speed[:, None], after, 0.0, stopping_s[:, None])
-        return phases + rate[:, None] * travel, reaction_s + stopping_s
+        path = self._closed, self._speed, self._step_s
+        start, asked = (start_s, reaction_s), (plain(speeds_m_s), plain(times_s))
+        return ahead.phases(path, self._model.stopping_tables, start, asked)
 
     def forwards_m_s(self, phase_s: float, qd: Floats) -> float:
         """How fast the fastest point goes forwards on the path, at joint velocities (N,) rad/s;

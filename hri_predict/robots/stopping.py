@@ -6,7 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.arrays import Floats, Ints
+from hri_predict.machine.compiled import plain
 from hri_predict.robots.file import StoppingFile
 
 STANDING_M_S = 0.001
@@ -30,7 +31,7 @@ class StoppingTable:
     """
 
     def __init__(self, speeds: Floats, times: Floats, distances: Floats) -> None:
-        self._speeds, self._times = speeds, times
+        self._speeds, self._times, self._distances = speeds, times, distances
         self._distance_curve = np.append(0.0, speeds), np.append(0.0, distances)
         self.stretch = 1.0
 
@@ -46,6 +47,11 @@ class StoppingTable:
         row = next(covering, stopping.rows[-1])
         return cls(np.array(stopping.speed_m_s), np.array(row.time_s), np.array(row.distance_m))
 
+    @property
+    def rows(self) -> tuple[Floats, Floats, Floats]:
+        """Speeds, times and distances as given."""
+        return self._speeds, self._times, self._distances
+
     def times_s(self, speeds: Floats) -> Floats:
         """Seconds from the onset of braking to rest, for any number of speeds at once."""
         beyond = np.maximum(speeds / self._speeds[-1], 1.0)
@@ -58,6 +64,16 @@ class StoppingTable:
         beyond = np.maximum(speeds / knots[-1], 1.0) ** 2
         distance: Floats = np.interp(speeds, knots, distances) * (beyond * self.stretch)
         return np.where(speeds >= STANDING_M_S, distance, 0.0)
+
+    def at(self, speed: float) -> tuple[float, float]:
+        """Time and distance at one speed, quickly."""
+        if not speed >= STANDING_M_S:
+            return 0.0, 0.0
+        beyond = max(speed / float(self._speeds[-1]), 1.0)
+        knots, distances = self._distance_curve
+        time_s = float(np.interp(speed, self._speeds, self._times))
+        distance_m = float(np.interp(speed, knots, distances))
+        return time_s * (beyond * self.stretch), distance_m * (beyond**2 * self.stretch)
 
     def hold_s(self, speeds: Floats, stopping_s: Floats) -> Floats:
         """How much later than the brake command a uniform deceleration sets in.
@@ -130,12 +146,21 @@ class StoppingCurve:
         if not (np.isfinite(table).all() and (table >= 0).all()):
             raise ValueError("stopping time and distance must be finite and not negative")
         time_s, distance_m = np.maximum.accumulate(table, axis=0).T
-        return cls(speeds, time_s, distance_m)
+        return cls(speeds, plain(time_s), plain(distance_m))
 
     @property
     def max_speed_m_s(self) -> float:
         """The highest speed in the table."""
         return float(self.speed_m_s[-1])
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, Floats]:
+        """Speeds, times and distances."""
+        return self.speed_m_s, self.time_s, self.distance_m
+
+    def highest(self, counts: Ints) -> tuple[float, ...]:
+        """The highest of the first so many speeds, for each number; 0 if there are none."""
+        return tuple(float(self.speed_m_s[n - 1]) if n > 0 else 0.0 for n in counts.tolist())
 
     def at(self, speed_m_s: float) -> tuple[float, float]:
         """T_s and S_s at a speed, interpolated between the table's speeds."""

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, RobotError, nearest
 from hri_predict.files import data_path, read_yaml
+from hri_predict.machine.compiled import plain
+from hri_predict.robots.body.ahead import Moves, at_phases
 from hri_predict.robots.model import RobotModel
 from hri_predict.settings import Settings, validated
 
@@ -55,15 +56,17 @@ class Trajectory:
 
     Attributes:
         duration_s: duration of one cycle.
+        moves: the trajectory as arrays; see ``ahead``.
     """
 
     def __init__(self, times_s: Floats, positions: Floats) -> None:
         self.duration_s = float(times_s[-1])
-        self._times = times_s
-        self._moments: list[float] = times_s.tolist()
-        self._positions = positions
+        # A move's greatest acceleration is 10 / sqrt(3) x move / time^2, where
+        # s''(x) = 60 x - 180 x^2 + 120 x^3 has its extremes (x = 1/2 -+ 1/sqrt(12)).
         span = np.diff(times_s)[:, None]
-        self._acceleration = 10 / np.sqrt(3) * np.abs(np.diff(positions, axis=0)) / span**2
+        acceleration = 10 / np.sqrt(3) * np.abs(np.diff(positions, axis=0)) / span**2
+        self.moves: Moves = plain(times_s), plain(positions), acceleration
+        self._moments: list[float] = times_s.tolist()
 
     def at(self, t_s: float | Floats) -> tuple[Floats, Floats]:
         """Positions and velocities (..., N), rad, m and per second, at times ``t_s`` (...)."""
@@ -78,15 +81,8 @@ class Trajectory:
         """
         if isinstance(phase_s, float) and isinstance(rate, float):
             return self._at_one(phase_s, rate)
-        phase = np.asarray(phase_s, dtype=np.float64) % self.duration_s
-        i = self._move_of(phase)
-        span = (self._times[i + 1] - self._times[i])[..., None]
-        x = (phase - self._times[i])[..., None] / span
-        start = self._positions[i]
-        move = self._positions[i + 1] - start
-        q: Floats = start + move * (x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
-        qd = move * (30.0 * x * x * (1.0 - x) ** 2) / span * np.asarray(rate)[..., None]
-        return q, qd
+        q, qd = at_phases(self.moves, np.asarray(phase_s, dtype=np.float64))
+        return q, qd * np.asarray(rate)[..., None]
 
     def _at_one(self, phase_s: float, rate: float) -> tuple[Floats, Floats]:
         """``at_phase`` of one place, in plain numbers: a controller asks in each of its cycles."""
@@ -94,29 +90,11 @@ class Trajectory:
         i = min(bisect_right(self._moments, phase) - 1, len(self._moments) - 2)
         span = self._moments[i + 1] - self._moments[i]
         x = (phase - self._moments[i]) / span
-        start = self._positions[i]
-        move = self._positions[i + 1] - start
+        start = self.moves[1][i]
+        move = self.moves[1][i + 1] - start
         q: Floats = start + move * (x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
         qd: Floats = move * (30.0 * x * x * (1.0 - x) ** 2) / span * rate
         return q, qd
-
-    def acceleration_most(self, from_s: Floats, to_s: Floats) -> Floats:
-        """(..., N) bound of each joint's acceleration at full speed between two phases.
-
-        A move's greatest acceleration is 10 / sqrt(3) x move / time^2, where
-        ``s''(x) = 60 x - 180 x^2 + 120 x^3`` has its extremes (x = 1/2 -+ 1/sqrt(12)). The moves
-        before and after both count; if the arm passes more than two moves, all of them count.
-        """
-        first, last = self._move_of(from_s), self._move_of(to_s)
-        most = np.maximum(self._acceleration[first], self._acceleration[last])
-        moves = len(self._acceleration)
-        many = (to_s - from_s > self._times[-1] / 2) | ((last - first) % moves > 1)
-        return np.where(many[..., None], self._acceleration.max(0), most)
-
-    def _move_of(self, phase_s: Floats) -> NDArray[np.intp]:
-        phase = np.asarray(phase_s, dtype=np.float64) % self.duration_s
-        i = np.searchsorted(self._times, phase, side="right") - 1
-        return np.minimum(i, len(self._times) - 2)
 
     def peak_tip_speed(self, model: RobotModel, samples: int = 2000) -> float:
         """Speed (m/s) of the fastest point of ``model`` over one cycle, sampled."""

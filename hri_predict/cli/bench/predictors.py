@@ -38,7 +38,9 @@ def predictors(
     """Measure each predictor's forecasts, 25 a second as the node makes them, by engine.
 
     The engines take turns, so that other programs disturb them alike: compare
-    their ratio, and no times from two runs.
+    their ratio, and no times from two runs. The floor is what the network's
+    products alone would take at the rate of a large product of matrices on one
+    core: no program is faster, and a good one takes two or three times as long.
 
     Example: hri-predict bench predictors --predictor sinn
     """
@@ -47,19 +49,53 @@ def predictors(
     known = registry.names("predictors")
     for name in predictor or []:
         one_of("--predictor", name, known)
-    names = predictor or [name for name in known if _has_weights(name)]
+    names = predictor or with_weights()
     sizes = people or [1, 4, 16]
     rows: list[dict[str, Any]] = []
     with progress() as bar:
         task = bar.add_task("forecasting", total=len(names) * len(sizes))
-        for name in names:
-            for row in _measured(name, sizes, seconds):
-                rows += row
-                bar.advance(task)
+        for some in measure(names, sizes, seconds):
+            rows += some
+            bar.advance(task)
     if as_json:
         print(json.dumps(rows))
     else:
         Console().print(_table(rows))
+
+
+def with_weights() -> list[str]:
+    """The predictors with shipped weights."""
+    return [name for name in registry.names("predictors") if _has_weights(name)]
+
+
+def measure(
+    names: Sequence[str], people: Sequence[int], seconds: float
+) -> Iterator[list[dict[str, Any]]]:
+    """Yield rows, one for each engine, of each predictor and number of people.
+
+    A row holds ``predictor``, ``engine``, ``people``, ``p50_ms``, ``p99_ms``, ``max_ms``,
+    ``forecasts`` (how many were measured), ``differs_mm`` (from torch) and ``floor_ms`` (``None``:
+    it has no network).
+
+    Args:
+        names: of predictors; they must have shipped weights or need none.
+        people: at once.
+        seconds: to measure each row.
+    """
+    from hri_predict.predictors.neural.floor import products_per_second
+
+    rate = products_per_second()
+    for name in names:
+        yield from _measured(name, people, seconds, rate)
+
+
+def _floor_ms(predictor: Predictor, people: int, rate: float) -> float | None:
+    """Milliseconds of all its networks' products."""
+    from hri_predict.predictors.neural.floor import products
+
+    members = getattr(predictor, "members", [predictor])
+    networks = [m.network for m in members if hasattr(m, "network")]
+    return 1e3 * sum(products(n, people) for n in networks) / rate if networks else None
 
 
 def _has_weights(name: str) -> bool:
@@ -69,7 +105,9 @@ def _has_weights(name: str) -> bool:
     return network_class_of(name) is not None and shipped_weights(name).is_file()
 
 
-def _measured(name: str, sizes: Sequence[int], seconds: float) -> Iterator[list[dict[str, Any]]]:
+def _measured(
+    name: str, sizes: Sequence[int], seconds: float, rate: float
+) -> Iterator[list[dict[str, Any]]]:
     """Yield the rows of each number of people."""
     built = _engines(name)
     for people in sizes:
@@ -77,6 +115,7 @@ def _measured(name: str, sizes: Sequence[int], seconds: float) -> Iterator[list[
         seen = _walk(each_one[0].history_steps, people)
         taken = _paced(each_one, *seen, seconds)
         wanted = each_one[0].predict(*seen).positions
+        floor_ms = _floor_ms(each_one[0], people, rate)
         rows = []
         for (engine, each), times in zip(built.items(), taken, strict=True):
             found = each.predict(*seen).positions
@@ -90,6 +129,7 @@ def _measured(name: str, sizes: Sequence[int], seconds: float) -> Iterator[list[
                     "max_ms": float(np.max(times)),
                     "forecasts": len(times),
                     "differs_mm": float(1e3 * np.abs(found - wanted).max()),
+                    "floor_ms": floor_ms,
                 }
             )
         yield rows
@@ -138,7 +178,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
     table = Table(title="A forecast, 25 a second, milliseconds", title_justify="left")
     table.add_column("predictor")
     table.add_column("engine")
-    for name in ("people", "p50", "p99", "max", "from torch, mm"):
+    for name in ("people", "p50", "p99", "max", "floor", "from torch, mm"):
         table.add_column(name, justify="right")
     for row in rows:
         table.add_row(
@@ -146,6 +186,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
             row["engine"],
             str(row["people"]),
             *(f"{row[key]:.1f}" for key in ("p50_ms", "p99_ms", "max_ms")),
+            "" if row["floor_ms"] is None else f"{row['floor_ms']:.1f}",
             f"{row['differs_mm']:.1g}",
         )
     return table

@@ -28,7 +28,7 @@ from hri_predict.cli.check.contact import (
     contact_table,
     unseen_ends_note,
 )
-from hri_predict.cli.check.engine import engine_facts, engine_lines
+from hri_predict.cli.check.engine import engine_facts, engine_lines, loops_line
 from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
@@ -132,7 +132,8 @@ def _print(found: dict[str, Any]) -> None:
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
-    for line in (*engine_lines(found["engine"]), *calibration_lines(found["calibration"])):
+    computed = (*engine_lines(found["engine"]), found["loops"])
+    for line in (*computed, *calibration_lines(found["calibration"])):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
@@ -203,6 +204,7 @@ def examine(config: Config) -> dict[str, Any]:
         "horizon_s": assembly.prediction.predictor.horizon_steps
         / assembly.prediction.predictor.rate_hz,
         "engine": engine_facts(assembly.prediction.predictor),
+        "loops": loops_line(),
         "risk": risk,
         "contact": contact_facts(*contact),
         "tools": tool_facts(assembly.robots, config.node.robots),

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import norm
 from hri_predict.skeleton import CANONICAL
 
 MIDDLE_M = 2.0
@@ -25,6 +26,7 @@ _LONG = np.array(
         if segment.name[2:] in ("upper_arm", "forearm", "thigh", "shank")
     ]
 )
+_START, _END = _LONG.T
 
 USUAL_BONE_M = 0.38
 """An adult's longest limb bone in view: thigh or shank 0.43 m, forearm or upper arm 0.28 m."""
@@ -42,11 +44,13 @@ def is_human_sized(positions: Floats, observed: Bools) -> bool:
         observed: (J,) at least one.
     """
     seen = positions[observed]
-    apart = np.linalg.norm(seen - np.median(seen, axis=0), axis=1)
-    if np.count_nonzero(apart > MIDDLE_M) > STRAY * len(seen):
+    count = len(seen)
+    ordered = np.sort(seen, axis=0)
+    middle = (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
+    if np.count_nonzero(norm(seen - middle) > MIDDLE_M) > STRAY * count:
         return False
-    long = observed[_LONG].all(axis=1).any()
-    return not long or _longest_m(positions, observed) > LONG_BONE_M
+    whole = observed[_START] & observed[_END]
+    return not whole.any() or _longest_m(positions, observed) > LONG_BONE_M
 
 
 def unit_factor(bodies: Iterable[tuple[Floats, Bools]], factors: Iterable[float]) -> float | None:
@@ -65,6 +69,5 @@ def unit_factor(bodies: Iterable[tuple[Floats, Bools]], factors: Iterable[float]
 
 
 def _longest_m(positions: Floats, observed: Bools) -> float:
-    long = _LONG[observed[_LONG].all(axis=1)]
-    bones = np.linalg.norm(positions[long[:, 0]] - positions[long[:, 1]], axis=1)
+    bones = norm(positions[_START] - positions[_END])[observed[_START] & observed[_END]]
     return float(bones.max()) if bones.size else 0.0

@@ -15,7 +15,10 @@ from torch import Tensor
 
 from hri_predict.skeleton import Skeleton, neighbours
 
-_EXTRAPOLATED_STEPS = 3  # steps for which a joint moves on after its last observation
+EXTRAPOLATED_STEPS = 3
+"""Steps for which a joint moves on after its last observation."""
+LEVEL_M = 1e-3
+"""A shorter line, seen from above, gives no heading: the person lies on one side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,7 @@ def body_frame(positions: Tensor, observed: Tensor, skeleton: Skeleton) -> BodyF
     turned = hips.seen | shoulders.seen
     level = across[:, :2]
     length = level.norm(dim=1)
-    turned &= length > 1e-3  # the line gives no heading if the person lies on one side
+    turned &= length > LEVEL_M
     y = torch.where(
         turned[:, None], level / length.clamp(min=1e-6)[:, None], level.new_tensor([0, 1])
     )
@@ -145,7 +148,7 @@ def fill(positions: Tensor, observed: Tensor, rest: Tensor, nearest: Tensor) -> 
     a = torch.where(beyond, before, torch.where(inside, after, 0))
     b = torch.where(inside & beyond, after, torch.where(beyond & (previous >= 0), previous, a))
     start, end = _at(positions, a), _at(positions, b)
-    run = (order - a).clamp(max=_EXTRAPOLATED_STEPS)
+    run = (order - a).clamp(max=EXTRAPOLATED_STEPS)
     run = torch.where(inside & beyond, order - a, run)
     weight = torch.where(a == b, 0.0, run / torch.where(a == b, 1, b - a)).to(positions.dtype)
     filled = start + weight[..., None] * (end - start)

@@ -5,7 +5,7 @@ filled in and marked, and returns the future joints in that frame, in metres. It
 rooms, recordings or training runs.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -107,9 +107,13 @@ class Network(nn.Module):
         """Predict (B, H, J, 3) in the body frame."""
         raise NotImplementedError
 
-    def forward_filled(self, window: Window) -> Tensor:
-        """``forward`` of a window that ``enter`` has filled; engines compute this."""
-        return self(window)
+    def lean(self) -> Callable[[Window], Tensor]:
+        """What engines compute: ``forward`` of a window that ``enter`` has filled, but leaner.
+
+        Equal to it but for rounding. It may keep what it has computed of the weights, so they must
+        not change any more.
+        """
+        return self
 
     def loss(self, window: Window, target: Target, progress: float) -> Tensor:
         """Training loss of a batch, a scalar.

@@ -15,29 +15,21 @@ import torch
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, PredictorError
 from hri_predict.predictors.base import Forecast, checked
-from hri_predict.predictors.masked import at_step, last_observed, steps_to_cover
-from hri_predict.predictors.neural.body import (
-    BODY,
-    SHARED_BODY,
-    SHARED_CANONICAL,
-    from_canonical,
-)
+from hri_predict.predictors.masked import steps_to_cover
+from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import engine_for
-from hri_predict.predictors.neural.network import NetworkClass
+from hri_predict.predictors.neural.entering import Histories, enter, leave, tables
+from hri_predict.predictors.neural.network import NetworkClass, Window
 from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights, read_header
 from hri_predict.skeleton import CANONICAL, Skeleton
 
 log = logging.getLogger(__name__)
 
-_WARM_UP_CALLS = 2  # the first calls of a network allocate and choose kernels
+# The first calls of a network allocate and choose kernels. Then another number of people costs
+# nothing once; the most take their memory here, not in the loop.
+_WARM_UP_PEOPLE = (1, 2, 16)
 _STRETCH = 2  # times the trained horizon; beyond it a chained network drifts far
-# Canonical joints that the body lacks, and the body's joints that they move with.
-_CARRIED = {
-    "waist": ("l_hip", "r_hip"),
-    "neck": ("l_shoulder", "r_shoulder"),
-    "head_top": ("head",),
-}
 
 
 class NeuralPredictor:
@@ -95,6 +87,9 @@ class NeuralPredictor:
                 settings.horizon_s,
                 header.shape.horizon_steps / self.rate_hz,
             )
+        self._tables = tables(
+            skeleton, self.network.rest.double().numpy(), self.network.nearest.numpy()
+        )
         torch.set_num_threads(settings.threads)
         self.engine = engine_for(self.network, settings.engine, settings.threads)
         self._warm_up(path)
@@ -104,10 +99,15 @@ class NeuralPredictor:
         if len(history) == 0:
             shape = (0, self.horizon_steps, len(self.skeleton.joints), 3)
             return Forecast(np.zeros(shape), None)
-        if self.skeleton is BODY:
-            return Forecast(self._run(history, observed)[1], None)
-        window, forecast = self._run(*from_canonical(history, observed))
-        return Forecast(_to_canonical(window, forecast, history, observed), None)
+        histories = Histories(
+            np.ascontiguousarray(history, dtype=np.float64),
+            np.ascontiguousarray(observed, dtype=np.bool_),
+        )
+        entered = enter(histories, self._tables)
+        with torch.inference_mode():
+            window = Window(torch.from_numpy(entered.window), torch.from_numpy(entered.observed))
+            predicted = self.engine.forward(window)[:, : self.horizon_steps].contiguous().numpy()
+        return Forecast(leave(predicted, entered, histories, self._tables), None)
 
     def _weights_method(self, settings: NeuralSettings) -> str:
         """Method of the weights it loads; their shipped file is the default."""
@@ -131,20 +131,6 @@ class NeuralPredictor:
         """The network of a file, with ``horizon_steps`` if its horizon is free."""
         any_horizon = self.network_class.any_horizon
         return load_weights(path, horizon_steps=horizon_steps if any_horizon else None)
-
-    def _run(self, history: Floats, observed: Bools) -> tuple[Floats, Floats]:
-        """Return histories (P, T, 28, 3) with the gaps filled, and their future (P, H, 28, 3).
-
-        Both in the room.
-        """
-        with torch.inference_mode():
-            window, frame = self.network.enter(
-                torch.from_numpy(np.ascontiguousarray(history, dtype=np.float64)),
-                torch.from_numpy(np.ascontiguousarray(observed)),
-            )
-            predicted = self.engine.forward(window)[:, : self.horizon_steps]
-            filled = frame.leave(window.positions.double())
-            return filled.numpy(), frame.leave(predicted.double()).numpy()
 
     def _check(
         self, header: Header, settings: NeuralSettings, skeleton: Skeleton, path: Path
@@ -174,12 +160,12 @@ class NeuralPredictor:
             )
 
     def _warm_up(self, path: Path) -> None:
-        """Predict for one person and for two, so that the first tick is not late.
+        """Predict for one person, two and many, so that no tick is late.
 
         Raises:
             PredictorError: a forecast is not finite.
         """
-        for people in range(1, _WARM_UP_CALLS + 1):
+        for people in _WARM_UP_PEOPLE:
             shape = (people, self.history_steps, len(self.skeleton.joints))
             observed = np.ones(shape, dtype=bool)
             observed[:, 0] = False  # so that the filling runs, too
@@ -190,20 +176,3 @@ class NeuralPredictor:
                     f"predictor {self.method}: weights {path}: {error}; train them again, or give "
                     f"another file"
                 ) from error
-
-
-def _to_canonical(window: Floats, forecast: Floats, history: Floats, observed: Bools) -> Floats:
-    """(P, H, 21, 3) canonical joints from the body's window (P, T, 28, 3) and (P, H, 28, 3)."""
-    result = np.empty((*forecast.shape[:2], len(CANONICAL.joints), 3))
-    result[:, :, SHARED_CANONICAL] = forecast[:, :, SHARED_BODY]
-    step, seen = last_observed(observed)
-    newest = at_step(history, step)
-    person = np.arange(len(history))
-    for name, carriers in _CARRIED.items():
-        joint = CANONICAL.joints.index(name)
-        carry = [BODY.joints.index(carrier) for carrier in carriers]
-        ahead = forecast[:, :, carry].mean(axis=2)
-        then = window[person, step[:, joint]][:, carry].mean(axis=1)
-        offset = np.where(seen[:, joint, np.newaxis], newest[:, joint] - then, 0.0)
-        result[:, :, joint] = ahead + offset[:, np.newaxis]
-    return result

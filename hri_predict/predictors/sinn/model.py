@@ -31,7 +31,7 @@ Unobserved joints are filled in; their momentum is that of the filled track: zer
 observation. A mask channel marks each momentum with an unobserved end.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import ClassVar, Literal, Self
 
@@ -54,6 +54,7 @@ from hri_predict.predictors.neural.network import (
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
+from hri_predict.predictors.sinn.side_by_side import SideBySide, fits
 from hri_predict.predictors.sinn.start import Start, gated
 from hri_predict.predictors.sinn.symplectic import (
     Critic,
@@ -153,14 +154,24 @@ class SINN(Network):
         """Predict (B, H, J, 3) metres in the body frame, integrated from the last pose."""
         return self._roll(window, self.shape.horizon_steps)[0]
 
+    def lean(self) -> Callable[[Window], Tensor]:
+        """The readings side by side, where the options allow that."""
+        if not fits(self.operator, self.options.representation, self.shape.history_steps):
+            return self
+        root = None if self.shape.framed else self.shape.skeleton.parents.index(-1)
+        rolled = SideBySide(self.operator, self.shape.history_steps, self.shape.rate_hz, root)
+
+        def ahead(window: Window) -> Tensor:
+            window, last, first, logits = self._started(window)
+            positions = rolled(window.positions, window.observed, first, self.shape.horizon_steps)
+            return positions if logits is None else gated(last, positions, logits)
+
+        return ahead
+
     def _roll(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
         """Positions (B, H, J, 3); their momenta (B, H, J, 3, C); the pose they start from."""
         zetas: list[Tensor] = []
-        first, logits, last = None, None, last_pose(window)
-        if self.start is not None:
-            last, velocity, logits = self.start(window, self.shape.rate_hz)
-            first = self.representation.of_velocity(velocity)
-            window = Window(torch.cat([window.positions[:, :-1], last], 1), window.observed)
+        window, last, first, logits = self._started(window)
 
         def operate(current: Window) -> Tensor:
             read = self.representation.read(current)
@@ -172,6 +183,15 @@ class SINN(Network):
         if logits is not None:
             positions = gated(last, positions, logits)
         return positions, torch.cat(zetas, 1)[:, :horizon_steps], last
+
+    def _started(self, window: Window) -> tuple[Window, Tensor, Tensor | None, Tensor | None]:
+        """The window with its last pose filtered, that pose, the first momentum, and the gate."""
+        if self.start is None:
+            return window, last_pose(window), None, None
+        last, velocity, logits = self.start(window, self.shape.rate_hz)
+        first = self.representation.of_velocity(velocity)
+        window = Window(torch.cat([window.positions[:, :-1], last], 1), window.observed)
+        return window, last, first, logits
 
     def _pose(self, window: Window) -> Tensor:
         if self.shape.framed:

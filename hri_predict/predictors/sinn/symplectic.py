@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from hri_predict.predictors.neural.network import Window
 
-_REST_SPEED = 0.05  # m/s; the momentum of a joint at rest; about the size of sensor noise
+REST_SPEED = 0.05  # m/s; the momentum of a joint at rest; about the size of sensor noise
 Kind = Literal["symplectic", "displacement", "position"]
 Splitting = Literal["direction", "joint", "none"]
 Pose = Literal["none", "direction", "all"]
@@ -26,8 +26,8 @@ def momentum(velocity: Tensor) -> Tensor:
     the velocity's coordinate i. M is sqrt(|v|^2 + e^2): angles fade to 0 at rest, all is smooth.
     """
     square = velocity.square()
-    whole = square.sum(-1, keepdim=True) + _REST_SPEED**2
-    across = (whole - square).clamp(min=_REST_SPEED**2).sqrt()
+    whole = square.sum(-1, keepdim=True) + REST_SPEED**2
+    across = (whole - square).clamp(min=REST_SPEED**2).sqrt()
     return torch.stack([whole.sqrt().expand_as(velocity), torch.atan2(velocity, across)], -1)
 
 

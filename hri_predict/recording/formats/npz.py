@@ -17,6 +17,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names
-from hri_predict.recording.recording import Recording, check_rate, noted, recording_of_one
+from hri_predict.recording.recording import Recording, check_rate, recording_of_one
 
 # Exceptions that a damaged archive or header can raise.
 _BROKEN: tuple[type[Exception], ...] = (OSError, EOFError, ValueError, KeyError, SyntaxError)
@@ -129,7 +130,7 @@ def _whole_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording
         arrays=arrays,
         person=person,
     )
-    return noted(recording, _moved(floor_m))
+    return replace(recording, floor_m=floor_m)
 
 
 def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
@@ -152,15 +153,7 @@ def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
         arrays=arrays,
         person=person,
     )
-    return noted(recording, _moved(floor_m))
-
-
-def _moved(floor_m: float) -> str:
-    """What the reader did to the heights, in words; "" if nothing."""
-    if not floor_m:
-        return ""
-    way = "lowered" if floor_m > 0 else "raised"
-    return f"heights are {way} by {abs(floor_m) * 100:.1f} cm, so that the floor is at 0"
+    return replace(recording, floor_m=floor_m)
 
 
 def _flags(

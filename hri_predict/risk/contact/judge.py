@@ -209,7 +209,7 @@ class ContactJudge:
         lowest level.
         """
         top = self._robot.curve.max_speed_m_s
-        levels = speed_levels(top, min(limits)) if min(limits) < top else np.empty(0)
+        levels = speed_levels(top, min(limits)) if min(limits) < top else []
         tried, at = list(levels), [round(RUNGS * level / top) for level in levels]
         if slack < 0 and motion.speed_m_s > 0:
             tried.append(motion.speed_m_s)

@@ -7,9 +7,8 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import compress, count
 from typing import Any
-
-import numpy as np
 
 from hri_predict.arrays import Ints
 from hri_predict.people.snapshot import PeopleSnapshot
@@ -22,8 +21,9 @@ from hri_predict.risk.levels.machine import Advised, LevelMachine
 from hri_predict.risk.levels.modes import Decision, Modes, Situation
 from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation.permitted import NEAR_M
 from hri_predict.risk.separation.stage import Findings, RobotFindings
-from hri_predict.risk.separation.terms import NEAR_M, Finding
+from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
@@ -336,10 +336,12 @@ def _detail(
         if who.slack_m < 0:
             stands = found.speed_m_s < STANDS_M_S
             parts.append(f"{-who.slack_m:.2f} m {_TOO_NEAR_TO_START if stands else _TOO_CLOSE}")
-    for i in np.flatnonzero(speeds.fast):
+    for i in compress(count(), speeds.fast.tolist()):
         joint = JOINTS[speeds.fastest_joint[i]]
         parts.append(f"person {ids[i]} is fast: {joint} {speeds.fastest_m_s[i]:.1f} m/s")
-    parts += [f"speed of person {ids[i]} unknown" for i in np.flatnonzero(speeds.unknown)]
+    parts += [
+        f"speed of person {ids[i]} unknown" for i in compress(count(), speeds.unknown.tolist())
+    ]
     if demand.reason in (Reason.ZONE_OCCUPIED, Reason.ZONE_ENTRY_PREDICTED):
         inside = demand.reason is Reason.ZONE_OCCUPIED
         names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]

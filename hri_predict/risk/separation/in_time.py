@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hri_predict.arrays import Floats
+from hri_predict.machine.compiled import plain
+from hri_predict.risk.separation import permitted
 from hri_predict.risk.separation.nearest import NearestInTime
 from hri_predict.risk.separation.terms import (
     Finding,
@@ -109,20 +111,23 @@ class TimeByTime:
             standing: (K,) for the steps after now.
             is_foreseen: whether the robot's direction is known.
         """
-        curve, top = self.curve, self.curve.max_speed_m_s
-        left = (standing.distance[:, None] - self.farthest_m).min(0)
-        any_way = np.minimum.accumulate(left) - self.clearance_m  # (N,) falls with speed
-        fits = np.searchsorted(-any_way, -np.asarray(self.margins_m), side="right")
-        limits = tuple(float(curve.speed_m_s[f - 1]) if f > 0 else 0.0 for f in fits)
+        top, reserve_m = self.curve.max_speed_m_s, self.clearance_m + max(self.margins_m[:2])
+        spare_m, fits = permitted.any_way(
+            plain(standing.distance),
+            plain(self.farthest_m),
+            self.clearance_m,
+            np.array(self.margins_m, np.float64),
+        )
+        limits = self.curve.highest(fits)
         free = min(limits[:2]) >= top and self.speed_m_s <= top
-        spare_m = float(any_way[0])
         if free or not is_foreseen:
             return AnyWay(limits, spare_m, np.empty(0), np.empty(0))
         # If it may not even stand there, only the present speed is tried.
-        levels = speed_levels(top, min(limits[:2])) if spare_m >= 0 else np.empty(0)
-        enough = np.full(1 + len(levels), self.clearance_m + max(self.margins_m[:2]))
+        levels = speed_levels(top, min(limits[:2])) if spare_m >= 0 else []
+        speeds = np.array([self.speed_m_s, *levels])
+        enough = np.full(len(speeds), reserve_m)
         enough[0] = np.inf
-        return AnyWay(limits, spare_m, np.append(self.speed_m_s, levels), enough)
+        return AnyWay(limits, spare_m, speeds, enough)
 
     def finding(
         self,
@@ -159,7 +164,7 @@ class TimeByTime:
             for i, margin in enumerate(self.margins_m[:2]):
                 if any_way.spare_m >= margin:
                     limits[i] = directed_limit(
-                        any_way.speeds_m_s[1:],
+                        any_way.speeds_m_s[1:].tolist(),
                         nearest.distance[1:],
                         self.clearance_m + margin,
                         limits[i],

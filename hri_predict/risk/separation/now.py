@@ -8,17 +8,15 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.geometry import Capsules, horizontal_distance
 from hri_predict.risk.robot_constants import RobotConstants
+from hri_predict.risk.separation import permitted
 from hri_predict.risk.separation.nearest import NearestInTime, nearest_in_time
 from hri_predict.risk.separation.receding import receding_steps
 from hri_predict.risk.separation.terms import (
     Finding,
     closing_s,
     directed_limit,
-    person_travel,
     protective_distance,
-    required_m,
     speed_levels,
-    speed_limits,
     worst_of,
 )
 from hri_predict.risk.zones.body_zones import BodyZones
@@ -55,16 +53,19 @@ def judge_iso(
         speed_m_s, reaction_s, *stopping, intrusion_m=clearance_m, human_m_s=human_m_s
     ).total
     slack = distance_m - needed
-    assumed = required_m(curve, reaction_s, clearance_m)
-    required = required_m(curve, reaction_s, clearance_m, human_m_s) if human_m_s else assumed
-    limits = speed_limits(curve, [distance_m - m for m in margins_m], required)
+    at_rest_m, fits = permitted.by_standard(
+        curve.arrays,
+        reaction_s,
+        (clearance_m, float(human_m_s)),
+        distance_m - np.array(margins_m, np.float64),
+    )
     return Finding(
         separation_m=distance_m,
         predicted_m=distance_m - (needed - clearance_m),
         slack_m=slack,
-        near=distance_m < float(assumed[0]),
+        near=distance_m < at_rest_m,
         breach_s=closing_s(slack, speed_m_s),
-        limits=limits,
+        limits=curve.highest(fits),
         person=who[0],
         segment=who[1],
         link=who[2],
@@ -96,11 +97,11 @@ def judge_receding(
         curve, reaction_s, clearance_m, margins_m, human_m_s: as for ``judge_iso``.
     """
     levels = speed_levels(curve.max_speed_m_s, min(found.limits[:2]))
-    away = recedes(np.append(speed_m_s, levels))
+    away = recedes(np.array([speed_m_s, *levels]))
     if not away.any():
         return found
     times = reaction_s + np.append(stopping_s, np.interp(levels, curve.speed_m_s, curve.time_s))
-    come = person_travel(times, clearance_m, human_m_s)
+    come = permitted.person_travel(times, clearance_m, human_m_s)
     left = np.where(away, found.separation_m - come, -np.inf)
     limits = [
         directed_limit(levels, left[1:], clearance_m + margin, limit)
@@ -175,20 +176,17 @@ def by_standard(
         by_motion: whether to look for a receding robot. Zones over time take its motion into
             account already.
     """
-    everybody = np.arange(len(bodies.zones.ids))
-    who = everybody if who is None else who
+    groups: list[tuple[Ints | None, Ints | None, float]] = [(who, None, 0.0)]
     beyond_m_s = bodies.speeds.beyond_standard_m_s
-    all_segments = np.arange(len(bodies.zones.segments))
-    groups = [(who, all_segments, 0.0)]
-    for person in who[who < len(beyond_m_s)]:
-        fast = np.flatnonzero(beyond_m_s[person] > 0)
-        if fast.size:
-            groups.append((np.array([person]), fast, float(beyond_m_s[person].max())))
+    for person, human_m_s in enumerate(beyond_m_s.max(1, initial=0.0).tolist()):
+        if human_m_s > 0 and (who is None or person in who):
+            segments = np.flatnonzero(beyond_m_s[person] > 0)
+            groups.append((np.array([person]), segments, human_m_s))
     found = []
-    for people, segments, human_m_s in groups:
+    for people, some, human_m_s in groups:
         near = standing
         if near is None or human_m_s > 0:
-            near = _nearest_now(bodies.zones.capsules, motion, people, segments)
+            near = _nearest_now(bodies.zones.capsules, motion, people, some)
         alone = at_distance(
             robot,
             motion,

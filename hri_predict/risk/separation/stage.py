@@ -6,6 +6,7 @@ It is a pure function of this tick's bodies and robots, and has no memory. It on
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import isfinite
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from hri_predict.risk.separation.now import by_circle, by_standard
 from hri_predict.risk.separation.outlook import Outlook, outlooks
 from hri_predict.risk.separation.terms import Finding, worst_of
 from hri_predict.risk.separation.unseen import beside_view
+from hri_predict.risk.separation.warm_up import warm_up
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
@@ -110,6 +112,10 @@ class Separation:
         self._times_s = times_s
         self._horizon_s = horizon_s
         self._farthest_m = [_farthest(r, times_s) for r in robots]
+
+    def warm_up(self) -> None:
+        """Compile what is compiled, before time matters."""
+        warm_up(self._robots, self._times_s)
 
     def revise(self, robot: int) -> None:
         """Take the stopping curve of a robot from its model again: it was measured to stop late."""
@@ -203,7 +209,7 @@ class Separation:
                 reach_s = min(reach_s, self._horizon_s - bodies.age_s)
             if end_s > reach_s + 1e-9:
                 return (Reason.HORIZON_TOO_SHORT,)
-            times_s = times_s[: int(np.searchsorted(times_s, end_s)) + 1]
+            times_s = times_s[: int(times_s.searchsorted(end_s)) + 1]
         return RobotMotion.of(
             now,
             stopping=stopping,
@@ -295,7 +301,7 @@ class Separation:
 
         Zones that are not finite are a fault: the distance must not replace them.
         """
-        if not self._settings.uses_forecasts or not np.isfinite(found.slack_m):
+        if not self._settings.uses_forecasts or not isfinite(found.slack_m):
             return False
         is_free = min(found.limits) >= robot.max_speed_m_s
         return not (is_free and found.slack_m >= self._settings.band_m)
@@ -352,5 +358,5 @@ def _numbered(found: Finding | None, motion: RobotMotion) -> Finding | None:
 def _is_known(now: RobotNow) -> bool:
     if now.q is None or now.qd is None:
         return False
-    values = (now.q, now.qd, now.speed_m_s, now.uncertainty_m)
-    return all(bool(np.isfinite(v).all()) for v in values) and now.speed_m_s >= 0
+    values = (*now.q.tolist(), *now.qd.tolist(), now.speed_m_s, now.uncertainty_m)
+    return all(map(isfinite, values)) and now.speed_m_s >= 0

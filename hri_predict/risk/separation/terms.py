@@ -14,13 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hri_predict.arrays import Floats
-from hri_predict.robots.stopping import StoppingCurve
-
-REACH_SPEED_M_S = 2.0
-"""K of ISO 13855:2010 for a separation of up to ``NEAR_M``."""
-WALK_SPEED_M_S = 1.6
-"""K of ISO 13855:2010 beyond; the separation is then at least ``NEAR_M``."""
-NEAR_M = 0.5
+from hri_predict.risk.separation.permitted import REACH_SPEED_M_S, come_m
 
 SPEED_LEVELS = 4
 """Number of speeds to try in a known direction, evenly up to the robot's highest."""
@@ -52,21 +46,6 @@ class ProtectiveDistance:
         return self.s_h + self.s_r + self.s_s + self.c + self.z_d + self.z_r
 
 
-def person_travel(
-    time_s: Floats | float, other_m: Floats | float, human_m_s: float = 0.0
-) -> Floats:
-    """S_h: how far a person comes in ``time_s``; S_p's other terms sum to ``other_m``.
-
-    v_h is 2.0 m/s as long as S_p is at most 0.5 m; else it is 1.6 m/s, and S_p is at least 0.5 m
-    (ISO 13855:2010). The result is continuous and grows with the sum of both arguments. A person
-    who is measured to be faster counts at ``human_m_s``; the standard does not cover this case.
-    """
-    near = REACH_SPEED_M_S * np.asarray(time_s)
-    far = np.maximum(WALK_SPEED_M_S * np.asarray(time_s), NEAR_M - other_m)
-    assumed = np.where(near + other_m <= NEAR_M, near, far)
-    return np.maximum(assumed, human_m_s * np.asarray(time_s))
-
-
 def protective_distance(
     speed_m_s: float,
     reaction_s: float,
@@ -92,7 +71,7 @@ def protective_distance(
     """
     s_r = speed_m_s * reaction_s
     other = s_r + stopping_m + intrusion_m + person_uncertainty_m + robot_uncertainty_m
-    s_h = float(person_travel(reaction_s + stopping_s, other, human_m_s))
+    s_h = come_m(reaction_s + stopping_s, other, human_m_s)
     return ProtectiveDistance(
         s_h=s_h,
         s_r=s_r,
@@ -101,22 +80,6 @@ def protective_distance(
         z_d=person_uncertainty_m,
         z_r=robot_uncertainty_m,
     )
-
-
-def required_m(
-    curve: StoppingCurve, reaction_s: float, clearance_m: float, human_m_s: float = 0.0
-) -> Floats:
-    """(N,) S_p at each of the curve's speeds; ``clearance_m`` is C + Z_d + Z_r."""
-    other = curve.speed_m_s * reaction_s + curve.distance_m + clearance_m
-    return other + person_travel(reaction_s + curve.time_s, other, human_m_s)
-
-
-def speed_limits(
-    curve: StoppingCurve, distances_m: Sequence[float], needed_m: Floats
-) -> tuple[float, ...]:
-    """Highest tabled speed whose S_p, ``needed_m`` (N,), fits into each distance; 0 if none."""
-    fits = np.searchsorted(needed_m, np.asarray(distances_m), side="right")
-    return tuple(float(v) for v in np.where(fits > 0, curve.speed_m_s[fits - 1], 0.0))
 
 
 def travel_m(
@@ -186,14 +149,14 @@ def worst_of(findings: Sequence[Finding]) -> Finding:
     )
 
 
-def speed_levels(top_m_s: float, above_m_s: float) -> Floats:
+def speed_levels(top_m_s: float, above_m_s: float) -> list[float]:
     """The speeds to try in a known direction: those above ``above_m_s``."""
-    levels: Floats = top_m_s * np.arange(1, SPEED_LEVELS + 1) / SPEED_LEVELS
-    return levels[levels > above_m_s]
+    levels = (top_m_s * i / SPEED_LEVELS for i in range(1, SPEED_LEVELS + 1))
+    return [level for level in levels if level > above_m_s]
 
 
 def directed_limit(
-    levels_m_s: Floats, distance_m: Floats, needed_m: float, any_way_m_s: float
+    levels_m_s: Sequence[float], distance_m: Floats, needed_m: float, any_way_m_s: float
 ) -> float:
     """The highest speed for which it and all slower ones are clear, at least ``any_way_m_s``.
 
@@ -204,7 +167,7 @@ def directed_limit(
         any_way_m_s: permitted in any direction; speeds up to it need no check.
     """
     limit = any_way_m_s
-    for level, distance in zip(levels_m_s.tolist(), distance_m.tolist(), strict=True):
+    for level, distance in zip(levels_m_s, distance_m.tolist(), strict=True):
         if level > any_way_m_s:
             if not distance >= needed_m:
                 break

@@ -52,7 +52,8 @@ class Pieces:
         """The pieces of capsules on ``links`` (C,); see the attributes."""
         behind = (slides & (np.arange(arms.shape[1]) < links[:, None])).astype(np.float64)
         beyond = np.cumsum((arms + behind * extent)[:, ::-1], axis=1)[:, ::-1]
-        return cls(arms, slides, behind, extent, np.where(slides, behind, beyond))
+        beyond = np.where(slides, behind, beyond)
+        return cls(np.ascontiguousarray(arms), slides, behind, extent, beyond)
 
     def departure(
         self,

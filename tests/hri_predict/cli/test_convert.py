@@ -184,3 +184,19 @@ def test_the_joints_that_were_written_are_counted(cli):
         status, out, _ = cli("odd.csv", output)
         assert status == 0
         assert out.endswith(f", {joints} joints\n"), output
+
+
+def test_a_moved_floor_is_told(cli):
+    source = "a_1.npz"
+    names = np.array(["l_shoulder", "r_shoulder", "l_hip", "r_hip", "l_knee", "r_knee"])
+    np.savez(
+        source,
+        positions=np.ones((4, 6, 3)) + np.arange(6)[:, None] * 0.1,
+        joint_names=names,
+        parents=np.full(6, -1),
+        fps=np.float32(50),
+        floor_height=-0.0524,
+    )
+    status, _, err = cli(source, "a.csv")
+    assert status == 0
+    assert "note: heights are raised by 5.2 cm, so that the floor is at 0" in err

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from hri_predict.errors import ConfigError
-from hri_predict.predictors.auxformer import Attention, AuxFormer, AuxFormerOptions
+from hri_predict.predictors.auxformer import AuxFormer
+from hri_predict.predictors.auxformer_attention import Attention, AuxFormerOptions
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, Target, Window, mpjpe
 from hri_predict.settings import validated
@@ -262,8 +263,8 @@ def test_switches_leave_their_parts_out() -> None:
     assert alone.denoise is None
     assert not alone.observed_layers
     iterative, separate = _network(), _network(order="separate")
-    assert [seen for _, seen in iterative._order()] == [True, False, True, False]
-    assert [seen for _, seen in separate._order()] == [True, True, False, False]
+    assert [seen for _, seen in iterative.order()] == [True, False, True, False]
+    assert [seen for _, seen in separate.order()] == [True, True, False, False]
 
 
 def test_auxiliary_tasks_cost_nothing_at_run_time() -> None:

@@ -78,7 +78,7 @@ def test_it_is_cyclic(path: Trajectory, t: float, cycles: int) -> None:
 @settings(max_examples=60, deadline=None)
 @given(trajectories())
 def test_it_rests_at_waypoints_and_stays_between_them(path: Trajectory) -> None:
-    times, points = path._times, path._positions
+    times, points = path.moves[0], path.moves[1]
     q, qd = path.at(times[:-1])
     np.testing.assert_allclose(q, points[:-1], atol=1e-12)
     np.testing.assert_allclose(qd, 0, atol=1e-9)

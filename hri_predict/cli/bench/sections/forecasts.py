@@ -22,7 +22,7 @@ def rows(scope: Scope) -> Iterator[Row]:
     names = scope.predictors or tuple(name for name in known if bench._has_weights(name))
     for name in (scope.baseline, *names):
         floors: dict[int, float] = {}
-        for paced in _forecasts(name, scope.batches, max(1.0, 0.3 * scope.seconds)):
+        for paced in bench.measure([name], scope.batches, max(1.0, 0.3 * scope.seconds)):
             for row in paced:
                 floors[row["people"]] = row.get("floor_ms") or 0.0
                 yield _paced(row)
@@ -34,15 +34,6 @@ def rows(scope: Scope) -> Iterator[Row]:
                 yield measured(part, "ms", times, floor=floor, why=_FLOOR if floor else "")
         for engine in engines:
             yield from _fresh(name, engine)
-
-
-def _forecasts(name: str, batches: Sequence[int], seconds: float) -> Iterator[list[dict[str, Any]]]:
-    """The rows of ``bench predictors``: with floors, where that counts them (``measure``)."""
-    measure = getattr(bench, "measure", None)
-    if measure is None:
-        return bench._measured(name, batches, seconds)
-    found: Iterator[list[dict[str, Any]]] = measure([name], batches, seconds)
-    return found
 
 
 def _people(count: int) -> str:

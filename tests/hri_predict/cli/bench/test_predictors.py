@@ -25,6 +25,8 @@ def test_engines_as_json():
         assert 0 < row["p50_ms"] <= row["p99_ms"] <= row["max_ms"]
         assert (row["people"], row["forecasts"]) == (2, 25)
         assert 0 <= row["differs_mm"] < 0.1
+    assert 0 < rows[0]["floor_ms"] == rows[1]["floor_ms"] < rows[1]["p50_ms"]
+    assert rows[2]["floor_ms"] is None
     assert rows[1]["differs_mm"] > 0  # it is not torch twice
 
 

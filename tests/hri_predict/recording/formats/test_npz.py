@@ -183,7 +183,7 @@ def test_a_body_of_the_users_own_in_the_layout_of_motion_is_read(tmp_path: Path)
     assert (recording.joint_map.name, recording.action) == ("canonical", "night")
     assert recording.scenes[0].people[0].positions[0].tolist() == [1.0, 1.0, 0.75]
     assert recording.scenes[0].people[0].observed.all()
-    assert recording.note == "heights are lowered by 25.0 cm, so that the floor is at 0"
+    assert recording.floor_m == 0.25
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.risk.separation.now import judge_iso
+from hri_predict.risk.separation.permitted import by_standard, person_travel
 from hri_predict.risk.separation.terms import (
-    person_travel,
     protective_distance,
-    required_m,
-    speed_limits,
 )
 from hri_predict.robots.stopping import StoppingCurve
 from tests.hri_predict.risk.separation.curves import constant
@@ -93,11 +91,18 @@ def test_round_trip_through_the_closed_form(v, a, reaction_s, clearance):
         assert found == pytest.approx(v, abs=1e-6)
 
 
+def highest(
+    curve: StoppingCurve, distance_m: float, reaction_s: float, clearance_m: float
+) -> tuple[float, ...]:
+    terms = clearance_m, 0.0
+    return curve.highest(by_standard(curve.arrays, reaction_s, terms, np.array([distance_m]))[1])
+
+
 @given(st.floats(-0.5, 4), decelerations, reactions, clearances)
 def test_the_table_agrees_with_the_closed_form(d, a, reaction_s, clearance):
     curve = constant(a)
     exact = min(speed_limit(d, reaction_s, a, clearance), 2.5)
-    (found,) = speed_limits(curve, [d], required_m(curve, reaction_s, clearance))
+    (found,) = highest(curve, d, reaction_s, clearance)
     assert found <= exact + 1e-9
     assert found >= exact - 2.5 / 256 - 1e-6
 
@@ -114,7 +119,7 @@ def test_a_measured_table_is_inverted(steps, reaction_s):
     )
     for v in (0.0, 0.4, 1.1, 1.5):
         d = protective_distance(v, reaction_s, *curve.at(v), intrusion_m=0.1).total
-        (found,) = speed_limits(curve, [d + 1e-9], required_m(curve, reaction_s, 0.1))
+        (found,) = highest(curve, d + 1e-9, reaction_s, 0.1)
         assert found >= v - 1.5 / 256
         assert (
             protective_distance(found, reaction_s, *curve.at(found), intrusion_m=0.1).total

@@ -1,0 +1,30 @@
+"""A tick leaves nothing behind that grows."""
+
+import gc
+import tracemalloc
+
+from hri_predict.cli.bench import risk
+
+TICKS, TIMES = 60, 4
+
+
+def test_judging_leaves_nothing_behind_that_grows():
+    _, judge = risk.risk_calls()
+
+    def ticks() -> tuple[int, int]:
+        for _ in range(TICKS):
+            judge()
+        gc.collect()
+        return len(gc.get_objects()), tracemalloc.get_traced_memory()[0]
+
+    ticks()  # the first ones fill what is bounded
+    tracemalloc.start()
+    try:
+        ticks()
+        found = [ticks() for _ in range(TIMES)]
+    finally:
+        tracemalloc.stop()
+    objects, held = zip(*found, strict=True)
+    # This test keeps a few objects of its own each time; one kept by each tick would be 60 more.
+    assert max(objects) - min(objects) <= 2 * TIMES
+    assert max(held) - min(held) < TICKS * 16  # less than one number for each tick
