@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hri_predict.cli.screens.together import Together
 from hri_predict.node.listeners import Tick
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.session import Options, View, run
@@ -46,7 +47,7 @@ def once(folder: Path, seconds: float, *, screens: bool, stuck: bool) -> tuple[n
                 for screen in feed.screens:
                     screen.process.send_signal(19)  # SIGSTOP
         config = cell(folder).without_links().quiet()
-        summary = run(config, Options(duration_s=seconds, views=tuple(views)))
+        summary = run(config, Options(duration_s=seconds, view=Together(views)))
         if stuck:
             for screen in feed.screens:
                 screen.process.send_signal(18)

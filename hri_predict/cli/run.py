@@ -18,13 +18,14 @@ from hri_predict.cli.check.commissioned import (
 )
 from hri_predict.cli.common import JointMapOption, map_path
 from hri_predict.cli.screens.options import Host, Operator, Viewer, screens
+from hri_predict.cli.screens.together import Together
 from hri_predict.cli.terminal.view import TerminalView
 from hri_predict.errors import ConfigError
 from hri_predict.monitoring.summary import Summary
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import unused_coverage
 from hri_predict.run.config import Config
-from hri_predict.run.session import Options, View
+from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session
 from hri_predict.viewing.feed import LOOPBACK, Feed
 
@@ -196,9 +197,9 @@ def _go(
         print(f"warning: {unused}", file=sys.stderr)
     in_terminal = not as_json and options.factor is not None and sys.stderr.isatty()
     with screens as feed, TerminalView() if in_terminal else nullcontext() as terminal:
-        views: list[View] = [each for each in (feed, terminal) if each is not None]
+        views = [each for each in (feed, terminal) if each is not None]
         run_config = config.quiet() if in_terminal else config
-        summary = run_session(run_config, replace(options, views=views))
+        summary = run_session(run_config, replace(options, view=Together(views)))
     if feed is not None:
         summary.counted["pictures_dropped"] = feed.dropped
     try:

@@ -57,7 +57,7 @@ class Options:
         shadow: send *unknown* on the links whatever the advice is.
         keep_state: use the state file of the configuration (``state``), in real time only.
         state: use this state file instead, at any speed.
-        views: show each tick; the loop's thread calls them, so they must be quick.
+        view: shows each tick; the loop's thread calls it, so it must be quick.
     """
 
     factor: float | None = 1.0
@@ -68,7 +68,7 @@ class Options:
     shadow: bool = False
     keep_state: bool = False
     state: Path | None = None
-    views: Sequence[View] = ()
+    view: View | None = None
 
 
 class _AlertListener(Listener):
@@ -153,7 +153,8 @@ class _Session:
         settings, place = self._where_to_record()
         source = assemble.build_source(self.config)
         listeners: list[Listener] = [self.levels, _AlertListener(self.alerts)]
-        listeners.extend(self.options.views)
+        if self.options.view is not None:
+            listeners.append(self.options.view)
         assembly = assemble.build(
             self.config,
             self.clock,
@@ -164,8 +165,8 @@ class _Session:
             listeners=listeners,
             **ends,
         )
-        for view in self.options.views:
-            view.bind(assembly)
+        if self.options.view is not None:
+            self.options.view.bind(assembly)
         if self.cell is not None and live_part(source) is None:  # live people have no copy
             self.referee = _Referee(self.config, assembly, self.cell)
         self._remember(assembly, listeners)

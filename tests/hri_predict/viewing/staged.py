@@ -62,5 +62,5 @@ def pictures(at_s: list[float], predictor: str = "constant_velocity") -> list[Pi
     kept = _Kept(at_s)
     with tempfile.TemporaryDirectory() as folder:
         config = cell(Path(folder), predictor).quiet()
-        run(config, Options(factor=None, duration_s=max(at_s) + 0.2, views=(kept,)))
+        run(config, Options(factor=None, duration_s=max(at_s) + 0.2, view=kept))
     return kept.pictures

@@ -76,7 +76,7 @@ def _replay(predictor: str, seconds: float) -> float:
         }
         watch = _Stopwatch()
         replayed = demo.with_source(source).with_predictor(predictor)
-        run(replayed, Options(factor=None, until_exhausted=True, views=(watch,)))
+        run(replayed, Options(factor=None, until_exhausted=True, view=watch))
     return watch.times_real
 
 
