@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
+from hri_predict.cli.alerts import hook_facts
 from hri_predict.cli.check.calibration import (
     calibration_facts,
     calibration_lines,
@@ -147,6 +148,7 @@ def _print(found: dict[str, Any]) -> None:
     for line in (
         *joint_map_lines(found["joint_map"]),
         evidence_line(found["evidence"]),
+        f"alert hooks: {', '.join(hook['name'] for hook in found['alerts']) or 'none'}",
         *commissioning_lines(found["commissioning"]),
     ):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
@@ -176,6 +178,7 @@ def examine(config: Config) -> dict[str, Any]:
             links=simulated, robots=config.node.robots, base_dir=config.base_dir, clock=clock
         )
     alert_file(config.node.alerts, config.base_dir)
+    alerts = hook_facts(config)
     budget = assemble.build_budget(config, source)
     stops = {
         model.name: model.stopping(settings.max_speed_m_s)
@@ -218,12 +221,14 @@ def examine(config: Config) -> dict[str, Any]:
         "state": _state(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "evidence": evidence,
+        "alerts": alerts,
         "commissioning": commissioning_facts(config),
         "notes": [
             *(note for robot in config.node.robots for note in mode_notes(robot)),
             *_notes(config),
             *race_notes(config.node, source.rate_hz),
             *evidence_notes(evidence),
+            *(f"alerts: {note}" for hook in alerts for note in hook["notes"]),
             *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),
