@@ -20,6 +20,9 @@ from hri_predict.run.session import Options, View, run
 from hri_predict.viewing.feed import OPERATOR, VIEWER, Feed, ScreenSettings
 from tests.hri_predict.viewing.staged import cell
 
+START_S = 4.0
+"""A screen's own start takes a core for seconds; it is not what is measured."""
+
 
 class _Gaps(View):
     """When ticks were told, by a clock of its own."""
@@ -43,6 +46,7 @@ def once(folder: Path, seconds: float, *, screens: bool, stuck: bool) -> tuple[n
             settings = [ScreenSettings(m, m, 0) for m in (VIEWER, OPERATOR)]
             feed = stack.enter_context(Feed(settings))
             views.append(feed)
+            time.sleep(START_S)
             if stuck:
                 for screen in feed.screens:
                     screen.process.send_signal(19)  # SIGSTOP
