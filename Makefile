@@ -1,8 +1,8 @@
 # make demo: the whole cell, simulated.  make test: lint, types, tests, and what the wheel holds.
 # make test-long: the tests marked `long`, and the wheel installed alone.
-# make pictures: those of docs/guides/explain.md (needs chromium), from a run of the demo.
 # make bundle: a folder that installs the node without internet, build/bundle (EXTRAS=accel,fleet).
 # make docs: the site of all pages, into build/site.
+# make pictures: the pictures of pages in docs/, by a real browser (Debian's chromium).
 # Each makes its own .venv; PIP_FLAGS goes to pip (an index with the CPU build of torch, say);
 # JOBS is how many tests run at once: a number, or all the machine's cores.
 PYTHON ?= python3
@@ -78,6 +78,7 @@ pictures: $(VENV)/.dev
 	cd build/pictures && ../../$(BIN)/hri-predict report demo.mcap --out shift.html
 	cd build/pictures && chromium --headless --no-sandbox --disable-gpu --hide-scrollbars \
 		--window-size=1000,2300 --screenshot=../../docs/guides/shift.png shift.html
+	$(BIN)/python -m tests.pictures docs
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

@@ -47,6 +47,7 @@ MAY_IMPORT = {  # from the bottom to the top
     "evidence": "core protocol contracts risk node recording",
     "explaining": "core protocol recording",
     "run": f"{NODE} node monitoring service recording evidence discovery",
+    "viewing": f"{NODE} node recording run",
     "datasets": OFFLINE,
     "evaluation": f"{OFFLINE} datasets",
     "training": f"{OFFLINE} datasets evaluation",

@@ -27,6 +27,7 @@ from hri_predict.cli.explain.report import report
 from hri_predict.cli.generated import config, protocol
 from hri_predict.cli.init.init import init
 from hri_predict.cli.register import register
+from hri_predict.cli.screens.view import view
 from hri_predict.cli.simulate.simulate import simulate
 
 app = typer.Typer(
@@ -63,6 +64,7 @@ app.command()(commission.commission)
 app.command()(run.replay)
 app.command()(explain)
 app.command()(report)
+app.command()(view)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(evidence.evidence)

@@ -4,6 +4,7 @@ import faulthandler
 import json
 import math
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -18,6 +19,8 @@ from hri_predict.cli.check.commissioned import (
     is_as_commissioned,
 )
 from hri_predict.cli.common import JointMapOption, map_path
+from hri_predict.cli.screens.options import Host, Operator, Viewer, screens
+from hri_predict.cli.screens.together import Together
 from hri_predict.cli.terminal.view import TerminalView
 from hri_predict.errors import ConfigError
 from hri_predict.monitoring.summary import Summary
@@ -28,6 +31,7 @@ from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session
 from hri_predict.service import logs
 from hri_predict.service.notify import Notifier, has_terminal
+from hri_predict.viewing.feed import LOOPBACK, Feed
 
 Json = Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")]
 Record = Annotated[
@@ -74,6 +78,9 @@ def demo(
     record: Record = None,
     overwrite: Overwrite = False,
     fault: Faults = None,
+    viewer: Viewer = None,
+    operator: Operator = None,
+    viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
     """Run a demonstration without hardware: a person approaches a robot, two controllers obey.
@@ -82,7 +89,7 @@ def demo(
     """
     config = _with_faults(configuration.load(configuration.shipped("demo.yaml")), fault)
     options = Options(factor=_factor(speed), duration_s=DEMO_S, record=record, overwrite=overwrite)
-    _go(config, options, as_json)
+    _go(config, options, as_json, screens(viewer, operator, viewer_host))
 
 
 def run(
@@ -96,6 +103,9 @@ def run(
     log_format: Annotated[
         LogFormat | None, typer.Option(help="Lines of the log; default: the configuration's.")
     ] = None,
+    viewer: Viewer = None,
+    operator: Operator = None,
+    viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
     """Run the node until SIGINT or SIGTERM; it tells the controllers before it ends.
@@ -128,7 +138,7 @@ def run(
     if not is_as_commissioned(facts):
         print(f"warning: {commissioning_lines(facts)[0]}; see hri-predict check", file=sys.stderr)
     with loaded.naming_lines():
-        _go(loaded, options, as_json)
+        _go(loaded, options, as_json, screens(viewer, operator, viewer_host))
 
 
 def replay(
@@ -161,6 +171,9 @@ def replay(
     ] = False,
     state: State = None,
     fault: Faults = None,
+    viewer: Viewer = None,
+    operator: Operator = None,
+    viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
     """Replay a recording through the node and its links.
@@ -201,18 +214,22 @@ def replay(
         shadow=shadow,
         state=state,
     )
-    _go(loaded, options, as_json)
+    _go(loaded, options, as_json, screens(viewer, operator, viewer_host))
 
 
-def _go(config: Config, options: Options, as_json: bool) -> None:
+def _go(
+    config: Config, options: Options, as_json: bool, screens: AbstractContextManager[Feed | None]
+) -> None:
     logs.use(config.node.log)
     if unused := unused_coverage(config):
         print(f"warning: {unused}", file=sys.stderr)
-    if not as_json and options.factor is not None and sys.stderr.isatty():
-        with TerminalView() as view:
-            summary = run_session(config.quiet(), replace(options, view=view))
-    else:
-        summary = run_session(config, options)
+    in_terminal = not as_json and options.factor is not None and sys.stderr.isatty()
+    with screens as feed, TerminalView() if in_terminal else nullcontext() as terminal:
+        views = [each for each in (feed, terminal) if each is not None]
+        run_config = config.quiet() if in_terminal else config
+        summary = run_session(run_config, replace(options, view=Together(views)))
+    if feed is not None:
+        summary.counted["pictures_dropped"] = feed.dropped
     try:
         _show(summary, as_json)
     finally:  # even if the summary cannot be printed

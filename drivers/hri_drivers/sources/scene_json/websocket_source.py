@@ -169,7 +169,8 @@ class WebSocketClient:
                 open_timeout=CONNECT_TIMEOUT_S,
                 logger=log,
             )
-            self._connection = self._context.enter_context(connecting)
+            self._context.enter_context(connecting)
+            self._connection = connecting
         except (OSError, WebSocketException, ValueError) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise SourceError(f"{self._url}: {why}; start the server, or correct 'url'") from error

@@ -1,0 +1,1 @@
+"""``--viewer``, ``--operator`` and ``view``: what people look at."""

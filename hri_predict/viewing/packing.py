@@ -1,0 +1,153 @@
+"""Makes a picture of a tick, in the node's process but not in its loop."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.geometry import Capsules
+from hri_predict.node.listeners import Tick
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.protocol.messages import Advice
+from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.types import Grounds
+from hri_predict.run.assemble import Assembly
+from hri_predict.run.config import Config
+from hri_predict.skeleton import CANONICAL
+from hri_predict.viewing.nearest import nearest_points
+from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
+from hri_predict.viewing.room import room_of
+
+STEPS = 8
+"""So many moments of the horizon are sent, now and its end among them."""
+_A = [segment.joint_a for segment in CANONICAL.segments]
+_B = [segment.joint_b for segment in CANONICAL.segments]
+_RADII = np.array([segment.radius for segment in CANONICAL.segments])
+_NAMES = CANONICAL.segment_names
+
+
+def picture_of(tick: Tick, assembly: Assembly) -> Picture:
+    """The picture of a tick; what a failed stage did not find is missing from it."""
+    snapshot, assessment = tick.snapshot, tick.assessment
+    shapes, facts = empty_shapes(), facts_of(tick, assembly.config)
+    if snapshot is not None:
+        places = [*snapshot.last_positions, *(lost.positions for lost in snapshot.lost)]
+        shapes["bodies"] = bodies_of(np.array(places).reshape(-1, len(CANONICAL.joints), 3))
+    if assessment is not None and assessment.zones.ids:
+        zones = assessment.zones
+        steps = steps_of(len(zones.times_s))
+        facts["zones"] = list(zones.ids)
+        facts["times_s"] = zones.times_s[steps].tolist()
+        shapes["zones"] = _rows(zones.capsules)[:, steps]
+        if tick.forecast is not None and snapshot is not None:
+            rate_hz = assembly.config.predictor.rate_hz
+            shapes["forecast"] = _forecast(
+                tick.forecast.positions, snapshot, zones.times_s[steps], rate_hz
+            )
+    grounds = () if assessment is None else assessment.grounds
+    robots = []
+    for robot, advice in zip(facts["robots"], tick.advices, strict=True):
+        rests_on = grounds[advice.robot] if advice.robot < len(grounds) else Grounds()
+        known = rests_on.capsules
+        rows = np.zeros((0, 7), np.float32) if known is None else _rows(known)
+        robots.append(rows)
+        robot["capsules"] = len(rows)
+        robot["speed_m_s"] = rests_on.speed_m_s
+        if snapshot is not None:
+            robot["line"] = _line(rests_on, rows, shapes["bodies"], facts["people"])
+    if robots:
+        shapes["robots"] = np.concatenate(robots)
+    return Picture(facts, **shapes)
+
+
+def facts_of(tick: Tick, config: Config) -> dict[str, Any]:
+    """What is known besides shapes: robots, people, the node's state, and the room's regions."""
+    snapshot, assessment = tick.snapshot, tick.assessment
+    tracked = [] if snapshot is None else list(snapshot.ids)
+    lost = [] if snapshot is None else [person.id for person in snapshot.lost]
+    named = () if assessment is None else assessment.named_zones
+    reasons = (*(() if snapshot is None else snapshot.reasons), *_reasons(assessment))
+    return {
+        "node_s": tick.now_ns * 1e-9,
+        "state": tick.status.node_state.name,
+        "robots": [_robot(advice, config) for advice in tick.advices],
+        "people": [*tracked, *lost],
+        "tracked": len(tracked),
+        "age_s": None if snapshot is None else snapshot.age_s,
+        "reasons": list(dict.fromkeys(reason.text for reason in reasons)),
+        "named": {zone.name: [zone.occupied, zone.entry_s] for zone in named},
+        "zones": [],
+        "times_s": [0.0],
+        "coverage": coverage_of(config),
+        "room": room_of(config),
+    }
+
+
+def coverage_of(config: Config) -> str:
+    """How often the zones hold the body, as configured."""
+    risk = config.node.risk
+    if not risk.uses_forecasts:
+        return "physical limits"
+    return f"{risk.coverage.level:.0%} of each {risk.coverage.of}"
+
+
+def bodies_of(joints: Floats) -> Shapes:
+    """(P, J, 3) joints as (P, S, 7) capsules; a segment without both of its joints is NaN."""
+    if not len(joints):
+        return empty_shapes()["bodies"]
+    radii = np.broadcast_to(_RADII[:, None], (*joints.shape[:-2], len(_RADII), 1))
+    rows = np.concatenate((joints[..., _A, :], joints[..., _B, :], radii), axis=-1)
+    return rows.astype(np.float32)
+
+
+def steps_of(count: int) -> list[int]:
+    """At most ``STEPS`` of ``count`` steps, spread evenly, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(STEPS, count)).round().astype(int)).tolist()
+
+
+def _rows(capsules: Capsules) -> Shapes:
+    radius = np.asarray(capsules.radius)[..., None]
+    return np.concatenate((capsules.a, capsules.b, radius), axis=-1).astype(np.float32)
+
+
+def _forecast(
+    positions: Floats, snapshot: PeopleSnapshot, times_s: Floats, rate_hz: float
+) -> Shapes:
+    """Bodies at ``times_s`` after the tick; (P, K, S, 7). Step k is at capture + (k + 1) / rate."""
+    since_s = (snapshot.now_ns - snapshot.capture_ns) * 1e-9
+    step = np.round((times_s + since_s[:, None]) * rate_hz).astype(int) - 1
+    people = min(len(positions), len(step))
+    step = step[:people].clip(0, positions.shape[1] - 1)
+    return bodies_of(positions[np.arange(people)[:, None], step])
+
+
+def _line(grounds: Grounds, robot: Shapes, bodies: Shapes, people: Sequence[int]) -> Any:
+    """From the deciding segment to the deciding capsule of the robot; ``None`` if not known."""
+    if grounds.person not in people or grounds.segment not in _NAMES or grounds.link is None:
+        return None
+    body = bodies[people.index(grounds.person), _NAMES.index(grounds.segment)]
+    if grounds.link >= len(robot) or not np.isfinite(body).all():
+        return None
+    ends = nearest_points(body.astype(float), robot[grounds.link].astype(float))
+    return [end.round(4).tolist() for end in ends]
+
+
+def _robot(advice: Advice, config: Config) -> dict[str, Any]:
+    return {
+        "name": config.node.robots[advice.robot].name,
+        "level": advice.level.name,
+        "reason": advice.reason.text,
+        "clears": advice.reason.clears_when,
+        "detail": advice.detail,
+        "latch": advice.latch_id,
+        "limit_m_s": advice.speed_limit_m_s,
+        "separation_m": advice.separation_m,
+        "capsules": 0,
+        "speed_m_s": None,
+        "line": None,
+    }
+
+
+def _reasons(assessment: Any) -> tuple[Reason, ...]:
+    return () if assessment is None else assessment.reasons

@@ -1,0 +1,286 @@
+"""Pictures of a recording: what /view/scene, /zones, /forecast, /status and /advice say.
+
+They are read by windows, so that a recording of hours needs no more memory than one of minutes.
+"""
+
+import bisect
+import itertools
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import RecordingError
+from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.protocol.messages import Level
+from hri_predict.protocol.reasons import Reason
+from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
+from hri_predict.recording.mcap.clocks import iso
+from hri_predict.viewing.levels import worst
+from hri_predict.viewing.nearest import nearest_points
+from hri_predict.viewing.packing import bodies_of, steps_of
+from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
+from hri_predict.viewing.room import room_of_text
+
+WINDOW_NS = 30_000_000_000
+WINDOWS = 4
+"""So many windows are kept in memory."""
+BEFORE_NS = 2_000_000_000
+OLD_NS = 600_000_000
+"""Zones and forecasts of longer ago are not those of this picture: three are missing."""
+BONE_M = 0.06
+_TOPICS = ("/status", "/advice", "/zones", "/forecast", "/view/scene")
+_WRONG = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+
+
+class RecordedPictures:
+    """A recording's pictures by time, and its levels.
+
+    Attributes:
+        info: what the recording says of itself.
+        start_ns, end_ns: of its statuses; UTC, or the node's clock where there is no UTC.
+        changes: (ns, the worst level from then on).
+
+    Raises:
+        RecordingError: it is no recording of this node, says nothing, or is damaged.
+        OSError: it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.info: RecordingInfo = recording_info(path)
+        self.changes: list[tuple[int, str]] = []
+        times: list[int] = []
+        levels: dict[str, str] = {}
+        for told in read_messages(path, ("/advice",)):
+            times.append(told.utc_ns)
+            levels[told.topic] = str(told.data.get("level"))
+            level = worst(levels.values())
+            if not self.changes or self.changes[-1][1] != level:
+                self.changes.append((told.utc_ns, level))
+        if not times:
+            raise RecordingError(f"recording {path}: has no advice to show; name another file")
+        self.start_ns, self.end_ns = min(times), max(times)
+        self._room = room_of_text(self.info.config, self.info.cell or path.stem)
+        self._windows: OrderedDict[int, list[tuple[int, Picture]]] = OrderedDict()
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first to the last advice."""
+        return (self.end_ns - self.start_ns) * 1e-9
+
+    def level_at(self, ns: int) -> str:
+        """The worst level that held then."""
+        index = bisect.bisect_right(self.changes, ns, key=lambda change: change[0])
+        return self.changes[max(0, index - 1)][1]
+
+    def levels(self, parts: int) -> list[str]:
+        """The worst level in each of so many equal parts of the recording."""
+        span = max(1, self.end_ns - self.start_ns)
+        edges = [self.start_ns + span * k // parts for k in range(parts + 1)]
+        found = []
+        for start, end in itertools.pairwise(edges):
+            first = bisect.bisect_right(self.changes, start, key=lambda change: change[0])
+            last = bisect.bisect_left(self.changes, end, key=lambda change: change[0])
+            within = [level for _, level in self.changes[first:last]]
+            found.append(worst([self.level_at(start), *within]))
+        return found
+
+    def at(self, ns: int) -> Picture | None:
+        """The newest picture at a time; ``None`` if there is none in the seconds before."""
+        number = (ns - self.start_ns) // WINDOW_NS
+        if number not in self._windows:
+            self._windows[number] = self._read(self.start_ns + number * WINDOW_NS)
+            while len(self._windows) > WINDOWS:
+                self._windows.popitem(last=False)
+        self._windows.move_to_end(number)
+        window = self._windows[number]
+        index = bisect.bisect_right(window, ns, key=lambda each: each[0])
+        return window[index - 1][1] if index and ns - window[index - 1][0] < BEFORE_NS else None
+
+    def _read(self, start_ns: int) -> list[tuple[int, Picture]]:
+        messages = read_messages(
+            self._path,
+            _TOPICS,
+            start_utc_ns=start_ns - BEFORE_NS,
+            end_utc_ns=start_ns + WINDOW_NS,
+        )
+        try:
+            return list(self._pictures(messages))
+        except _WRONG as error:
+            raise RecordingError(
+                f"recording {self._path}: a message is damaged ({error}); it cannot be shown"
+            ) from error
+
+    def _pictures(self, messages: Iterator[Told]) -> Iterator[tuple[int, Picture]]:
+        """A picture after each /view/scene: statuses and advice of its tick stand before it."""
+        said = _Said()
+        for told in messages:
+            if told.topic.startswith("/advice"):
+                said.advice[told.topic] = told
+            else:
+                said.newest[told.topic] = told
+            if told.topic == "/view/scene":
+                yield told.utc_ns, said.picture(self._room, self.info.forecast_rate_hz)
+
+
+@dataclass(slots=True)
+class _Said:
+    """The newest message of each topic."""
+
+    newest: dict[str, Told] = field(default_factory=dict)
+    advice: dict[str, Told] = field(default_factory=dict)
+
+    def picture(self, room: dict[str, Any], rate_hz: float) -> Picture:
+        scene = self.newest["/view/scene"]
+        shapes = empty_shapes()
+        people, lost, robots = _entities(scene.data["entities"])
+        ids = [*people, *lost]
+        bones = [*people.values(), *lost.values()]
+        shapes["bodies"] = _padded(bones)
+        facts = self._facts(room, ids, len(people), scene)
+        if (zones := self._fresh("/zones", scene)) is not None:
+            steps = steps_of(len(zones["times_s"]))
+            facts["zones"] = [int(id_) for id_ in zones["ids"]]
+            facts["times_s"] = [float(zones["times_s"][k]) for k in steps]
+            rows = _floats(zones["capsules"])
+            shapes["zones"] = rows.reshape(len(facts["zones"]), -1, rows.shape[-2], 7)[:, steps]
+            forecast = self._fresh("/forecast", scene)
+            if forecast is not None and forecast["ids"]:
+                shapes["forecast"] = _forecast(forecast, facts["times_s"], rate_hz)
+        parts = []
+        for robot in facts["robots"]:
+            rows = robots.get(robot["name"], shapes["robots"][:0])
+            robot["capsules"] = len(rows)
+            robot["line"] = _nearest_line(shapes["bodies"], rows)
+            parts.append(rows)
+        if parts:
+            shapes["robots"] = np.concatenate(parts)
+        return Picture(facts, **shapes)
+
+    def _fresh(self, topic: str, scene: Told) -> dict[str, Any] | None:
+        told = self.newest.get(topic)
+        if told is None or scene.node_ns - told.node_ns > OLD_NS:
+            return None
+        return told.data
+
+    def _facts(
+        self, room: dict[str, Any], ids: list[int], tracked: int, scene: Told
+    ) -> dict[str, Any]:
+        status = self.newest["/status"].data if "/status" in self.newest else {}
+        named = status.get("named_zones", {})
+        return {
+            "node_s": scene.node_ns * 1e-9,
+            "utc": iso(scene.utc_ns),
+            "state": str(status.get("node_state", "UNKNOWN")),
+            "robots": [_robot(told.data) for told in self.advice.values()],
+            "people": ids,
+            "tracked": tracked,
+            "age_s": status.get("age_s"),
+            "reasons": [_reason(name).text for name in status.get("reasons", [])],
+            "named": {name: [z["occupied"], z["entry_s"]] for name, z in named.items()},
+            "zones": [],
+            "times_s": [0.0],
+            "coverage": "",
+            "room": room,
+        }
+
+
+def _robot(data: dict[str, Any]) -> dict[str, Any]:
+    reason = _reason(data["reason"])
+    return {
+        "name": str(data.get("name", data.get("robot"))),
+        "level": data["level"] if data["level"] in Level.__members__ else "UNKNOWN",
+        "reason": reason.text,
+        "clears": reason.clears_when,
+        "detail": str(data.get("detail", "")),
+        "latch": data.get("latch_id", 0),
+        "limit_m_s": data.get("speed_limit_m_s"),
+        "separation_m": data.get("separation_m"),
+        "speed_m_s": data.get("speed_m_s"),
+    }
+
+
+def _reason(name: Any) -> Reason:
+    return Reason[name] if name in Reason.__members__ else Reason.NODE_FAULT
+
+
+def _entities(
+    entities: list[dict[str, Any]],
+) -> tuple[dict[int, Shapes], dict[int, Shapes], dict[str, Shapes]]:
+    """Bones of the people by id, of lost people by id, and robots' capsules by name."""
+    people: dict[int, Shapes] = {}
+    lost: dict[int, Shapes] = {}
+    robots: dict[str, Shapes] = {}
+    for entity in entities:
+        kind, _, name = entity["id"].partition(" ")
+        if kind == "person":
+            line = entity["lines"][0]
+            ends = _floats([[p["x"], p["y"], p["z"]] for p in line["points"]]).reshape(-1, 6)
+            radii = np.full((len(ends), 1), BONE_M, np.float32)
+            seen = line["color"]["a"] >= 1.0
+            (people if seen else lost)[int(name)] = np.concatenate((ends, radii), axis=1)
+        elif kind == "robot":
+            rows = [_ball(each) for each in entity["spheres"]]
+            rows += [_rod(each) for each in entity["cylinders"]]
+            robots[name] = _floats(rows).reshape(-1, 7)
+    return people, lost, robots
+
+
+def _ball(sphere: dict[str, Any]) -> list[float]:
+    at = _xyz(sphere["pose"]["position"])
+    return [*at, *at, sphere["size"]["x"] / 2]
+
+
+def _rod(cylinder: dict[str, Any]) -> list[float]:
+    turn = cylinder["pose"]["orientation"]
+    x, y, z, w = (float(turn[k]) for k in "xyzw")
+    axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+    half = axis * cylinder["size"]["z"] / 2
+    at = np.array(_xyz(cylinder["pose"]["position"]))
+    return [*(at - half), *(at + half), cylinder["size"]["x"] / 2]
+
+
+def _xyz(point: dict[str, Any]) -> list[float]:
+    return [float(point[k]) for k in "xyz"]
+
+
+def _padded(bones: list[Shapes]) -> Shapes:
+    """People have as many bones as were seen: the others are NaN."""
+    most = max((len(each) for each in bones), default=1)
+    rows = np.full((len(bones), most, 7), np.nan, np.float32)
+    for row, each in zip(rows, bones, strict=True):
+        row[: len(each)] = each
+    return rows
+
+
+def _forecast(data: dict[str, Any], times_s: list[float], rate_hz: float) -> Shapes:
+    """The recorded steps nearest to each time, as bodies."""
+    joints: Floats = np.asarray(data["positions"], dtype=np.float64)
+    ahead_s = (np.asarray(data["steps"]) + 1) / (rate_hz or 25.0)
+    nearest = [int(np.abs(ahead_s - time_s).argmin()) for time_s in times_s]
+    return bodies_of(joints[:, nearest])
+
+
+def _nearest_line(bodies: Shapes, robot: Shapes) -> Any:
+    """Between the nearest parts of what is drawn."""
+    rows = bodies.reshape(-1, 7).astype(float)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if not len(rows) or not len(robot):
+        return None
+    parts = robot.astype(float)
+    apart = capsule_distance(_capsules(rows[:, None]), _capsules(parts[None]))
+    body, part = np.unravel_index(int(apart.argmin()), apart.shape)
+    return [end.round(4).tolist() for end in nearest_points(rows[body], parts[part])]
+
+
+def _capsules(rows: Floats) -> Capsules:
+    return Capsules(rows[..., :3], rows[..., 3:6], rows[..., 6])
+
+
+def _floats(values: Any) -> Shapes:
+    return np.array(values, dtype=np.float32)

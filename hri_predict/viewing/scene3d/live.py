@@ -1,0 +1,150 @@
+"""The process of the live 3D view: pictures come through its standard input.
+
+It ends when they end. Run by ``feed``: ``python -m hri_predict.viewing.scene3d.live``.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import threading
+import time
+from collections import deque
+
+from hri_predict.viewing.levels import worst
+from hri_predict.viewing.picture import Picture, read
+from hri_predict.viewing.scene3d.panel import STRIP_PARTS, page, strip
+from hri_predict.viewing.scene3d.server import address, serve
+from hri_predict.viewing.scene3d.stage import Stage
+
+KEPT_S = 60.0
+DRAWN_HZ = 15.0
+SILENT_S = 1.0
+"""No picture for so long: what is shown is not now, and grey."""
+FAREWELL_S = 1.0
+"""After the end, browsers are given so long to take the last, grey picture."""
+
+
+class Kept:
+    """The pictures of the last minute, with when each came."""
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[float, Picture]] = deque()
+        self._lock = threading.Lock()
+        self.ended = False
+
+    def add(self, picture: Picture, now_s: float) -> None:
+        """Keep a picture, and forget those that are too old."""
+        with self._lock:
+            self._kept.append((now_s, picture))
+            while now_s - self._kept[0][0] > KEPT_S:
+                self._kept.popleft()
+
+    def newest(self) -> tuple[float, Picture] | None:
+        """The newest picture and when it came."""
+        with self._lock:
+            return self._kept[-1] if self._kept else None
+
+    def at(self, then_s: float) -> tuple[float, Picture] | None:
+        """The newest picture that had come by then, or else the oldest."""
+        with self._lock:
+            before = [each for each in self._kept if each[0] <= then_s]
+            return before[-1] if before else self._kept[0] if self._kept else None
+
+    def levels(self, now_s: float) -> list[str]:
+        """The worst level in each part of the last minute; "" where there was no picture."""
+        parts: list[list[str]] = [[] for _ in range(STRIP_PARTS)]
+        with self._lock:
+            for then_s, picture in self._kept:
+                part = int((1.0 - (now_s - then_s) / KEPT_S) * STRIP_PARTS)
+                if 0 <= part < STRIP_PARTS:
+                    parts[part] += [robot["level"] for robot in picture.facts["robots"]]
+        return [worst(levels) if levels else "" for levels in parts]
+
+
+class LiveView:
+    """What the browser shows of the pictures that were kept."""
+
+    def __init__(self, host: str, port: int, kept: Kept) -> None:
+        self._kept = kept
+        self.server = serve(host, port)
+        self._stage = Stage(self.server)
+        gui = self.server.gui
+        self._page = gui.add_html("waiting for the node's first tick")
+        self._ahead = gui.add_slider("zones ahead (s)", 0.0, 3.0, 0.05, 0.5)
+        self._pause = gui.add_checkbox("pause", False)
+        self._back = gui.add_slider("seconds back", -KEPT_S, 0.0, 0.1, 0.0)
+        self._strip = gui.add_html("")
+        self._paused_s: float | None = None
+        self._strip_s = 0.0
+        self._shown: object = None
+
+    def draw(self, now_s: float) -> None:
+        """Draw what is due at ``now_s``, if it is not there yet."""
+        newest = self._kept.newest()
+        if newest is None:
+            return
+        paused = self._pause.value
+        self._paused_s = (self._paused_s or now_s) if paused else None
+        then_s = (self._paused_s or now_s) + self._back.value
+        is_now = not paused and self._back.value > -0.05
+        found = newest if is_now else self._kept.at(then_s)
+        assert found is not None
+        stale = self._stale(now_s, newest[0], None if is_now else found[0])
+        if now_s - self._strip_s > 0.5:
+            self._strip_s = now_s
+            self._strip.content = strip(self._kept.levels(now_s))
+        horizon_s = max(found[1].facts["times_s"], default=0.0)
+        if horizon_s > 0 and abs(self._ahead.max - horizon_s) > 0.01:
+            self._ahead.value = min(self._ahead.value, horizon_s)  # type: ignore[misc]
+            self._ahead.max = round(horizon_s, 2)
+        shown = (found[0], stale, self._ahead.value)
+        if shown == self._shown:
+            return
+        self._shown = shown
+        picture = found[1]
+        self._page.content = page(picture.facts, stale=stale)
+        self._stage.draw(picture, self._ahead.value, known=not stale or not is_now)
+
+    def _stale(self, now_s: float, newest_s: float, shown_s: float | None) -> str:
+        """Why the picture is not of now; "" if it is."""
+        if self._kept.ended:
+            return "the node ended"
+        if now_s - newest_s > SILENT_S:
+            return f"nothing from the node for {now_s - newest_s:.0f} s"
+        if shown_s is not None:
+            return f"{now_s - shown_s:.1f} s ago"
+        return ""
+
+
+def _take(kept: Kept) -> None:
+    try:
+        while (picture := read(sys.stdin.buffer)) is not None:
+            kept.add(picture, time.monotonic())
+    except ValueError as error:
+        print(f"the view ends: {error}", file=sys.stderr)
+    kept.ended = True
+
+
+def main() -> None:
+    """Show pictures until their pipe ends."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--host", required=True)
+    parser.add_argument("--port", type=int, required=True)
+    args = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the node gets it too; its end is our end
+    os.nice(10)  # the node goes first
+    kept = Kept()
+    threading.Thread(target=_take, args=(kept,), name="pictures", daemon=True).start()
+    view = LiveView(args.host, args.port, kept)
+    print(address(view.server), flush=True)
+    while not kept.ended:
+        view.draw(time.monotonic())
+        time.sleep(1.0 / DRAWN_HZ)
+    view.draw(time.monotonic())
+    time.sleep(FAREWELL_S)
+    os._exit(0)  # viser's threads may wait for browsers
+
+
+if __name__ == "__main__":
+    main()

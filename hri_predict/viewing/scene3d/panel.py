@@ -1,0 +1,93 @@
+"""The text beside the 3D scene, as HTML that escapes everything."""
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+from hri_predict.viewing.levels import GREY, colour, css
+
+STRIP_PARTS = 240
+"""A timeline has so many parts at most; each shows the worst level within."""
+
+
+def badge(word: str, rgb: tuple[int, int, int], line: str) -> str:
+    """A large word on a colour, and a line under it."""
+    return (
+        f'<div style="background:{css(rgb)};color:#fff;border-radius:6px;padding:8px 12px;'
+        f'margin:4px 0"><div style="font-size:26px;font-weight:800;letter-spacing:1px">'
+        f'{escape(word)}</div><div style="font-size:13px">{escape(line)}</div></div>'
+    )
+
+
+def page(facts: dict[str, Any], *, stale: str = "", when: str = "") -> str:
+    """The panel for a picture; ``stale`` says why it is not now, in grey; ``when`` it was."""
+    parts = [_table([("recorded", when)])] if when else []
+    if stale:
+        parts.append(badge("NOT LIVE", GREY, stale))
+    for robot in facts["robots"]:
+        rgb = GREY if stale else colour(robot["level"])
+        parts.append(badge(f"{robot['name']}: {robot['level']}", rgb, robot["reason"]))
+        parts.append(_table(_of_robot(robot)))
+    parts.append(_table(_of_cell(facts)))
+    return '<div style="padding:0 12px 8px">' + "".join(parts) + "</div>"
+
+
+def strip(levels: Sequence[str]) -> str:
+    """A timeline of levels, oldest first: a coloured bar."""
+    if not levels:
+        return ""
+    width = 100.0 / len(levels)
+    stops = []
+    for i, level in enumerate(levels):
+        if i and level == levels[i - 1]:
+            continue
+        end = next((k for k in range(i, len(levels)) if levels[k] != level), len(levels))
+        rgb = css(colour(level))
+        stops.append(f"{rgb} {i * width:.2f}% {end * width:.2f}%")
+    bar = f"height:14px;border-radius:3px;background:linear-gradient(to right,{','.join(stops)})"
+    return f'<div style="padding:2px 12px"><div style="{bar}"></div></div>'
+
+
+def _of_robot(robot: dict[str, Any]) -> list[tuple[str, str]]:
+    rows = [
+        ("speed limit", metres(robot["limit_m_s"] or 0.0, "m/s")),
+        ("robot's speed", metres(robot["speed_m_s"], "m/s")),
+        ("separation", metres(robot["separation_m"], "m")),
+    ]
+    if robot["detail"]:
+        rows.append(("detail", robot["detail"]))
+    if robot["clears"]:
+        rows.append(("clears when", robot["clears"]))
+    return rows
+
+
+def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:
+    tracked = facts["tracked"]
+    lost = facts["people"][tracked:]
+    age, rate = facts["age_s"], facts.get("rate_hz")
+    rows = [
+        ("node", facts["state"].lower()),
+        ("people", f"{tracked}" + (f", lost: {', '.join(map(str, lost))}" if lost else "")),
+        ("age", "-" if age is None else f"{age * 1e3:.0f} ms"),
+        ("rate", "-" if rate is None else f"{rate:.1f} Hz"),
+    ]
+    if facts["coverage"]:
+        rows.append(("coverage", facts["coverage"]))
+    rows += [("", reason) for reason in facts["reasons"]]
+    if facts.get("dropped"):
+        rows.append(("pictures dropped", str(facts["dropped"])))
+    return rows
+
+
+def metres(value: float | None, unit: str) -> str:
+    """A number with two digits and its unit; a dash if it is not known."""
+    return "-" if value is None else f"{value:.2f} {unit}"
+
+
+def _table(rows: list[tuple[str, str]]) -> str:
+    lines = "".join(
+        f'<tr><td style="opacity:.6;padding-right:10px;vertical-align:top;white-space:nowrap">'
+        f"{escape(name)}</td><td>{escape(text)}</td></tr>"
+        for name, text in rows
+    )
+    return f'<table style="font-size:12.5px;margin:4px 0">{lines}</table>'

@@ -1,0 +1,42 @@
+"""A viser server that publishes nothing beyond its own address."""
+
+import contextlib
+import io
+import socket
+
+import viser
+
+TITLE = "hri-predict"
+
+
+def serve(host: str, port: int) -> viser.ViserServer:
+    """Start the server; port 0 is any free one.
+
+    viser can publish a view through a relay of its makers: here nobody can ask for that.
+    """
+    if not port:
+        port = _free(host)
+    with contextlib.redirect_stdout(io.StringIO()):  # its banner
+        server = viser.ViserServer(host=host, port=port, label=TITLE, verbose=False)
+    server.request_share_url = _refuse  # type: ignore[method-assign]
+    server.gui.configure_theme(
+        control_width="large", dark_mode=True, show_logo=False, show_share_button=False
+    )
+    server.gui.main_panel.dock_right()
+    return server
+
+
+def address(server: viser.ViserServer) -> str:
+    """Where a browser finds it."""
+    host = server.get_host()
+    return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
+
+
+def _refuse(verbose: bool = True) -> None:
+    """Share nothing."""
+
+
+def _free(host: str) -> int:
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        probe.bind((host, 0))
+        return int(probe.getsockname()[1])

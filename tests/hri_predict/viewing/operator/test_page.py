@@ -1,0 +1,161 @@
+"""The operator's page over real HTTP, and in a real browser."""
+
+import http.client
+import json
+import threading
+import time
+
+import pytest
+
+from hri_predict.viewing.feed import OPERATOR
+from hri_predict.viewing.operator.page import Server
+from hri_predict.viewing.operator.state import State
+from hri_predict.viewing.picture import Picture, empty_shapes
+from tests.browser import CHROMIUM, Browser
+from tests.hri_predict.viewing.shown import Shown
+
+
+def picture(level: str, reason: str = "a person is too close", number: int = 1) -> Picture:
+    robot = {"name": "arm", "level": level, "reason": reason, "clears": "they go", "latch": 0}
+    robot |= {"limit_m_s": None, "separation_m": 0.5}
+    change = {"number": number, "level": level, "robot": 0, "reason": reason, "utc_s": 1.7e9}
+    facts = {"robots": [robot], "room": {"cell": "press-4"}, "tracked": 1, "people": [1, 2]}
+    facts |= {"state": "RUNNING", "age_s": 0.03, "changes": [change]}
+    return Picture(facts, **empty_shapes())
+
+
+@pytest.fixture
+def server():
+    made = Server("127.0.0.1", 0, State())
+    threading.Thread(target=made.serve_forever, args=(0.05,), daemon=True).start()
+    yield made
+    made.state.end()
+    made.shutdown()
+    made.server_close()
+
+
+def ask(server, method="GET", path="/", body=None, **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
+    headers = {name.replace("_", "-"): value for name, value in headers.items()}
+    connection.request(method, path, body, headers)
+    answer = connection.getresponse()
+    return answer, answer.read() if path != "/events" else b""
+
+
+@pytest.mark.parametrize(
+    ("path", "kind"), [("/", "html"), ("/page.js", "javascript"), ("/page.css", "css")]
+)
+def test_a_page_and_its_parts_come_from_here_alone(server, path, kind):
+    answer, body = ask(server, path=path)
+    assert answer.status == 200
+    assert kind in answer.headers["Content-Type"]
+    assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+    assert b"://" not in body.replace(b"http://www.w3.org/2000/svg", b"")
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/../page.py", "/page.py", "//etc/passwd"])
+def test_other_pages_are_not_there(server, path):
+    assert ask(server, path=path)[0].status == 404
+
+
+def test_a_name_of_another_server_is_refused(server):
+    """Somebody else's page whose name leads here must not read where people are."""
+    assert ask(server, Host="evil.example:80")[0].status == 403
+    assert ask(server, path="/events", Host="evil.example")[0].status == 403
+    assert ask(server, Host="localhost:1")[0].status == 200
+
+
+def test_another_sites_page_marks_no_alert_as_read(server):
+    server.state.take(picture("STOP"), time.monotonic())
+    said = json.dumps({"number": 1})
+    answer, _ = ask(server, "POST", "/acknowledge", said, Origin="http://evil.example")
+    assert answer.status == 403
+    assert not server.state.history.rows()[0]["read"]
+
+
+def test_an_alert_is_marked_as_read_for_everybody(server):
+    server.state.take(picture("STOP"), time.monotonic())
+    said = json.dumps({"number": 1})
+    assert ask(server, "POST", "/acknowledge", said)[0].status == 204
+    assert server.state.told()["history"][0]["read"]
+    assert server.state.told()["levels"][0]["level"] == "STOP"  # the stop stands
+
+
+@pytest.mark.parametrize(
+    "body", ["", "{", "[]", '{"number": true}', '{"number": "1"}', 2000 * "[", '{"number": 1.5}']
+)
+def test_other_bodies_are_refused(server, body):
+    assert ask(server, "POST", "/acknowledge", body)[0].status == 400
+
+
+def test_an_alert_that_is_not_there_is_said_so(server):
+    assert ask(server, "POST", "/acknowledge", '{"number": 9}')[0].status == 404
+
+
+def test_events_tell_the_level_and_then_that_the_node_ended(server):
+    server.state.take(picture("SLOW"), time.monotonic())
+    answer, _ = ask(server, path="/events")
+    first = json.loads(answer.fp.readline().removeprefix(b"data: "))
+    assert first["known"]
+    assert first["levels"][0]["level"] == "SLOW"
+    assert (first["people"], first["lost"]) == (1, 1)
+    server.state.end()
+    last = [json.loads(line.removeprefix(b"data: ")) for line in answer.fp if line.strip()][-1]
+    assert not last["known"]
+    assert last["why"] == "the node has ended"
+
+
+def test_of_a_silent_node_no_level_is_told():
+    state = State()
+    state.take(picture("CLEAR"), time.monotonic() - 1.5)
+    said = state.told()
+    assert not said["known"]
+    assert "levels" not in said
+    assert "nothing from the node" in said["why"]
+    assert not State().told()["known"]
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_a_browser_shows_the_level_and_turns_grey_when_the_node_is_lost():
+    shape = "document.querySelector('.robot polygon, .robot circle').getAttribute('points')"
+    colour = "getComputedStyle(document.querySelector('.robot')).backgroundColor"
+    with Shown(OPERATOR) as page, Browser(1000, 600) as browser:
+        page.show(picture("CLEAR", "nothing is near"))
+        browser.open(page.url)
+        browser.wait_for_text("CLEAR")
+        green = browser.evaluate(colour)
+
+        page.show(picture("STOP", "<img src=x onerror=alert(1)> & one", 2))
+        browser.wait_for_text("<img src=x onerror=alert(1)> & one")  # as text
+        assert "Clears when they go." in browser.text()
+        assert browser.evaluate("document.querySelector('.word').textContent") == "STOP"
+        assert len(browser.evaluate(shape).split(" ")) == 8  # the octagon
+        assert browser.evaluate("document.images.length") == 0
+        assert browser.evaluate(colour) != green
+
+        unread = "document.querySelectorAll('li button').length"
+        assert browser.evaluate(unread) == 1
+        browser.evaluate("document.querySelector('li button').click()")
+        deadline = time.monotonic() + 5
+        while browser.evaluate(unread) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert browser.evaluate(unread) == 0
+        assert browser.evaluate("document.querySelector('.word').textContent") == "STOP"
+
+        page.show(picture("CLEAR", "nothing is near", 3))
+        browser.wait_for_text("nothing is near")
+        page.show(None)  # the node hangs
+        since = time.monotonic()
+        browser.wait_for_text("NO CONTACT", 10)
+        assert time.monotonic() - since < 2.5  # two seconds, and the browser's answer
+        assert browser.evaluate(colour) not in (green, "")
+
+        page.show(picture("CLEAR", "nothing is near", 3))
+        browser.wait_for_text("nothing is near")
+        page.process.kill()  # the page's own process dies: the browser itself must notice
+        since = time.monotonic()
+        browser.wait_for_text("NO CONTACT", 10)
+        assert time.monotonic() - since < 2.5
+        assert browser.console == []

@@ -1,0 +1,46 @@
+from hri_predict.viewing.levels import COLOURS, GREY, css, worst
+from hri_predict.viewing.scene3d.panel import page, strip
+
+ROBOT = {"name": "<arm>", "level": "CLEAR", "reason": "nothing & nobody", "clears": ""} | {
+    "detail": "",
+    "limit_m_s": 1.0,
+    "separation_m": None,
+    "speed_m_s": 0.25,
+}
+FACTS = {"robots": [ROBOT], "state": "RUNNING", "people": [3, 7], "tracked": 1, "age_s": 0.02} | {
+    "rate_hz": 25.0,
+    "coverage": "99% of each joint",
+    "reasons": [],
+}
+
+
+def test_names_and_reasons_are_text():
+    html = page(FACTS)
+    assert "<arm>" not in html
+    assert "&lt;arm&gt;: CLEAR" in html
+    assert "nothing &amp; nobody" in html
+
+
+def test_lost_people_are_named():
+    assert "1, lost: 7" in page(FACTS)
+
+
+def test_a_picture_that_is_not_of_now_is_grey():
+    assert css(COLOURS["CLEAR"]) in page(FACTS)
+    stale = page(FACTS, stale="nothing for 3 s")
+    assert css(COLOURS["CLEAR"]) not in stale
+    assert css(GREY) in stale
+    assert "nothing for 3 s" in stale
+
+
+def test_a_timeline_has_a_part_for_each_level():
+    html = strip(["CLEAR", "CLEAR", "STOP", ""])
+    assert f"{css(COLOURS['CLEAR'])} 0.00% 50.00%" in html
+    assert f"{css(COLOURS['STOP'])} 50.00% 75.00%" in html
+    assert f"{css(GREY)} 75.00% 100.00%" in html
+
+
+def test_unknown_is_worse_than_stop_and_nobody_is_unknown():
+    assert worst(["CLEAR", "STOP", "UNKNOWN"]) == "UNKNOWN"
+    assert worst(["WARN", "CLEAR"]) == "WARN"
+    assert worst(["odd"]) == worst([]) == "UNKNOWN"

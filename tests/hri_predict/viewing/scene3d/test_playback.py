@@ -1,0 +1,47 @@
+import pytest
+
+from hri_predict.run.session import Options, run
+from hri_predict.viewing.recorded import RecordedPictures
+from tests.hri_predict.viewing.staged import cell
+
+pytest.importorskip("viser", reason="the extra viewer is not installed")
+
+
+@pytest.fixture
+def playback(tmp_path):
+    from hri_predict.viewing.scene3d.playback import Playback
+
+    path = tmp_path / "cell.mcap"
+    run(cell(tmp_path).quiet(), Options(factor=None, duration_s=7.0, record=path))
+    shown = Playback(RecordedPictures(path), "127.0.0.1", 0)
+    yield shown
+    shown.server.stop()
+
+
+def test_a_recording_plays_stands_and_goes_where_the_slider_is(playback):
+    playback.draw(10.0)
+    assert playback._at.value == 0.0
+    playback._play.value = True
+    for tenth in range(1, 11):
+        playback.draw(10.0 + tenth / 10)
+    assert playback._at.value == pytest.approx(1.0, abs=0.11)  # the slider has tenths
+    playback._play.value = False
+    playback.draw(20.0)
+    assert playback._at.value == pytest.approx(1.0, abs=0.11)
+
+    playback._at.value = 6.5
+    playback.draw(20.1)
+    assert "arm: STOP" in playback._page.content
+    assert playback._at.value == 6.5
+
+    playback._play.value = True
+    playback._speed.value = "20"
+    for tenth in range(2, 12):
+        playback.draw(20.0 + tenth / 10)
+    assert not playback._play.value  # at the end it stands
+    assert playback._at.value == pytest.approx(playback._recorded.duration_s, abs=0.1)
+
+
+def test_nobody_can_publish_the_view_beyond_its_address(playback):
+    assert playback.server.request_share_url() is None
+    assert playback.url.startswith("http://127.0.0.1:")

@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from hri_predict.skeleton import CANONICAL
+from hri_predict.viewing.levels import COLOURS, GREY
+from hri_predict.viewing.packing import bodies_of
+from hri_predict.viewing.picture import Picture, empty_shapes
+
+pytest.importorskip("viser", reason="the extra viewer is not installed")
+
+
+@pytest.fixture
+def server():
+    from hri_predict.viewing.scene3d.server import serve
+
+    made = serve("127.0.0.1", 0)
+    yield made
+    made.stop()
+
+
+def picture(level: str = "SLOW") -> Picture:
+    """One person here, one lost: zones of both at two times, and a robot of one capsule."""
+    joints = np.random.default_rng(1).uniform(0, 2, (2, len(CANONICAL.joints), 3))
+    bodies = bodies_of(joints)
+    robot = {"name": "arm", "level": level, "capsules": 1, "separation_m": 0.7}
+    robot["line"] = [[0.0, 0, 1], [1.0, 0, 1]]
+    facts = {"people": [4, 9], "tracked": 1, "zones": [4, 9], "times_s": [0.0, 1.0]}
+    facts |= {"robots": [robot], "named": {"bench": [True, 0.0]}}
+    square = {"polygon": [[0, 0], [1, 0], [1, 1]], "z_min": 0.0, "z_max": 1.0}
+    facts["room"] = {"cell": "c", "named": [{"name": "bench", **square}], "view": square}
+    zones = np.stack((bodies, bodies + np.float32(0.1)), axis=1)
+    shapes = {"bodies": bodies, "forecast": zones[:1], "zones": zones}
+    return Picture(facts, **{**empty_shapes(), **shapes, "robots": bodies[0, :1]})
+
+
+def shown(handle) -> set[tuple[int, ...]]:
+    return {tuple(int(c) for c in row) for row in handle.batched_colors}
+
+
+def test_people_lost_people_and_robots_have_their_colours(server):
+    from hri_predict.viewing.scene3d.stage import FORECAST, LOST, PERSON, Stage
+
+    stage = Stage(server)
+    stage.draw(picture(), 1.0)
+    assert shown(stage._solid._parts[0]) == {PERSON, LOST, COLOURS["SLOW"]}
+    assert shown(stage._clear._parts[0]) == {FORECAST, LOST, COLOURS["SLOW"]}
+    assert len(stage._solid._parts[1].batched_positions) == 2 * len(CANONICAL.segments) + 1
+    line, label = stage._lines[0]
+    assert (line.visible, label.text) == (True, "0.70 m")
+
+
+def test_what_is_not_known_is_grey(server):
+    from hri_predict.viewing.scene3d.stage import Stage
+
+    stage = Stage(server)
+    stage.draw(picture("CLEAR"), 0.5, known=False)
+    assert shown(stage._solid._parts[0]) == shown(stage._clear._parts[0]) == {GREY}
+    assert {tuple(c) for c in stage._outlines["bench"].colors.reshape(-1, 3)} == {GREY}
+
+
+def test_zones_are_drawn_at_the_time_that_was_asked_for(server):
+    from hri_predict.viewing.scene3d.stage import Stage
+
+    stage = Stage(server)
+    stage.draw(picture(), 0.0)
+    now = stage._clear._parts[1].batched_positions[-1].copy()
+    stage.draw(picture(), 1.0)
+    then = stage._clear._parts[1].batched_positions[-1]
+    np.testing.assert_allclose(then - now, 0.1, atol=1e-5)  # 32-bit floats at 2 m
+
+
+def test_a_room_without_anybody_is_drawn_after_a_full_one(server):
+    from hri_predict.viewing.scene3d.stage import Stage
+
+    stage = Stage(server)
+    stage.draw(picture(), 0.5)
+    empty = picture()
+    robots = [{**empty.facts["robots"][0], "capsules": 0, "line": None}]
+    facts = {**empty.facts, "people": [], "tracked": 0, "zones": [], "robots": robots}
+    facts["room"] = {"cell": "c", "named": [], "view": None}
+    stage.draw(Picture({**facts, "named": {}}, **empty_shapes()), 0.5)
+    assert len(stage._solid._parts[1].batched_positions) == 1  # one that is out of sight
+    assert not stage._lines[0][0].visible
+    assert stage._regions == []

@@ -1,0 +1,69 @@
+import json
+
+import numpy as np
+import pytest
+
+from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.viewing.packing import STEPS, steps_of
+from hri_predict.viewing.picture import pack, unpack
+from tests.hri_predict.viewing.staged import pictures
+
+
+@pytest.fixture(scope="module")
+def near():
+    """The demo's cell with its person in front of the robot."""
+    return pictures([6.5])[0]
+
+
+def capsules(rows) -> Capsules:
+    return Capsules(rows[..., :3], rows[..., 3:6], rows[..., 6])
+
+
+def test_a_picture_holds_people_forecast_zones_and_robots(near):
+    facts, steps = near.facts, len(near.facts["times_s"])
+    assert facts["people"] == [1] == facts["zones"]
+    assert near.bodies.shape[0] == 1
+    assert near.forecast.shape[:2] == near.zones.shape[:2] == (1, steps)
+    assert facts["robots"][0]["capsules"] == len(near.robots) > 3
+    assert facts["robots"][0]["level"] == "STOP"
+    assert list(facts["named"]) == ["bench"]
+    assert facts["room"]["view"] is not None
+
+
+def test_zones_hold_the_body_at_its_capture(near):
+    body, zone = near.bodies[0], near.zones[0, 0]
+    middle = 0.5 * (body[:, :3] + body[:, 3:6])
+    inside = capsule_distance(capsules(np.c_[middle, middle, 0 * body[:, 6]]), capsules(zone))
+    assert (inside < 1e-4).all()  # 32-bit floats at 3 m
+
+
+def test_the_forecast_begins_near_the_body(near):
+    shift = np.linalg.norm(near.forecast[0, 0, :, :3] - near.bodies[0, :, :3], axis=-1)
+    assert shift.max() < 0.5  # nobody's hand goes faster than 10 m/s: 2 steps of 25 ms
+
+
+def test_the_separation_line_is_as_long_as_said(near):
+    robot = near.facts["robots"][0]
+    one, other = np.array(robot["line"])
+    # said: with the person's and the robot's uncertainty taken off, at most a decimetre or so
+    assert np.linalg.norm(one - other) == pytest.approx(robot["separation_m"], abs=0.15)
+
+
+def test_a_picture_is_small_enough_and_plain_data(near):
+    packed = pack(near)
+    assert len(packed) < 50_000
+    assert json.dumps(unpack(packed[4:]).facts)
+
+
+@pytest.mark.parametrize("count", [1, 2, 8, 31])
+def test_the_steps_that_are_sent_begin_now_and_end_at_the_horizon(count):
+    steps = steps_of(count)
+    assert steps[0] == 0
+    assert steps[-1] == count - 1
+    assert len(steps) == min(STEPS, count)
+
+
+def test_a_room_that_nobody_is_in_makes_a_picture():
+    first = pictures([0.5])[0]
+    assert first.facts["people"] == []
+    assert len(first.bodies) == len(first.zones) == 0

@@ -1,0 +1,83 @@
+import json
+
+import numpy as np
+import pytest
+
+from hri_predict.errors import RecordingError
+from hri_predict.run.session import Options, run
+from hri_predict.viewing.recorded import RecordedPictures
+from hri_predict.viewing.room import room_of_text
+from tests.hri_predict.viewing.staged import BENCH, cell, pictures
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorded")
+    path = folder / "cell.mcap"
+    options = Options(factor=None, duration_s=7.0, record=path)
+    run(cell(folder).quiet(), options)
+    return path
+
+
+def test_a_recording_shows_what_the_live_view_showed(recording):
+    recorded = RecordedPictures(recording)
+    live = pictures([6.5])[0]
+    ns = round(live.facts["node_s"] * 1e9)  # no UTC on the virtual clock
+    then = recorded.at(ns)
+    assert then is not None
+    assert then.facts["people"] == live.facts["people"]
+    assert then.facts["room"] == {**live.facts["room"], "cell": then.facts["room"]["cell"]}
+    assert then.facts["named"] == live.facts["named"]
+    was, is_now = then.facts["robots"][0], live.facts["robots"][0]
+    assert (was["name"], was["level"]) == (is_now["name"], is_now["level"])
+    # a picture is up to 0.2 s old; nobody walks faster than 2 m/s, no robot here than 1 m/s
+    middle = [np.nanmean(each.bodies[..., :6].reshape(-1, 3), axis=0) for each in (then, live)]
+    assert np.linalg.norm(middle[0] - middle[1]) < 0.5
+    low = [each.robots[:, :3].min(axis=0) for each in (then, live)]
+    np.testing.assert_allclose(low[0], low[1], atol=0.3)
+    assert then.zones.shape[0] == then.forecast.shape[0] == 1
+    assert was["line"] is not None
+
+
+def test_the_timeline_has_the_levels_of_the_recording(recording):
+    recorded = RecordedPictures(recording)
+    levels = recorded.levels(70)
+    assert levels[0] == "UNKNOWN"  # the node starts
+    assert {"SLOW", "STOP"} <= set(levels)
+    assert recorded.level_at(recorded.end_ns) == recorded.changes[-1][1]
+
+
+def test_outside_of_a_recording_there_is_nothing(recording):
+    recorded = RecordedPictures(recording)
+    assert recorded.at(recorded.start_ns - 5_000_000_000) is None
+    assert recorded.at(recorded.end_ns + 90_000_000_000) is None
+
+
+def test_a_cut_recording_is_shown_to_the_cut(recording, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    data = recording.read_bytes()
+    cut.write_bytes(data[: len(data) // 2])
+    recorded = RecordedPictures(cut)
+    assert 0 < recorded.duration_s < RecordedPictures(recording).duration_s
+    assert recorded.at(recorded.end_ns) is not None
+
+
+def test_another_file_is_refused_with_the_remedy(tmp_path):
+    other = tmp_path / "other.mcap"
+    other.write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(RecordingError, match="name another file"):
+        RecordedPictures(other)
+
+
+def test_the_regions_come_from_the_configuration_as_recorded(tmp_path):
+    text = cell(tmp_path).path.read_text()
+    room = room_of_text(text, "press-4")
+    assert room["named"][0]["name"] == BENCH["name"]
+    assert room["view"]["z_max"] == 2.6
+
+
+@pytest.mark.parametrize(
+    "text", ["", "]", "source: 3", "source: {field_of_view: {polygon: x}}", json.dumps({"a": 1})]
+)
+def test_a_configuration_that_makes_no_sense_has_no_regions(text):
+    assert room_of_text(text, "x") == {"cell": "x", "named": [], "view": None}
