@@ -26,21 +26,22 @@ LIBRARY = {"__init__", "library"}
 NODE = "core machine protocol robots contracts people predictors risk"
 OFFLINE = "core machine contracts people predictors recording"
 EVERYTHING = (
-    f"{NODE} node monitoring recording evidence run discovery datasets evaluation training "
-    "calibration"
+    f"{NODE} node alerting monitoring recording evidence run discovery datasets evaluation "
+    "training calibration"
 )
 MAY_IMPORT = {  # from the bottom to the top
     "core": "",
     "machine": "core",
     "protocol": "core",
     "discovery": "core protocol",
+    "alerting": "core",
     "robots": "core machine protocol",
     "contracts": "core protocol robots",
     "people": "core machine protocol",
     "predictors": "core machine protocol contracts people",
     "risk": "core machine protocol contracts robots people predictors",
     "node": NODE,
-    "monitoring": "core protocol contracts people risk node",
+    "monitoring": "core alerting protocol contracts people risk node",
     "recording": "core protocol contracts people predictors risk node",
     "evidence": "core protocol contracts risk node recording",
     "run": f"{NODE} node monitoring recording evidence discovery",

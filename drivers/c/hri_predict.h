@@ -17,6 +17,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them */
+#endif
+
 /* generated: begin (renew: hri-predict protocol c-header) */
 #define HRI_SCHEMA_VERSION 2u
 #define HRI_SCHEMA_HASH 0xDB28BBACu
@@ -345,5 +349,9 @@ uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint
 /* Encode an Acknowledge of the latch as one unit; return 1, or 0 if not configured. Repeat it a few
  * times with the same ack_id, not 0; use a new ack_id for the next press of the button. */
 uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

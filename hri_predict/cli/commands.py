@@ -6,6 +6,7 @@ import typer
 
 from hri_predict import __version__
 from hri_predict.cli import (
+    alerts,
     convert,
     discover,
     evaluate,
@@ -51,6 +52,7 @@ def options(
 app.command()(run.demo)
 app.command()(run.run)
 app.command()(check.check)
+app.command()(alerts.alerts)
 app.command()(register.register)
 app.command()(commission.commission)
 app.command()(run.replay)

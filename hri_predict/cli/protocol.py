@@ -1,4 +1,4 @@
-"""``protocol``: write the DBC files, document and C header from the definition of the messages."""
+"""``protocol``: write the DBC files, document, C header and PLC projects from their definitions."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from hri_predict.errors import ConfigError
 from hri_predict.protocol.can import DEFAULT_BASE_ID
-from hri_predict.protocol.generate import c_header, document
+from hri_predict.protocol.generate import c_header, document, plcopen, scl, structured_text
 from hri_predict.protocol.generate import dbc as dbc_files
 
 app = typer.Typer(no_args_is_help=True, help="Write files from the definition of the messages.")
@@ -63,6 +63,26 @@ def renew_c_header(
     header = folder / "hri_predict.h"
     _write(header, c_header.renewed(_read(header)))
     _write(folder / "fuzz" / "corpus.txt", c_header.corpus())
+
+
+@app.command("plcopen")
+def renew_plcopen(
+    folder: Annotated[Path, typer.Argument(help="Folder of the .st files.")] = Path("drivers/plc"),
+) -> None:
+    """Write hri_predict.xml (PLCopen) and hri_predict.scl (TIA) from the structured text.
+
+    Example: hri-predict protocol plcopen drivers/plc
+    """
+    units: list[structured_text.Unit] = []
+    for name in structured_text.FILES:
+        path = folder / name
+        text = _read(path)
+        try:
+            units += structured_text.units(text)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {error}") from error
+    _write(folder / "hri_predict.xml", plcopen.xml(units))
+    _write(folder / "hri_predict.scl", scl.scl(units))
 
 
 def _read(path: Path) -> str:

@@ -12,10 +12,12 @@ from hri_predict.robots.file import robot_path
 from hri_predict.robots.trajectory import trajectory_path
 from hri_predict.run.config import Config
 
-WRITTEN = ("record", "alerts.file", "state.path", "evidence.folder")
+WRITTEN = ("record", "state.path", "evidence.folder")
 """Keys of files that the node writes: what is in them changes all the time."""
 SECRET = "key_file"
 """The hash of a short secret could be tried out, so a key's content is not in any report."""
+ALERTS = "alerts."
+"""No advice depends on who is told of it; and these files are written, or are secrets."""
 
 
 def escaped(name: str) -> str:
@@ -32,7 +34,9 @@ def dependencies(config: Config, flat: Mapping[str, Any]) -> dict[str, Path]:
     """
     found = dict(_known(config))
     for key, value in flat.items():
-        if key in found or key in WRITTEN or key.rpartition(".")[2] == SECRET:
+        if key in found or key in WRITTEN or key.startswith(ALERTS):
+            continue
+        if key.rpartition(".")[2] == SECRET:
             continue
         path = _named(value, config.base_dir)
         if path is not None:

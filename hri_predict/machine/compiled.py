@@ -7,6 +7,7 @@ anew.
 """
 
 import functools
+import importlib.util
 import logging
 import os
 from collections.abc import Callable
@@ -97,6 +98,15 @@ def plain(array: NDArray[np.float64]) -> NDArray[np.float64]:
 def is_compiled() -> bool:
     """Whether numba compiles the loops of this process."""
     return _compiler() is not None
+
+
+def why_not_compiled() -> str:
+    """Why arrays compute, with the remedy; "" if numba is there. Imports nothing."""
+    if os.environ.get(_SWITCH, "1") == "0":
+        return f"{_SWITCH} is 0"
+    if importlib.util.find_spec("numba") is None:
+        return "numba is not installed; pip install 'hri-predict[accel]'"
+    return ""
 
 
 @functools.cache

@@ -1,22 +1,29 @@
-"""Alerts when a robot's level or a named zone changes: a line, JSON, a user's command.
+"""Alerts when a robot's level or a named zone changes: a line, JSON, and hooks to elsewhere.
 
-The node's loop only queues a change; a separate thread writes the alert and runs the command.
+The node's loop only queues a change. A thread writes the line and the file; each hook has a thread
+of its own (``hri_predict.alerting``).
 """
 
 import errno
 import json
 import queue
-import subprocess
 import sys
 import threading
+import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from pydantic import Field
 
+from hri_predict.alerting.alert import Alert, AnyAlert, ZoneAlert
+from hri_predict.alerting.command import CommandHook
+from hri_predict.alerting.hook import Hook
+from hri_predict.alerting.kinds import AnyHook, hooks_of
+from hri_predict.alerting.sender import Place
+from hri_predict.alerting.settings import HookSettings
 from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError
 from hri_predict.files import refuse_named_pipe
@@ -24,6 +31,9 @@ from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.settings import Settings
+
+_WRITE_S = 1.0
+"""Time to write what is queued when the node stops."""
 
 
 class AlertSettings(Settings):
@@ -36,69 +46,39 @@ class AlertSettings(Settings):
         description="program and arguments to run; it reads the alert as JSON from standard input",
     )
     debounce_s: float = Field(
-        1.0, ge=0, le=60, description="least time between two runs of the command"
+        1.0, ge=0, le=60, description="least time between two runs of the command for one robot"
     )
     timeout_s: float = Field(5.0, gt=0, le=600, description="end a command that runs longer")
+    to: list[AnyHook] = Field(
+        [], max_length=16, description="further receivers: webhook, mqtt, email, syslog, command"
+    )
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Alert:
-    """One change of a robot's level, or of the reason for *unknown* or *fault*.
-
-    ``at`` is the time of the wall clock (UTC), ``None`` on the virtual clock; ``time_s`` is the
-    node's time since the start.
-    """
-
-    at: str | None
-    time_s: float
-    robot: str
-    level: str
-    was: str
-    reason: str
-    detail: str
-    clears_when: str
-    separation_m: float | None
-    speed_limit_m_s: float | None
-
-    def line(self) -> str:
-        """One line for a person."""
-        clears = f"; clears when {self.clears_when}" if self.clears_when else ""
-        why = self.detail or f"{self.robot}: {self.reason}{clears}"
-        return f"[{self.time_s:8.2f} s] {self.was} -> {self.level}: {why}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ZoneAlert:
-    """One change of a named zone: ``empty``, ``entry predicted`` (in ``entry_s``), ``occupied``."""
-
-    at: str | None
-    time_s: float
-    zone: str
-    state: str
-    was: str
-    entry_s: float | None
-
-    def line(self) -> str:
-        """One line for a person."""
-        soon = self.state == "entry predicted" and self.entry_s is not None
-        when = f" in {self.entry_s * 1e3:.0f} ms" if soon and self.entry_s is not None else ""
-        return f"[{self.time_s:8.2f} s] zone {self.zone}: {self.was} -> {self.state}{when}"
-
-
-AnyAlert = Alert | ZoneAlert
+    @property
+    def hooks(self) -> list[HookSettings]:
+        """All receivers beside terminal and file, ``command`` first."""
+        if not self.command:
+            return list(self.to)
+        first = CommandHook(
+            kind="command",
+            command=self.command,
+            debounce_s=self.debounce_s,
+            timeout_s=self.timeout_s,
+            rate_per_minute=6000,
+        )
+        return [first, *self.to]
 
 
 class Alerts:
     """Watches levels and named zones, and raises an alert when one changes.
 
-    On the virtual clock there is no thread: alerts are written at once and the command is not run.
+    On the virtual clock there is no thread: alerts are written at once and no hook sends.
 
-    ``dropped`` counts alerts that were lost because the thread could not keep up. ``failures``
-    counts alerts that could not be written to the file, and commands that could not run, failed
-    or were ended.
+    ``dropped`` counts alerts that were not written because the thread could not keep up.
+    ``failures`` counts alerts that could not be written to the file, and attempts of hooks that
+    failed.
 
     Raises:
-        ConfigError: the alert file cannot be written.
+        ConfigError: the alert file cannot be written, or a hook cannot be used.
     """
 
     def __init__(
@@ -108,6 +88,7 @@ class Alerts:
         robots: list[str],
         clock: Clock,
         base_dir: Path,
+        cell: str = "cell",
         terminal: TextIO | None = None,
         threaded: bool = True,
     ) -> None:
@@ -121,15 +102,26 @@ class Alerts:
         self._zones: dict[str, str] = {}
         self._queue: queue.Queue[AnyAlert | None] = queue.Queue(maxsize=256)
         self._file = alert_file(settings, base_dir)
-        self._last_run_ns: int | None = None
         self._thread: threading.Thread | None = None
-        self._process: subprocess.Popen[bytes] | None = None
-        self.count = self.dropped = self.failures = 0
+        place = Place(base_dir=base_dir, cell=cell)
+        self._hooks: list[Hook] = hooks_of(settings.hooks, place) if threaded else []
+        self.count = self.dropped = self._file_failures = 0
+
+    @property
+    def failures(self) -> int:
+        """What could not be written, and failed attempts of hooks."""
+        return self._file_failures + sum(hook.failures for hook in self._hooks)
+
+    def report(self) -> list[dict[str, Any]]:
+        """The hooks' rows in the summary."""
+        return [hook.report() for hook in self._hooks]
 
     def start(self) -> None:
-        """Start the thread that writes alerts and runs the command."""
+        """Start the threads that write alerts and deliver them."""
         self._thread = threading.Thread(target=self._work, name="alerts", daemon=True)
         self._thread.start()
+        for hook in self._hooks:
+            hook.start()
 
     def observe(self, advices: tuple[Advice, ...]) -> None:
         """Take the advices of one tick; queue an alert for each changed level. Never blocks."""
@@ -188,45 +180,32 @@ class Alerts:
         if not self._threaded:
             self._tell(alert)
             return
+        for hook in self._hooks:
+            hook.put(alert)
         try:
             self._queue.put_nowait(alert)
         except queue.Full:
             self.dropped += 1
 
     def stop(self) -> None:
-        """Write the queued alerts; a command that still runs may use its time limit, no more."""
+        """Write the queued alerts and let each hook try once more, within its bound."""
         if self._thread is None:
             return
+        begun = time.monotonic()
+        for hook in self._hooks:
+            hook.stop()
         try:
-            self._queue.put(None, timeout=1.0)
+            self._queue.put(None, timeout=_WRITE_S)
         except queue.Full:
             self.dropped += 1
-        self._thread.join(timeout=self._settings.timeout_s + 1.0)
+        self._thread.join(timeout=_WRITE_S)
+        for hook in self._hooks:
+            hook.join(max(begun + hook.settings.stop_s - time.monotonic(), 0.0))
         self._thread = None
 
     def _work(self) -> None:
-        pending: dict[str, AnyAlert] = {}  # per robot or zone: its newest change, for the command
-        while True:
-            try:
-                alert = self._queue.get(timeout=self._debounce_left_s() if pending else None)
-            except queue.Empty:
-                self._run(pending.pop(next(iter(pending))))
-                continue
-            if alert is None:
-                break
+        while (alert := self._queue.get()) is not None:
             self._tell(alert)
-            if self._settings.command:
-                subject = alert.robot if isinstance(alert, Alert) else f"zone {alert.zone}"
-                pending[subject] = alert
-        for alert in pending.values():
-            self._run(alert)
-        self._wait_for_command()
-
-    def _debounce_left_s(self) -> float:
-        if self._last_run_ns is None:
-            return 0.0
-        passed = (self._clock.now_ns() - self._last_run_ns) * 1e-9
-        return max(self._settings.debounce_s - passed, 0.0)
 
     def _tell(self, alert: AnyAlert) -> None:
         if self._settings.terminal:
@@ -236,37 +215,8 @@ class Alerts:
                 with self._file.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(asdict(alert)) + "\n")
             except OSError as error:
-                self.failures += 1
+                self._file_failures += 1
                 print(f"alert file {self._file}: {error.strerror}", file=sys.stderr)
-
-    def _run(self, alert: AnyAlert) -> None:
-        """Run the user's command; one at a time, each within its time limit."""
-        self._wait_for_command()
-        self._last_run_ns = self._clock.now_ns()
-        assert self._settings.command
-        try:
-            self._process = subprocess.Popen(
-                self._settings.command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL
-            )
-            assert self._process.stdin
-            self._process.stdin.write(json.dumps(asdict(alert)).encode())
-            self._process.stdin.close()
-        except OSError as error:
-            self.failures += 1
-            print(f"alert command {self._settings.command[0]}: {error}", file=sys.stderr)
-
-    def _wait_for_command(self) -> None:
-        if self._process is None:
-            return
-        try:
-            if self._process.wait(timeout=self._settings.timeout_s) != 0:
-                self.failures += 1
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-            self.failures += 1
-            print("alert command took too long and was ended", file=sys.stderr)
-        self._process = None
 
 
 def alert_file(settings: AlertSettings, base_dir: Path) -> Path | None:

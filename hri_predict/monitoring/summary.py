@@ -78,6 +78,7 @@ class Summary:
     source: dict[str, Any] = field(default_factory=dict)
     recording: dict[str, Any] | None = None
     evidence: dict[str, Any] | None = None
+    alerts: list[dict[str, Any]] = field(default_factory=list)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for ``--json``."""
@@ -94,6 +95,8 @@ class Summary:
                 console.print(line, highlight=False, markup=False)
         if self.controllers:
             console.print(self._controller_table())
+        for hook in self.alerts:
+            console.print(_alerts(hook), highlight=False, markup=False, soft_wrap=True)
 
     def _run_table(self) -> Table:
         table = Table(title="Summary", title_justify="left", show_header=False)
@@ -252,6 +255,14 @@ def _evidence(report: dict[str, Any]) -> str:
     return (
         f"{counts or 'no event'}; {report['kept']} kept{wrong}; hash {report['newest_hash'][:16]}"
     )
+
+
+def _alerts(hook: dict[str, Any]) -> str:
+    """Return what one alert hook did, in one line."""
+    counts = {name.replace("_", " "): n for name, n in hook.items() if isinstance(n, int)}
+    told = {name: n for name, n in counts.items() if n or name == "delivered"}
+    last = f"; last error: {hook['last_error']}" if hook["last_error"] else ""
+    return f"alerts by {hook['name']}: {_counts(told)}{last}"
 
 
 def _rounded(value: float | None) -> float | None:

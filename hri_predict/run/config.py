@@ -239,6 +239,7 @@ def load(path: Path) -> Config:
     )
     _check_names(config)
     _check_links(config)
+    _check_alerts(config)
     return config
 
 
@@ -304,3 +305,17 @@ def _check_links(config: Config) -> None:
             cls.check_together([link for link in config.links if link.kind == kind])
         except ConfigError as error:
             raise ConfigError(f"{config.path}: {error}") from error
+
+
+def _check_alerts(config: Config) -> None:
+    """Check that every robot and zone that an alert hook names exists: no alert would come."""
+    robots = [robot.name for robot in config.node.robots]
+    zones = [zone.name for zone in config.node.zones]
+    for i, hook in enumerate(config.node.alerts.to):
+        for key, known, named in (("robot", robots, hook.robots), ("zone", zones, hook.zones)):
+            for name in named or []:
+                if name not in known:
+                    raise ConfigError(
+                        f"{config.path}: alerts.to.{i}.{key}s: no {key} '{name}'"
+                        f"{nearest(name, known)}; there are: {', '.join(known) or 'none'}"
+                    )

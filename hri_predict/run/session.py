@@ -137,6 +137,7 @@ class _Session:
             robots=names,
             clock=clock,
             base_dir=config.base_dir,
+            cell=config.path.stem,
             threaded=options.factor is not None,
         )
         self.reports: Sequence[ControllerReport] | None = None
@@ -304,6 +305,7 @@ class _Session:
         result.source = source_report(
             self.config.source.kind, assembly.source, self.levels.clock, self.clock.now_ns()
         )
+        result.alerts = self.alerts.report()
         if self.recorder is not None:
             result.recording = self.recorder.report()
         if self.evidence is not None:

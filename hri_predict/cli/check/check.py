@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
+from hri_predict.cli.alerts import hook_facts
 from hri_predict.cli.check.calibration import (
     calibration_facts,
     calibration_lines,
@@ -28,7 +29,7 @@ from hri_predict.cli.check.contact import (
     contact_table,
     unseen_ends_note,
 )
-from hri_predict.cli.check.engine import engine_facts, engine_lines
+from hri_predict.cli.check.engine import engine_facts, engine_lines, loops_line
 from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
@@ -132,7 +133,8 @@ def _print(found: dict[str, Any]) -> None:
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
-    for line in (*engine_lines(found["engine"]), *calibration_lines(found["calibration"])):
+    computed = (*engine_lines(found["engine"]), found["loops"])
+    for line in (*computed, *calibration_lines(found["calibration"])):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
@@ -146,6 +148,7 @@ def _print(found: dict[str, Any]) -> None:
     for line in (
         *joint_map_lines(found["joint_map"]),
         evidence_line(found["evidence"]),
+        f"alert hooks: {', '.join(hook['name'] for hook in found['alerts']) or 'none'}",
         *commissioning_lines(found["commissioning"]),
     ):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
@@ -175,6 +178,7 @@ def examine(config: Config) -> dict[str, Any]:
             links=simulated, robots=config.node.robots, base_dir=config.base_dir, clock=clock
         )
     alert_file(config.node.alerts, config.base_dir)
+    alerts = hook_facts(config)
     budget = assemble.build_budget(config, source)
     stops = {
         model.name: model.stopping(settings.max_speed_m_s)
@@ -203,6 +207,7 @@ def examine(config: Config) -> dict[str, Any]:
         "horizon_s": assembly.prediction.predictor.horizon_steps
         / assembly.prediction.predictor.rate_hz,
         "engine": engine_facts(assembly.prediction.predictor),
+        "loops": loops_line(),
         "risk": risk,
         "contact": contact_facts(*contact),
         "tools": tool_facts(assembly.robots, config.node.robots),
@@ -216,12 +221,14 @@ def examine(config: Config) -> dict[str, Any]:
         "state": _state(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "evidence": evidence,
+        "alerts": alerts,
         "commissioning": commissioning_facts(config),
         "notes": [
             *(note for robot in config.node.robots for note in mode_notes(robot)),
             *_notes(config),
             *race_notes(config.node, source.rate_hz),
             *evidence_notes(evidence),
+            *(f"alerts: {note}" for hook in alerts for note in hook["notes"]),
             *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),

@@ -22,7 +22,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
 from hri_sim.controllers.controller import ControllerCore, ControllerSettings
 from tests.hri_drivers.c.agree import units
-from tests.hri_drivers.plc.conftest import SOURCE, load
+from tests.hri_drivers.plc.conftest import everything
 
 LINKS = ("classic", "fd", "serial")
 WIDE = ("fd", "serial")
@@ -98,8 +98,8 @@ def by_c(program: Path, story: Story) -> list[bool]:
 
 
 def by_plc(story: Story) -> list[bool]:
-    block = load(SOURCE.read_text(encoding="ascii"))["HRI_ADVICE"]
-    block.variables["TOLERATED_ERRORS"] = story.tolerated
+    block = everything()["HRI_ADVICE"]
+    block.variables["Rule"].variables["TOLERATED_ERRORS"] = story.tolerated
     answers, ms, counter, sent_ms = [], 0, 0, [0] * 32
     for what, *more in story.steps:
         if what == "at":

@@ -26,7 +26,7 @@ from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver
 from hri_predict.protocol.messages import Advice, RobotMode, Status
 from hri_sim.baseline_demo import BASELINE
 from hri_sim.controllers.controller import ControllerCore, ControllerSettings
-from tests.hri_drivers.plc.conftest import SOURCE, load
+from tests.hri_drivers.plc.conftest import everything
 
 CHANNEL = "239.74.163.2"
 SILENCE_MS, MAX_AGE_MS = 600, 3000  # patient: the machine may be busy with other things
@@ -93,9 +93,10 @@ class InPlc:
     """The structured-text example."""
 
     def __init__(self, tolerated: int):
-        self._block = load(SOURCE.read_text(encoding="ascii"))["HRI_ADVICE"]
-        self._block.variables |= {"TOLERATED_ERRORS": tolerated, "SILENCE_MS": SILENCE_MS}
-        self._block.variables["MAX_AGE_MS"] = MAX_AGE_MS
+        self._block = everything()["HRI_ADVICE"]
+        limits = self._block.variables["Rule"].variables
+        limits |= {"TOLERATED_ERRORS": tolerated, "SILENCE_MS": SILENCE_MS}
+        limits["MAX_AGE_MS"] = MAX_AGE_MS
         self._counter, self._sent_ms = 0, [0] * 32
 
     def step(self, ms: int, frames: list[CanFrame]) -> bool:

@@ -17,6 +17,7 @@ from hri_predict.protocol.fields import ROBOT_STRIDE
 from hri_predict.protocol.messages import Advice, Level, Message, OperatingMode, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import FORGET_S, OURS
+from tests.hri_drivers.plc.structured_text import Units
 
 SLOW = Advice(
     robot=0,
@@ -43,7 +44,7 @@ class Controller:
         self.state()
 
     def tolerate(self, errors: int) -> "Controller":
-        self.block.variables["TOLERATED_ERRORS"] = errors
+        self.block.variables["Rule"].variables["TOLERATED_ERRORS"] = errors
         return self
 
     def state(self) -> None:
@@ -58,7 +59,11 @@ class Controller:
     def call(self, frame: Any = None) -> int:
         more: dict[str, Any] = {}
         if frame is not None:
-            more = {"Id": frame.arbitration_id, "Length": len(frame.data), "Data": [*frame.data]}
+            more = {
+                "Id": frame.arbitration_id,
+                "Length": len(frame.data),
+                "Data": [*frame.data, *bytes(8)][:8],
+            }
         answered = {"StateCounter": self.counter, "Sent": self.sent, "SentMs": self.sent_ms}
         self.block(NewFrame=int(frame is not None), NowMs=self.ms, **answered, **more)
         speed: int = self.block.variables["PermittedSpeed"]
@@ -77,12 +82,13 @@ class Controller:
 
 
 @pytest.fixture
-def controller(units: dict[str, Any]) -> Controller:
+def controller(units: Units) -> Controller:
     return Controller(units["HRI_ADVICE"])
 
 
-def test_its_constants_are_those_of_the_definition(units: dict[str, Any]) -> None:
-    v = units["HRI_ADVICE"].variables
+def test_its_constants_are_those_of_the_definition(units: Units) -> None:
+    block = units["HRI_ADVICE"].variables
+    v = block | block["Rule"].variables
     assert v["BASE_ID"] == DEFAULT_BASE_ID
     assert v["SCHEMA_NUMBER"] == BY_TYPE[Schema].number
     assert v["SCHEMA_VERSION"] == SCHEMA_VERSION
@@ -93,7 +99,7 @@ def test_its_constants_are_those_of_the_definition(units: dict[str, Any]) -> Non
     assert (BY_TYPE[Advice].number, BY_TYPE[Advice].parts, ROBOT_STRIDE) == (0, 3, 8)
 
 
-def test_its_crc_is_that_of_every_frame(units: dict[str, Any]) -> None:
+def test_its_crc_is_that_of_every_frame(units: Units) -> None:
     payload = b"\x01\x80\xff\x00\x55\xaa"
     for number in frame_table(classic=True):
         frame = e2e.protect_profile2(7 * number & 0xFF, payload, e2e.data_id_list(number))
@@ -134,6 +140,18 @@ def test_silence_stops_it_and_a_long_one_closes_the_schema(controller: Controlle
     controller.state()
     assert controller.hear(SLOW) == 0
     assert controller.hear(OURS, SLOW) == 750
+
+
+def test_parts_from_before_a_long_silence_complete_nothing(controller: Controller) -> None:
+    controller.tolerate(100).hear(OURS, SLOW)
+    first, *rest = controller.node.encode(replace(SLOW, echo=controller.counter + 1))
+    controller.call(first)
+    controller.wait(1100).call()
+    controller.state()
+    controller.hear(OURS)
+    for frame in rest:
+        assert controller.call(frame) == 0
+    assert controller.hear(SLOW) == 750
 
 
 def test_another_schema_or_none_stops_it(controller: Controller) -> None:

@@ -56,6 +56,25 @@ def test_header_and_corpus_are_renewed(protocol, tmp_path):
     assert corpus.read_bytes() == (DRIVERS / "c" / "fuzz" / "corpus.txt").read_bytes()
 
 
+def test_projects_of_the_structured_text_are_the_shipped_ones(protocol, tmp_path):
+    for path in (DRIVERS / "plc").glob("*.st"):
+        shutil.copy(path, tmp_path)
+    assert protocol("plcopen", tmp_path) == 0
+    for name in ("hri_predict.xml", "hri_predict.scl"):
+        assert (tmp_path / name).read_bytes() == (DRIVERS / "plc" / name).read_bytes()
+
+
+def test_structured_text_that_is_none_is_one_line(protocol, tmp_path, capsys):
+    source = tmp_path / "hri_advice.st"
+    source.write_text("FUNCTION X : INT\nVAR\nA, B : INT;\nEND_VAR\nEND_FUNCTION\n")
+    assert protocol("plcopen", tmp_path) == 2
+    assert "X: declaration not understood: A, B : INT;" in capsys.readouterr().err
+    source.write_text("nothing")
+    assert protocol("plcopen", tmp_path) == 2
+    assert "hri_advice.st: no FUNCTION" in capsys.readouterr().err
+    assert protocol("plcopen", tmp_path / "missing") == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

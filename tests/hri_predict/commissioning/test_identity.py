@@ -174,8 +174,12 @@ def test_weights_and_a_joint_map_and_any_other_named_file_are_watched(tmp_path):
 def test_files_that_the_node_writes_and_keys_are_not(tmp_path):
     for name in ("alerts.jsonl", "day.mcap", "state.json", "scene.key"):
         (tmp_path / name).write_text("x")
+    (tmp_path / "hook.token").write_text("secret")
+    hook = {"kind": "webhook", "url": "https://localhost/", "token_file": "hook.token"}
     data = cell_data(
-        alerts={"file": "alerts.jsonl"}, record="day.mcap", state={"path": "state.json"}
+        alerts={"file": "alerts.jsonl", "to": [hook]},
+        record="day.mcap",
+        state={"path": "state.json"},
     )
     data["source"] = {
         "kind": "udp",
@@ -185,6 +189,7 @@ def test_files_that_the_node_writes_and_keys_are_not(tmp_path):
     }
     found = identity_of(load_cell(tmp_path, data)).files
     assert not {"alerts.file", "record", "state.path", "source.key_file"} & found.keys()
+    assert not [key for key in found if key.startswith("alerts.")]
 
 
 def test_how_it_is_written_makes_no_difference(tmp_path):

@@ -1,11 +1,14 @@
 """Compiled loops: the same results, nothing written outside the cache, and none needed."""
 
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from hri_predict.machine.compiled import why_not_compiled
 
 KERNEL = """
 import numpy as np
@@ -99,3 +102,11 @@ def test_a_loop_that_cannot_be_compiled_falls_back_to_arrays_with_one_line(tmp_p
     )
     assert done.stdout.split() == ["2", "3", "3"]
     assert done.stderr.count("compiled loops fail") == 1
+
+
+def test_it_says_why_arrays_compute(monkeypatch):
+    monkeypatch.setenv("HRI_PREDICT_COMPILED", "0")
+    assert why_not_compiled() == "HRI_PREDICT_COMPILED is 0"
+    monkeypatch.setenv("HRI_PREDICT_COMPILED", "1")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _name: None)
+    assert "pip install 'hri-predict[accel]'" in why_not_compiled()

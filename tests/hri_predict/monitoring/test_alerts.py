@@ -145,7 +145,7 @@ def test_no_robots_change_is_lost_to_anothers(tmp_path):
     "command",
     [["/no/such/program"], [sys.executable, "-c", "raise SystemExit(3)"]],
 )
-def test_failing_command_is_counted(tmp_path, command, capsys):
+def test_failing_command_is_counted(tmp_path, command):
     settings = AlertSettings(terminal=False, command=command, timeout_s=20)
     alerts = Alerts(settings=settings, robots=["arm"], clock=MonotonicClock(), base_dir=tmp_path)
     alerts.start()
@@ -154,7 +154,7 @@ def test_failing_command_is_counted(tmp_path, command, capsys):
     assert alerts.failures == 1
 
 
-def test_hanging_command_is_ended(tmp_path, capsys):
+def test_hanging_command_is_ended(tmp_path, caplog):
     hang = [sys.executable, "-c", "import time; time.sleep(60)"]
     settings = AlertSettings(terminal=False, command=hang, timeout_s=0.2)
     alerts = Alerts(settings=settings, robots=["arm"], clock=MonotonicClock(), base_dir=tmp_path)
@@ -162,7 +162,7 @@ def test_hanging_command_is_ended(tmp_path, capsys):
     alerts.observe((advice(Level.STOP),))
     alerts.stop()
     assert alerts.failures == 1
-    assert "was ended" in capsys.readouterr().err
+    assert "was ended" in caplog.text
 
 
 def test_a_flood_never_blocks_and_is_counted(tmp_path):

@@ -112,6 +112,7 @@ def summary_of(ticks_ms=(1.0, 2.0, 30.0), checked=None, levels=((C,), (S,), (X,)
         acknowledges=0,
         acknowledges_refused=0,
         robot_counters={},
+        shedding=SimpleNamespace(sheds=0, without={}),
         state=NodeState.STOPPING,
         self_check=lambda: checked,
     )
@@ -241,3 +242,17 @@ def test_the_links_fit_an_ordinary_terminal():
     assert "…" not in out.getvalue()
     words = out.getvalue().replace("┃", " ").replace("│", " ").split()
     assert {"superseded", "reconnects", "received", "123456789", "crc", "errors"} <= set(words)
+
+
+def test_each_alert_hook_has_a_line_of_its_own():
+    summary = summary_of()
+    counts = {"delivered": 0, "left_out": 3, "dropped": 1, "retried": 0, "failures": 2}
+    quiet = dict.fromkeys(counts, 0) | {"name": "syslog [log]", "last_error": ""}
+    summary.alerts = [counts | {"name": "webhook a", "last_error": "HTTP status 503"}, quiet]
+    out = io.StringIO()
+    summary.print(Console(file=out, width=80))
+    assert (
+        "alerts by webhook a: delivered 0, left out 3, dropped 1, failures 2; "
+        "last error: HTTP status 503\nalerts by syslog [log]: delivered 0\n"
+    ) in out.getvalue()
+    assert summary.as_dict()["alerts"] == summary.alerts

@@ -1,0 +1,226 @@
+"""Alerts by MQTT: the broker keeps the newest of each robot and zone, and says if the node is gone.
+
+Topics, below ``topic`` (``hri-predict/CELL`` by default):
+
+- ``robots/NAME``, ``zones/NAME``: the newest alert as JSON, retained;
+- ``status``: ``online`` or ``offline``, retained; the broker itself says offline after a loss.
+"""
+
+import contextlib
+import json
+import socket
+import threading
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from hri_predict.alerting.alert import Alert, AnyAlert, ZoneAlert, payload
+from hri_predict.alerting.sender import Place, Sender, SendError, said, tls_context
+from hri_predict.alerting.settings import (
+    HookSettings,
+    Host,
+    SecretFile,
+    SecretVariable,
+    Text,
+    is_loopback,
+)
+from hri_predict.alerting.text import topic_level
+from hri_predict.errors import ConfigError
+
+if TYPE_CHECKING:
+    from paho.mqtt.client import Client
+
+KEEPALIVE_S = 15
+"""The broker says offline after one and a half times this without a word (MQTT 3.1.1, 3.1.2.10)."""
+
+
+class MqttHook(HookSettings):
+    """``kind: mqtt``. Without ``levels``: what the broker keeps must be what holds now."""
+
+    secrets: ClassVar[tuple[str, ...]] = ("password",)
+
+    kind: Literal["mqtt"]
+    host: Host
+    port: int | None = Field(None, ge=1, le=65535, description="default: 8883 with TLS, else 1883")
+    tls: bool = True
+    ca_file: str | None = Field(
+        None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
+    )
+    topic: str | None = Field(
+        None,
+        min_length=1,
+        max_length=200,
+        pattern=r"^[^#+$\x00-\x1f\x7f][^#+\x00-\x1f\x7f]*$",
+        description="what all topics begin with; default: hri-predict/CELL",
+    )
+    username: Text | None = None
+    password_file: SecretFile = None
+    password_env: SecretVariable = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.levels is not None:
+            raise ValueError(
+                "levels: has no place in kind mqtt: the broker would keep a level that no longer "
+                "holds; leave it out, and let the subscribers choose"
+            )
+        if (self.password_file or self.password_env) and self.username is None:
+            raise ValueError("a password needs 'username'")
+        return self
+
+    @property
+    def where(self) -> str:
+        """The broker."""
+        return f"{self.host}:{self.open_port}"
+
+    @property
+    def open_port(self) -> int:
+        """The port in use."""
+        return self.port or (8883 if self.tls else 1883)
+
+    @property
+    def notes(self) -> list[str]:
+        """What is sent without TLS."""
+        if self.tls or is_loopback(self.host):
+            return []
+        password = ", and the password" if self.username else ""
+        return [
+            f"MQTT without TLS to {self.host}: anybody on the way can read and change alerts"
+            f"{password}; use tls: true"
+        ]
+
+
+class MqttSender(Sender):
+    """Holds a connection and publishes with QoS 1.
+
+    Each connection is a new client: one that connects again by itself would first send what was
+    under way, and the broker would keep an old level after a newer one.
+    """
+
+    tend_s = 5.0
+
+    def __init__(self, settings: MqttHook, place: Place) -> None:
+        _paho()
+        self._settings, self._place = settings, place
+        self._password = settings.secret("password", place.base_dir)
+        self.secrets = () if self._password is None else (self._password,)
+        self._tls = tls_context(settings.ca_file, place.base_dir) if settings.tls else None
+        self._base = settings.topic or f"hri-predict/{topic_level(place.cell)}"
+        self._kept: dict[str, str] = {}  # topic -> newest alert
+        self._client: Client | None = None
+
+    def send(self, alert: AnyAlert, more_changes: int) -> str:
+        """Publish it; the broker must acknowledge."""
+        data = json.dumps(payload(alert, self._place.cell, more_changes))
+        topic = self._topic(alert)
+        if topic is None:  # a trial
+            self._connect()
+            self._publish(f"{self._base}/test", data, retain=False)
+            return "acknowledged by the broker"
+        self._kept[topic] = data
+        if not self._connect():  # else all that is kept was just published
+            self._publish(topic, data)
+        return "acknowledged by the broker"
+
+    def tend(self) -> None:
+        """Connect again after a loss, so that the broker says online, and keeps what holds now."""
+        if self._kept:
+            self._connect()
+
+    def close(self) -> None:
+        """Say offline and disconnect."""
+        if self._client is not None and self._client.is_connected() and self._place.live:
+            self._publish(f"{self._base}/status", "offline")
+        if self._client is not None:
+            self._client.disconnect()  # in order, so that the broker adds nothing
+        self._drop()
+
+    def _topic(self, alert: AnyAlert) -> str | None:
+        if isinstance(alert, Alert):
+            return f"{self._base}/robots/{topic_level(alert.robot)}"
+        if isinstance(alert, ZoneAlert):
+            return f"{self._base}/zones/{topic_level(alert.zone)}"
+        return None
+
+    def _connect(self) -> bool:
+        """Connect if there is no connection, and publish what is kept; return whether it did."""
+        if self._client is not None and self._client.is_connected():
+            return False
+        self._drop()
+        self._client = client = self._new_client()
+        answered = threading.Event()
+        answer: list[Any] = []
+
+        def on_connect(*given: Any) -> None:  # client, data, flags, reason code, properties
+            answer.append(given[3])
+            answered.set()
+
+        client.on_connect = on_connect
+        try:
+            client.connect(self._settings.host, self._settings.open_port, KEEPALIVE_S)
+        except (OSError, ValueError) as error:
+            self._drop()
+            raise SendError(f"cannot connect: {said(error)}") from error
+        client.loop_start()
+        if not answered.wait(self._settings.timeout_s):
+            self._drop()
+            raise SendError("the broker does not answer")
+        if answer[0].is_failure:
+            self._drop()
+            raise SendError(f"the broker refuses: {answer[0]}")
+        if self._place.live:
+            for topic, data in self._kept.items():
+                self._publish(topic, data)
+            self._publish(f"{self._base}/status", "online")
+        return True
+
+    def _new_client(self) -> "Client":
+        mqtt = _paho()
+        client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
+        client.connect_timeout = self._settings.timeout_s
+        if self._place.live:
+            client.will_set(f"{self._base}/status", "offline", qos=1, retain=True)
+        if self._settings.username is not None:
+            client.username_pw_set(self._settings.username, self._password)
+        if self._tls is not None:
+            client.tls_set_context(self._tls)
+        return client
+
+    def _publish(self, topic: str, data: str, *, retain: bool = True) -> None:
+        assert self._client is not None
+        info = self._client.publish(topic, data, qos=1, retain=retain)
+        try:
+            info.wait_for_publish(self._settings.timeout_s)
+            done = info.is_published()
+        except (RuntimeError, ValueError):  # the connection was lost meanwhile
+            done = False
+        if not done:
+            self._drop()
+            raise SendError("the broker does not acknowledge")
+
+    def _drop(self) -> None:
+        """Let go of the connection without a word, so that the broker says offline for us."""
+        client, self._client = self._client, None
+        if client is None:
+            return
+        connection = client.socket()
+        if isinstance(connection, socket.socket):
+            with contextlib.suppress(OSError):  # TLS's own shutdown would wait for the other side
+                socket.socket.shutdown(connection, socket.SHUT_RDWR)
+        client.loop_stop()
+
+
+def _paho() -> Any:
+    """The client library.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    try:
+        from paho.mqtt import client
+    except ImportError as error:
+        raise ConfigError(
+            "kind mqtt needs a package that is not installed: paho-mqtt; "
+            "pip install 'hri-predict[mqtt]'"
+        ) from error
+    return client

@@ -1,0 +1,113 @@
+"""``alerts``: show where alerts go, and try each way."""
+
+import json
+import threading
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hri_predict.alerting.alert import Trial
+from hri_predict.alerting.hook import failure_text, without
+from hri_predict.alerting.kinds import sender_of
+from hri_predict.alerting.sender import Place, Sender
+from hri_predict.alerting.settings import HookSettings
+from hri_predict.errors import ConfigError
+from hri_predict.run import config as configuration
+from hri_predict.run.config import Config
+
+SLACK_S = 2.0
+"""An attempt may take longer than its time limit: looking up a name, TLS."""
+
+
+def alerts(
+    config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
+    test: Annotated[
+        bool, typer.Option("--test", help="Send a test alert through each hook.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """Show the hooks that alerts go through; with --test, try each and say what came back.
+
+    Exit status 1 if one fails. A test alert says nothing about any robot and is marked as a test.
+
+    Example: hri-predict alerts cell.yaml --test
+    """
+    loaded = configuration.load(config)
+    hooks = loaded.node.alerts.hooks
+    if not hooks:
+        raise ConfigError(f"{loaded.path}: alerts: no hooks; add one under alerts.to")
+    found = try_hooks(loaded) if test else hook_facts(loaded)
+    if as_json:
+        print(json.dumps(found))
+    else:
+        for hook in found:
+            print("; ".join(filter(None, (_head(hook), *hook["notes"]))))
+    if not all(hook.get("ok", True) for hook in found):
+        raise typer.Exit(1)
+
+
+def hook_facts(config: Config) -> list[dict[str, Any]]:
+    """Name, kind and warnings of each hook; builds each, but opens no connection.
+
+    Raises:
+        ConfigError: a secret, a certificate or a package is missing.
+    """
+    for hook in config.node.alerts.hooks:
+        sender_of(hook, _place(config))
+    return [
+        {"name": hook.label, "kind": hook.kind, "notes": hook.notes}
+        for hook in config.node.alerts.hooks
+    ]
+
+
+def try_hooks(config: Config) -> list[dict[str, Any]]:
+    """Send a test alert through each hook, all at once; ``ok`` and ``answer`` say what came back.
+
+    Raises:
+        ConfigError: a secret, a certificate or a package is missing.
+    """
+    facts = hook_facts(config)
+    place = _place(config)
+    trials = [_Trying(hook, sender_of(hook, place)) for hook in config.node.alerts.hooks]
+    for trial in trials:
+        trial.start()
+    return [fact | trial.result() for fact, trial in zip(facts, trials, strict=True)]
+
+
+class _Trying(threading.Thread):
+    """One attempt; nobody waits longer for it than its time limit allows."""
+
+    def __init__(self, hook: HookSettings, sender: Sender) -> None:
+        super().__init__(daemon=True)
+        self._sender, self._limit_s = sender, hook.timeout_s + SLACK_S
+        self._until = time.monotonic() + self._limit_s
+        self._result: dict[str, Any] = {}
+
+    def run(self) -> None:
+        at = datetime.now(UTC).isoformat(timespec="milliseconds")
+        try:
+            answer = self._sender.send(Trial(at=at), 0)
+            self._result = {"ok": True, "answer": answer}
+            self._sender.close()
+        except Exception as error:  # whatever a library raises, the others are tried
+            text = without(self._sender.secrets, failure_text(error))
+            self._result = self._result or {"ok": False, "answer": text}
+
+    def result(self) -> dict[str, Any]:
+        """What came back, within the time limit."""
+        self.join(max(self._until - time.monotonic(), 0.0))
+        self._sender.abort()
+        return self._result or {"ok": False, "answer": f"no answer within {self._limit_s:g} s"}
+
+
+def _place(config: Config) -> Place:
+    return Place(base_dir=config.base_dir, cell=config.path.stem, live=False)
+
+
+def _head(hook: dict[str, Any]) -> str:
+    if "ok" not in hook:
+        return str(hook["name"])
+    return f"{hook['name']}: {'ok' if hook['ok'] else 'FAILED'}: {hook['answer']}"

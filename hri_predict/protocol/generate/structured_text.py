@@ -1,0 +1,86 @@
+"""Our structured text in parts: what ``plcopen`` and ``scl`` write in their own forms.
+
+It knows what ``drivers/plc`` uses of IEC 61131-3 and refuses the rest.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from hri_predict.errors import ConfigError
+
+FILES = ("hri_advice.st", "hri_send.st", "hri_serial.st")  # each uses those before it
+_UNIT = re.compile(
+    r"^(FUNCTION|FUNCTION_BLOCK) (\w+)(?: : (\w+))?\n(.*?)^END_\1$", re.DOTALL | re.MULTILINE
+)
+_COMMENT = re.compile(r"\s*\(\*\s*(.*?)\s*\*\)\n", re.DOTALL)
+_SECTION = re.compile(r"\s*(VAR\w*(?: CONSTANT)?)\n(.*?)END_VAR\n", re.DOTALL)
+_VARIABLE = re.compile(
+    r"(\w+) : (?:ARRAY\[(\d+)\.\.(\d+)\] OF )?(\w+)(?: := ([^;]+))?;(?:\s*\(\*\s*(.*?)\s*\*\))?"
+)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One declaration; ``kind`` is the type of the elements if it has ``bounds``."""
+
+    name: str
+    kind: str
+    bounds: tuple[str, str] | None
+    initial: str | None
+    comment: str
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A function (it ``returns`` a type) or a function block.
+
+    Attributes:
+        sections: variables by ``VAR_INPUT``, ``VAR_OUTPUT``, ``VAR`` or ``VAR CONSTANT``.
+        body: the statements, with their comments.
+    """
+
+    name: str
+    returns: str | None
+    comment: str
+    sections: dict[str, list[Variable]] = field(default_factory=dict)
+    body: str = ""
+
+
+def units(text: str) -> Iterator[Unit]:
+    """The functions and function blocks of a source, in order.
+
+    Raises:
+        ConfigError: there is none, or a declaration is not understood.
+    """
+    found = 0
+    for match in _UNIT.finditer(text):
+        found += 1
+        yield _unit(match[2], match[3], match[4])
+    if not found:
+        raise ConfigError("no FUNCTION and no FUNCTION_BLOCK in it; give structured text")
+
+
+def _unit(name: str, returns: str | None, rest: str) -> Unit:
+    comment = ""
+    if match := _COMMENT.match(rest):
+        comment, rest = match[1], rest[match.end() :]
+    sections: dict[str, list[Variable]] = {}
+    while match := _SECTION.match(rest):
+        sections[match[1]] = list(_variables(name, match[2]))
+        rest = rest[match.end() :]
+    return Unit(name, returns, comment, sections, rest.strip("\n"))
+
+
+def _variables(unit: str, text: str) -> Iterator[Variable]:
+    place = 0
+    while text[place:].strip():
+        gap = len(text[place:]) - len(text[place:].lstrip())
+        match = _VARIABLE.match(text, place + gap)
+        if match is None:
+            line = text[place:].strip().splitlines()[0]
+            raise ConfigError(f"{unit}: declaration not understood: {line}; write NAME : TYPE;")
+        name, low, high, kind, initial, comment = match.groups()
+        bounds = (low, high) if low else None
+        yield Variable(name, kind, bounds, initial, comment or "")
+        place = match.end()

@@ -1,0 +1,48 @@
+"""The programs that the guide prints: they are read, and they run."""
+
+import re
+from pathlib import Path
+
+from hri_predict.protocol.can import CanReceiver
+from hri_predict.protocol.messages import Acknowledge, RobotState
+from hri_predict.protocol.reception import OURS
+from hri_predict.protocol.serial import SerialReceiver, SerialSender
+from tests.hri_drivers.plc.conftest import SOURCES
+from tests.hri_drivers.plc.structured_text import Unit, load
+from tests.hri_drivers.plc.test_hri_send import CanFrame
+
+GUIDE = Path(__file__).resolve().parents[3] / "docs" / "guides" / "plc.md"
+
+
+def printed(name: str) -> Unit:
+    texts = [path.read_text(encoding="ascii") for path in SOURCES]
+    blocks = re.findall(r"```iecst\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
+    return load(*texts, *blocks)[name]
+
+
+def test_the_program_for_can_sends_state_and_acknowledge() -> None:
+    cell = printed("CELL_CAN")
+    cell(NowMs=1000, StateDue=True, Pressed=True)
+    receiver, heard = CanReceiver(False), []
+    for name in ("StateFrames", "PressFrames"):
+        v = cell.variables[name].variables
+        for i in range(v["FrameCount"]):
+            data = bytes(v["Frames"][8 * i : 8 * i + 8])
+            heard += receiver.feed(CanFrame(v["Ids"][i], data, False))
+    assert [type(m) for m in heard] == [RobotState, Acknowledge]
+    assert cell.variables["PermittedSpeed"] == 0
+
+
+def test_the_program_for_tcp_begins_each_connection_and_hears_the_schema() -> None:
+    cell = printed("CELL_TCP")
+    came = SerialSender().encode(OURS)
+    padded = [*came, *bytes(256 - len(came))]
+    cell(Came=padded, CameCount=len(came), Connected=True, NowMs=1000, StateDue=False)
+    cell(CameCount=0, Connected=False, StateDue=True)
+    v = cell.variables["StateLine"].variables
+    sent = bytes(v["Line"][: v["LineBytes"]])
+    assert sent[0] == 0
+    assert [type(m) for m in SerialReceiver().feed(b"noise" + sent)] == [RobotState]
+    assert cell.variables["Advice"].variables["SchemaMatches"] == 1
+    cell(StateDue=True)
+    assert v["Line"][0] != 0
