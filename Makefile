@@ -1,17 +1,20 @@
 # make demo: the whole cell, simulated.  make test: lint, types, tests, and what the wheel holds.
 # make test-long: the tests marked `long`, and the wheel installed alone.
+# make pictures: those of docs/guides/explain.md (needs chromium), from a run of the demo.
+# make bundle: a folder that installs the node without internet, build/bundle (EXTRAS=accel,fleet).
 # make docs: the site of all pages, into build/site.
 # Each makes its own .venv; PIP_FLAGS goes to pip (an index with the CPU build of torch, say);
 # JOBS is how many tests run at once: a number, or all the machine's cores.
 PYTHON ?= python3
 PIP_FLAGS ?=
 JOBS ?= logical
+EXTRAS ?= accel
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) -c constraints.txt
 WHEEL_VENV := build/wheel-venv
 
-.PHONY: demo test test-long lint types pytest pytest-long wheel wheel-alone bench docs clean
+.PHONY: demo test test-long lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures clean
 
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
@@ -60,8 +63,21 @@ wheel-alone: $(VENV)/.dev
 	cd build/empty && ../wheel-venv/bin/hri-predict check demo.yaml
 	cd build/empty && ../wheel-venv/bin/hri-predict demo --speed max
 
+bundle: $(VENV)/.dev
+	rm -rf build/dist build/bundle
+	$(BIN)/python -m build --wheel --outdir build/dist .
+	$(BIN)/python deploy/bundle.py build/dist build/bundle --extras "$(EXTRAS)" $(PIP_FLAGS)
+
 bench: $(VENV)/.run
 	$(BIN)/hri-predict bench
+
+pictures: $(VENV)/.dev
+	mkdir -p build/pictures
+	$(BIN)/hri-predict demo --speed max --record build/pictures/demo.mcap --overwrite
+	$(BIN)/hri-predict explain build/pictures/demo.mcap --at 7.1 --picture docs/guides/why.png
+	cd build/pictures && ../../$(BIN)/hri-predict report demo.mcap --out shift.html
+	cd build/pictures && chromium --headless --no-sandbox --disable-gpu --hide-scrollbars \
+		--window-size=1000,2300 --screenshot=../../docs/guides/shift.png shift.html
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

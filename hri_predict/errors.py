@@ -1,7 +1,8 @@
 """Errors that a user can cause and correct.
 
-Each message is one line that names the file, key or field and the remedy. The command line prints
-only this line and exits with status 2; a user never sees a traceback of these errors.
+Each message is one line that names the file, key or field and the remedy (``ConfigMistakes`` has
+a line for each mistake). The command line prints only these lines and exits with status 2; a user
+never sees a traceback of these errors.
 """
 
 import difflib
@@ -14,6 +15,14 @@ class HriPredictError(Exception):
 
 class ConfigError(HriPredictError):
     """The configuration, a skeleton map or a flag is wrong."""
+
+
+class ConfigMistakes(ConfigError):
+    """All mistakes of one configuration; ``lines`` has one line for each."""
+
+    def __init__(self, lines: Iterable[str]) -> None:
+        self.lines = tuple(lines)
+        super().__init__("\n".join(self.lines))
 
 
 class RecordingError(HriPredictError):

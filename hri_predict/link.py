@@ -27,8 +27,8 @@ MIN_STATUS_HZ = 10.0
 class LinkSettings(Settings):
     """What every link has in common (an entry of ``links:`` in the configuration)."""
 
-    name: str = Field(min_length=1)
-    kind: str
+    name: str = Field(min_length=1, description="its own name, for messages and alerts")
+    kind: str = Field(description="kind of wire")
     robots: list[str] | None = Field(None, description="robots advised on this link; default all")
     delay_s: float = Field(
         0.005, ge=0, le=1, description="one-way delay of the link at worst, its wire being free"

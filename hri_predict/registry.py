@@ -42,6 +42,12 @@ def names(kind: Kind) -> list[str]:
     return sorted(_entry_points(kind))
 
 
+def is_ours(kind: Kind, name: str) -> bool:
+    """Whether this package brings what is registered as ``name``, not a third party."""
+    dist = _entry_points(kind)[name].dist
+    return dist is not None and dist.name == "hri-predict"
+
+
 @overload
 def load(kind: Literal["sources"], name: str) -> AnySourceClass: ...
 @overload

@@ -6,7 +6,9 @@ Each source, predictor, robot and link has its own model beside its code, derive
 import itertools
 import math
 import reprlib
-from typing import Annotated, Any, Self, TypeVar
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any, Self, TypeVar, get_args
 
 import numpy as np
 import yaml
@@ -14,11 +16,14 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
     ValidationError,
     field_validator,
     model_validator,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, ErrorDetails
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
@@ -46,6 +51,29 @@ class Settings(BaseModel):
         return result
 
 
+class Abbreviated(Settings):
+    """A block that may be written as one text, which is then the value of its first key."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_text(cls, data: Any) -> Any:
+        first = next(iter(cls.model_fields))
+        if not isinstance(data, str | dict | cls):
+            raise ValueError(f"give a string, which is its '{first}', or keys and values")
+        return {first: data} if isinstance(data, str) else data
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        reference = handler(core_schema)
+        found = handler.resolve_ref_schema(reference)
+        block = dict(found)
+        found.clear()
+        found |= {"anyOf": [{"type": "string", "minLength": 1}, block]}
+        return reference
+
+
 def _took_truth_for_a_number(given: Any, taken: Any) -> bool:
     if isinstance(given, bool):
         return isinstance(taken, int | float) and not isinstance(taken, bool)
@@ -71,8 +99,10 @@ Point = Annotated[list[Metres], Field(min_length=2, max_length=2)]
 class Pose(Settings):
     """A rigid pose (REP-103): ``xyz`` metres, ``quaternion_xyzw`` a unit quaternion."""
 
-    xyz: Vector3 = [0.0, 0.0, 0.0]
-    quaternion_xyzw: Quaternion = [0.0, 0.0, 0.0, 1.0]
+    xyz: Vector3 = Field([0.0, 0.0, 0.0], description="where its origin is, m")
+    quaternion_xyzw: Quaternion = Field(
+        [0.0, 0.0, 0.0, 1.0], description="how it is turned: a unit quaternion [x, y, z, w]"
+    )
 
     @field_validator("quaternion_xyzw")
     @classmethod
@@ -98,9 +128,11 @@ class Pose(Settings):
 class Region(Settings):
     """A prism: a polygon on the floor between two heights, room frame, metres."""
 
-    polygon: Annotated[list[Point], Field(min_length=3)]
-    z_min: Metres = 0.0
-    z_max: Metres = 3.0
+    polygon: Annotated[list[Point], Field(min_length=3)] = Field(
+        description="corners on the floor in order, [x, y] each, m"
+    )
+    z_min: Metres = Field(0.0, description="its lower end, m")
+    z_max: Metres = Field(3.0, description="its upper end, m")
 
     @model_validator(mode="after")
     def _has_volume(self) -> Self:
@@ -144,24 +176,122 @@ def validated(model: type[S], data: Any, where: str) -> S:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        path = ".".join(str(part) for part in first["loc"])
-        at = f"{where}: {path}" if path else where
-        if first["type"] == "extra_forbidden":
-            known = _keys_at(model, first["loc"][:-1])
-            key = str(first["loc"][-1])
-            raise ConfigError(
-                f"{at}: unknown key{nearest(key, known)} (known: {', '.join(known)})"
-            ) from None
-        if first["type"] == "missing":
-            raise ConfigError(f"{at}: required key is missing; add it") from None
-        message = first["msg"].removeprefix("Value error, ")
-        message = message[0].lower() + message[1:]
-        if isinstance(
-            first["input"], dict
-        ):  # the error concerns the whole block; its value adds nothing
-            raise ConfigError(f"{at}: {message}") from None
-        raise ConfigError(f"{at}: {message}; got {_echo(first['input'])}") from None
+        first = mistakes(error, model, data)[0]
+        at = ": ".join(part for part in (where, first.path) if part)
+        raise ConfigError(f"{at}: {first.text}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """A wrong key or value.
+
+    Attributes:
+        keys: the way to it in the data, such as ``("robots", 0, "name")``.
+        text: what is wrong, and the remedy.
+    """
+
+    keys: tuple[str | int, ...]
+    text: str
+
+    @property
+    def path(self) -> str:
+        """The keys as written in messages: ``robots.0.name``."""
+        return ".".join(map(str, self.keys))
+
+
+def mistakes(error: ValidationError, model: type[BaseModel], data: Any) -> list[Mistake]:
+    """Everything that validating ``data`` against ``model`` found, in the order of the keys."""
+    found: dict[tuple[str | int, ...], Mistake] = {}
+    tried: set[tuple[str | int, ...]] = set()  # where other members of a union failed, too
+    for each in error.errors():
+        keys, member = _keys_of(each["loc"], data, each["type"] == "missing")
+        if member and keys not in found:
+            tried.add(keys)
+        if keys not in found:
+            found[keys] = Mistake(keys, _text(each, model))
+    return [m for keys, m in found.items() if not (keys in tried and _has_more(keys, found))]
+
+
+def _has_more(keys: tuple[str | int, ...], found: Iterable[tuple[str | int, ...]]) -> bool:
+    return any(len(other) > len(keys) and other[: len(keys)] == keys for other in found)
+
+
+def _keys_of(
+    loc: tuple[int | str, ...], data: Any, missing: bool
+) -> tuple[tuple[str | int, ...], bool]:
+    """The keys of an error's place, and whether it ends with the name of a union's member."""
+    keys: list[str | int] = []
+    at = data
+    for part in loc:
+        if (isinstance(at, dict) and part in at) or (
+            isinstance(at, list) and isinstance(part, int) and part < len(at)
+        ):
+            keys.append(part)
+            at = at[part]  # type: ignore[index]
+    if missing:
+        keys.append(loc[-1])
+    return tuple(keys), not missing and bool(loc) and (not keys or keys[-1] != loc[-1])
+
+
+def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
+    """What is wrong at one place, what belongs there, and the remedy."""
+    loc = found["loc"]
+    if found["type"] == "extra_forbidden":
+        known = sorted({key for m in _models_at(model, loc[:-1]) for key in m.model_fields})
+        return f"unknown key{nearest(str(loc[-1]), known)} (known: {', '.join(known)})"
+    about = _about(model, loc)
+    if found["type"] == "missing":
+        return f"required key is missing; add it{about}"
+    message = found["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    if isinstance(found["input"], dict):  # of the whole block; its value adds nothing
+        return message
+    return f"{message}; got {_echo(found['input'])}{about}"
+
+
+def _about(model: type[BaseModel], loc: tuple[int | str, ...]) -> str:
+    """What the key is, in brackets; empty where a field has no description."""
+    for end in range(len(loc), 0, -1):
+        key = loc[end - 1]
+        for owner in _models_at(model, loc[: end - 1]):
+            field = owner.model_fields.get(str(key))
+            if field is not None:
+                return f" ({phrase(str(key), field.description)})" if field.description else ""
+    return ""
+
+
+_UNITS = {
+    "_m_s2": "m/s^2",
+    "_m_s": "m/s",
+    "_rad_s": "rad/s",
+    "_rad": "rad",
+    "_hz": "Hz",
+    "_kg": "kg",
+    "_mb": "MB",
+    "_gb": "GB",
+    "_minutes": "min",
+    "_days": "days",
+    "_cm2": "cm^2",
+    "_ppm": "ppm",
+    "_s": "s",
+    "_m": "m",
+    "baudrate": "bit/s",
+    "bitrate": "bit/s",
+    "seconds": "s",
+    "yaw": "rad",
+}
+
+
+def unit_of(key: str) -> str:
+    """The unit that a key's name ends with; empty if it has none."""
+    return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
+
+
+def phrase(key: str, description: str) -> str:
+    """A key's description up to its first semicolon, with its unit."""
+    said = description.split("; ")[0]
+    unit = unit_of(key)
+    return f"{said}, {unit}" if unit else said
 
 
 def set_key(data: dict[str, Any], change: str) -> None:
@@ -178,12 +308,18 @@ def set_key(data: dict[str, Any], change: str) -> None:
         value = load_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:
         raise ConfigError(f"--set {change}: its value is not valid YAML; quote it") from error
-    at = data
-    for key in path[:-1]:
-        at = at.setdefault(key, {})
-        if not isinstance(at, dict):
+    at: Any = data
+    for key, after in itertools.pairwise(path):
+        empty: Any = [] if after.isdecimal() else {}
+        at = _entry(at, key) if isinstance(at, list) else at.setdefault(key, empty)
+        if not isinstance(at, dict) and not (isinstance(at, list) and _entry(at, after)):
             raise ConfigError(f"--set {change}: '{key}' has no keys; see the configuration")
     at[path[-1]] = value
+
+
+def _entry(entries: list[Any], index: str) -> Any:
+    """The entry of a list at ``index``, or ``None``."""
+    return entries[int(index)] if index.isdecimal() and int(index) < len(entries) else None
 
 
 def _echo(value: Any) -> str:
@@ -195,22 +331,28 @@ def _echo(value: Any) -> str:
     return got if len(got) < 60 else got[:57] + "..."
 
 
-def _keys_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
-    """Keys of the model nested in ``model`` at ``loc``, to name the nearest one."""
-    current: type[BaseModel] = model
+def _models_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[type[BaseModel]]:
+    """The models that ``loc`` leads to from ``model``: several where it ends in a union."""
+    found = [model]
     for part in loc:
         if isinstance(part, int):
             continue
-        field = current.model_fields.get(part)
-        if field is None:  # a union's tag
-            continue
-        for candidate in _models_in(field.annotation):
-            current = candidate
-            break
-    return sorted(current.model_fields)
+        fields = [m.model_fields[part] for m in found if part in m.model_fields]
+        if fields:
+            found = [inner for field in fields for inner in models_in(field.annotation)]
+        else:  # a union's tag, or a key of a mapping
+            found = [m for m in found if m.__name__ == part or _is_tagged(m, part)] or found
+    return found
 
 
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
+def _is_tagged(model: type[BaseModel], tag: str) -> bool:
+    """Whether a member of a union is the one for ``tag``."""
+    fields = model.model_fields.values()
+    return any(get_args(field.annotation) == (tag,) for field in fields)
+
+
+def models_in(annotation: Any) -> list[type[BaseModel]]:
+    """The models that a field's type names, wherever in it."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [m for part in getattr(annotation, "__args__", ()) for m in _models_in(part)]
+    return [m for part in get_args(annotation) for m in models_in(part)]

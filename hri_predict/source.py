@@ -21,7 +21,7 @@ from hri_predict.settings import Pose, Region, Settings, Vector3
 class SourceSettings(Settings):
     """What every source has in common (``source:`` in the configuration)."""
 
-    kind: str
+    kind: str = Field(description="kind of source")
     room_from_source: Pose = Field(description="pose of the source's frame in the room; required")
     min_latency_s: float = Field(
         0.0, ge=0, le=2, description="least delay from capture to stamp, which no one can measure"

@@ -26,7 +26,7 @@ LIBRARY = {"__init__", "library"}
 NODE = "core machine protocol robots contracts people predictors risk"
 OFFLINE = "core machine contracts people predictors recording"
 EVERYTHING = (
-    f"{NODE} node alerting monitoring recording evidence run discovery datasets evaluation "
+    f"{NODE} node alerting monitoring service recording evidence run discovery datasets evaluation "
     "training calibration"
 )
 MAY_IMPORT = {  # from the bottom to the top
@@ -42,9 +42,11 @@ MAY_IMPORT = {  # from the bottom to the top
     "risk": "core machine protocol contracts robots people predictors",
     "node": NODE,
     "monitoring": "core alerting protocol contracts people risk node",
+    "service": "core protocol contracts people node monitoring",
     "recording": "core protocol contracts people predictors risk node",
     "evidence": "core protocol contracts risk node recording",
-    "run": f"{NODE} node monitoring recording evidence discovery",
+    "explaining": "core protocol recording",
+    "run": f"{NODE} node monitoring service recording evidence discovery",
     "datasets": OFFLINE,
     "evaluation": f"{OFFLINE} datasets",
     "training": f"{OFFLINE} datasets evaluation",
@@ -52,7 +54,7 @@ MAY_IMPORT = {  # from the bottom to the top
     "library": EVERYTHING,
     "commissioning": f"{NODE} node recording evidence run library",
     "conformance": "core protocol contracts people predictors",
-    "cli": f"{EVERYTHING} library commissioning conformance",
+    "cli": f"{EVERYTHING} explaining library commissioning conformance",
     "hri_drivers.wires": "core protocol contracts",
     "hri_drivers.links": "core protocol contracts hri_drivers.wires",
     "hri_drivers.sources": "core protocol discovery hri_drivers.wires",

@@ -41,7 +41,7 @@ COMMANDS = pages.commands()
 LANGUAGES = {"console", "yaml", "python", "toml", "sh", "json", "json5", "hex", "c", "text"}
 SENDER = ROOT / "drivers" / "python" / "hri_sender.py"
 RUN_BY_CI = {"make demo", "make test"}  # .ci/run runs both, from a clean clone
-LONG = {"demo", "train", "calibrate", "evaluate", "simulate", "bench"}
+LONG = {"demo", "train", "calibrate", "evaluate", "simulate", "bench", "explain", "report"}
 """Commands that play the whole demo, train, judge or measure."""
 RECORDINGS = {
     "walking_1.npz": SHARED / "cmu_mocap" / "test" / "walking_1.npz",
@@ -190,6 +190,10 @@ def test_command(page: Path, command: str, folder: Path, serial_port: str):
     if words[:3] == ["hri-predict", "replay", "monday.mcap"]:  # which an earlier command records
         record = ["run", "cell.yaml", "--shadow", "--record", "monday.mcap", "--duration", "3"]
         hri_predict(*record, cwd=folder)
+    if "first.yaml" in words and words[1] != "init":  # which an earlier command writes
+        hri_predict("init", "first.yaml", "--simulated", "--yes", cwd=folder)
+    if "demo.mcap" in words and words[1] in ("explain", "report"):
+        hri_predict("demo", "--speed", "max", "--record", "demo.mcap", cwd=folder)
     if words[1] == "evidence":  # which an earlier run keeps
         with (folder / "cell.yaml").open("a", encoding="utf-8") as cell:
             cell.write("\nevidence: evidence\n")

@@ -18,7 +18,7 @@ from hri_predict.alerting.settings import HookSettings
 class CommandHook(HookSettings):
     """``kind: command``. What failed is not run again: the program may have done a part."""
 
-    kind: Literal["command"]
+    kind: Literal["command"] = Field(description="a program of the user's")
     command: list[str] = Field(min_length=1, description="program and arguments")
     retry_s: float = Field(0.0, ge=0, le=3600, description="run it again so long if it fails")
     timeout_s: float = Field(5.0, gt=0, le=600, description="end the program after this time")

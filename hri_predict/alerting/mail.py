@@ -38,20 +38,37 @@ class MailHook(HookSettings):
 
     secrets: ClassVar[tuple[str, ...]] = ("password",)
 
-    kind: Literal["email"]
-    host: Host
+    kind: Literal["email"] = Field(description="e-mail by SMTP")
+    host: Host = Field(description="the mail server's name or address")
     port: int | None = Field(None, ge=1, le=65535, description="default: 587, with tls 465")
-    security: Literal["starttls", "tls", "none"] = "starttls"
+    security: Literal["starttls", "tls", "none"] = Field(
+        "starttls",
+        description="encryption; with none no password is sent, except to this machine",
+    )
     ca_file: str | None = Field(
         None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
     )
-    sender: Address
-    recipients: list[Address] = Field(min_length=1, max_length=20)
-    username: Text | None = None
+    sender: Address = Field(description="address that the mail comes from")
+    recipients: list[Address] = Field(
+        min_length=1, max_length=20, description="addresses that the mail goes to"
+    )
+    username: Text | None = Field(
+        None, description="to log in as; the password comes from a file or a variable"
+    )
     password_file: SecretFile = None
     password_env: SecretVariable = None
-    debounce_s: float = Field(10.0, ge=0, le=3600)
-    rate_per_minute: int = Field(6, ge=1, le=6000)
+    debounce_s: float = Field(
+        10.0,
+        ge=0,
+        le=3600,
+        description="least time between two mails about one robot or zone, seconds",
+    )
+    rate_per_minute: int = Field(
+        6,
+        ge=1,
+        le=6000,
+        description="most mails in a minute; the next one tells how many changes were left out",
+    )
     timeout_s: float = Field(10.0, ge=0.1, le=60, description="give up one attempt after this time")
 
     @model_validator(mode="after")

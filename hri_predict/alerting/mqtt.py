@@ -39,10 +39,10 @@ class MqttHook(HookSettings):
 
     secrets: ClassVar[tuple[str, ...]] = ("password",)
 
-    kind: Literal["mqtt"]
-    host: Host
+    kind: Literal["mqtt"] = Field(description="messages to an MQTT broker")
+    host: Host = Field(description="the broker's name or address")
     port: int | None = Field(None, ge=1, le=65535, description="default: 8883 with TLS, else 1883")
-    tls: bool = True
+    tls: bool = Field(True, description="encrypt, and check the broker's certificate")
     ca_file: str | None = Field(
         None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
     )
@@ -53,7 +53,9 @@ class MqttHook(HookSettings):
         pattern=r"^[^#+$\x00-\x1f\x7f][^#+\x00-\x1f\x7f]*$",
         description="what all topics begin with; default: hri-predict/CELL",
     )
-    username: Text | None = None
+    username: Text | None = Field(
+        None, description="to log in as; the password comes from a file or a variable"
+    )
     password_file: SecretFile = None
     password_env: SecretVariable = None
 

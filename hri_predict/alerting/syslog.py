@@ -33,16 +33,23 @@ Facility = Literal[
 class SyslogHook(HookSettings):
     """``kind: syslog``."""
 
-    kind: Literal["syslog"]
-    protocol: Literal["udp", "tcp", "tls", "unix"] = "udp"
-    host: Host | None = None
+    kind: Literal["syslog"] = Field(description="lines of RFC 5424")
+    protocol: Literal["udp", "tcp", "tls", "unix"] = Field(
+        "udp", description="how lines go out; udp and unix acknowledge nothing"
+    )
+    host: Host | None = Field(None, description="the collector's name or address; with unix: none")
     port: int | None = Field(None, ge=1, le=65535, description="default: 514, tcp 601, tls 6514")
     path: str | None = Field(None, min_length=1, description="with unix: the socket, as /dev/log")
-    facility: Facility = "local0"
+    facility: Facility = Field("local0", description="syslog facility of all lines")
     ca_file: str | None = Field(
         None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
     )
-    rate_per_minute: int = Field(60, ge=1, le=6000)
+    rate_per_minute: int = Field(
+        60,
+        ge=1,
+        le=6000,
+        description="most lines in a minute; the next one tells how many changes were left out",
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -34,7 +34,7 @@ class WebhookHook(HookSettings):
 
     secrets: ClassVar[tuple[str, ...]] = ("token", "sign_key", "url")
 
-    kind: Literal["webhook"]
+    kind: Literal["webhook"] = Field(description="an HTTP POST of JSON")
     url: Url | None = Field(None, description="where to post: http or https")
     url_file: SecretFile = None
     url_env: SecretVariable = None

@@ -1,46 +1,27 @@
 """The entry point of the command line: the ways a command can end, and their exit statuses."""
 
 import errno
-import logging
-import os
 import sys
-import time
 from typing import NoReturn
 
-from hri_predict.errors import HriPredictError
+from hri_predict.errors import ConfigMistakes, HriPredictError
+from hri_predict.service import logs
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
-class _Line(logging.Formatter):
-    """``12:03:07.512 warning: ...``: the local time, so that lines can be compared with alerts.
-
-    Under systemd the journal keeps the time, so the lines begin with the severity, as the
-    commands' own lines do.
-    """
-
-    _in_journal = "JOURNAL_STREAM" in os.environ
-
-    def formatMessage(self, record: logging.LogRecord) -> str:
-        line = f"{record.levelname.lower()}: {record.message}"
-        if self._in_journal:
-            return line
-        at = time.strftime("%H:%M:%S", time.localtime(record.created))
-        return f"{at}.{record.msecs:03.0f} {line}"
-
-
 def main() -> None:
-    """Run the command; report a user's mistake in one line on standard error, exit status 2.
+    """Run the command; report a user's mistakes, a line each on standard error, exit status 2.
 
     The exit status is 130 after Ctrl-C. Otherwise the command sets it (1: a person was touched).
     """
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(_Line())
-    logging.basicConfig(level=logging.WARNING, handlers=[handler])
+    logs.set_up()
     status: object = 0
     try:
         status = _run()
         sys.stdout.flush()  # buffered output may fail to be written, too
+    except ConfigMistakes as error:
+        _fail(*error.lines)
     except HriPredictError as error:
         _fail(str(error))
     except KeyboardInterrupt:
@@ -86,8 +67,12 @@ def _misused(error: Exception, message: str) -> NoReturn:
     _fail(f"{message}; see {command} --help")
 
 
-def _fail(message: str) -> NoReturn:
-    """Print the error as one line, whatever characters a name or value in it contains."""
-    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
-    print(f"error: {line}", file=sys.stderr)
+def _fail(*messages: str) -> NoReturn:
+    """Print each error as one line, whatever characters a name or value in it contains."""
+    journal = "<3>" if logs.in_journal(sys.stderr) else ""
+    for message in messages:
+        line = "".join(
+            c if c.isprintable() else c.encode("unicode_escape").decode() for c in message
+        )
+        print(f"{journal}error: {line}", file=sys.stderr)
     sys.exit(2)

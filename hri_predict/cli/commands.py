@@ -7,6 +7,7 @@ import typer
 from hri_predict import __version__
 from hri_predict.cli import (
     alerts,
+    config,
     convert,
     discover,
     evaluate,
@@ -15,6 +16,7 @@ from hri_predict.cli import (
     listen,
     protocol,
     run,
+    service,
     train,
     urdf,
 )
@@ -22,6 +24,9 @@ from hri_predict.cli.bench import bench
 from hri_predict.cli.calibrate.calibrate import calibrate
 from hri_predict.cli.check import check, conformance, predictors
 from hri_predict.cli.commission import commission
+from hri_predict.cli.explain.explain import explain
+from hri_predict.cli.explain.report import report
+from hri_predict.cli.init.init import init
 from hri_predict.cli.register import register
 from hri_predict.cli.simulate.simulate import simulate
 
@@ -51,14 +56,18 @@ def options(
 
 app.command()(run.demo)
 app.command()(run.run)
+app.command()(init)
 app.command()(check.check)
 app.command()(alerts.alerts)
 app.command()(register.register)
 app.command()(commission.commission)
 app.command()(run.replay)
+app.command()(explain)
+app.command()(report)
 app.command()(listen.listen)
 app.command()(fleet.fleet)
 app.command()(evidence.evidence)
+app.command()(service.service)
 app.command()(discover.discover)
 app.command()(predictors.predictors)
 app.command()(conformance.conformance)
@@ -71,4 +80,5 @@ app.command()(simulate)
 app.command()(convert.convert)
 app.command()(urdf.urdf)
 app.add_typer(bench.app, name="bench")
+app.add_typer(config.app, name="config")
 app.add_typer(protocol.app, name="protocol")

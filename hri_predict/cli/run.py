@@ -1,9 +1,11 @@
 """``demo``, ``run`` and ``replay``: run the node."""
 
+import faulthandler
 import json
 import math
 import sys
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +26,8 @@ from hri_predict.run.assemble import unused_coverage
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session
+from hri_predict.service import logs
+from hri_predict.service.notify import Notifier, has_terminal
 
 Json = Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")]
 Record = Annotated[
@@ -57,6 +61,13 @@ DEMO_S = 24.0  # the person comes, reaches out and leaves
 MAX_SECONDS = 1e9  # 31 years: far beyond it a float cannot count nanoseconds
 
 
+class LogFormat(StrEnum):
+    """See ``LogSettings.format``."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
 def demo(
     *,
     speed: Speed = "1",
@@ -82,13 +93,26 @@ def run(
     duration: Duration = None,
     shadow: Shadow = False,
     state: State = None,
+    log_format: Annotated[
+        LogFormat | None, typer.Option(help="Lines of the log; default: the configuration's.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Run the node until SIGINT or SIGTERM; it tells the controllers before it ends.
 
+    As a service, or without a terminal, SIGHUP reads the configuration again.
+
     Example: hri-predict run cell.yaml --shadow
     """
     _positive(duration, "--duration")
+    notifier = Notifier.from_environ()
+    if notifier is not None:  # the watchdog's SIGABRT then says where each thread hangs
+        faulthandler.enable()
+
+    def read() -> Config:
+        loaded = configuration.load(config)
+        return loaded if log_format is None else loaded.with_log_format(log_format.value)
+
     options = Options(
         duration_s=duration,
         record=record,
@@ -96,12 +120,15 @@ def run(
         shadow=shadow,
         keep_state=True,
         state=state,
+        notifier=notifier,
+        reread=read if notifier is not None or not has_terminal() else None,
     )
-    loaded = configuration.load(config)
+    loaded = read()
     facts = commissioning_facts(loaded)
     if not is_as_commissioned(facts):
         print(f"warning: {commissioning_lines(facts)[0]}; see hri-predict check", file=sys.stderr)
-    _go(loaded, options, as_json)
+    with loaded.naming_lines():
+        _go(loaded, options, as_json)
 
 
 def replay(
@@ -178,6 +205,7 @@ def replay(
 
 
 def _go(config: Config, options: Options, as_json: bool) -> None:
+    logs.use(config.node.log)
     if unused := unused_coverage(config):
         print(f"warning: {unused}", file=sys.stderr)
     if not as_json and options.factor is not None and sys.stderr.isatty():

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
-from hri_predict.settings import Settings
+from hri_predict.settings import Abbreviated, Settings
 
 NODE = "_hri-predict._tcp.local."
 SOURCES = ("_hri-source._tcp.local.", "_hri-source._udp.local.")
@@ -49,17 +49,12 @@ class DiscoverySettings(Settings):
     )
 
 
-class ServiceSettings(Settings):
+class ServiceSettings(Abbreviated):
     """``service:`` of a source: the announced name of the service to connect to."""
 
-    name: ServiceName
+    name: ServiceName = Field(description="as it announces itself")
     interfaces: Interfaces = Field(LOOPBACK, description="where to search for it")
     timeout_s: float = Field(2.0, gt=0, le=30, description="how long each search takes")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _name_alone(cls, data: Any) -> Any:
-        return {"name": data} if isinstance(data, str) else data
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,16 +1,16 @@
 """``evidence:`` in the configuration."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from hri_predict.settings import Settings
+from hri_predict.settings import Abbreviated
 
 Kind = Literal["stop", "near_miss", "fault"]
 KINDS: tuple[Kind, ...] = ("stop", "near_miss", "fault")
 
 
-class EvidenceSettings(Settings):
+class EvidenceSettings(Abbreviated):
     """The folder, or its path and more."""
 
     folder: str = Field(min_length=1, description="folder for the files and evidence.jsonl")
@@ -22,8 +22,3 @@ class EvidenceSettings(Settings):
     max_mb: float = Field(
         1000.0, ge=1, description="all files together; the oldest give way, and the log says so"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _folder_alone(cls, data: Any) -> Any:
-        return {"folder": data} if isinstance(data, str) else data

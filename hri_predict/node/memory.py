@@ -21,11 +21,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from hri_predict.errors import ConfigError
 from hri_predict.node.listeners import Listener, Tick
-from hri_predict.settings import Settings
+from hri_predict.settings import Abbreviated
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ RETRY_S = 1.0
 _WRONG = (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 
 
-class StateSettings(Settings):
+class StateSettings(Abbreviated):
     """``state:`` in the configuration: the file, or its path and more."""
 
     path: str = Field(min_length=1, description="file that latches and lost people survive in")
@@ -48,11 +48,6 @@ class StateSettings(Settings):
         description="a file that was last written longer ago is not trusted: everything configured"
         " in risk.latch is latched",
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _path_alone(cls, data: Any) -> Any:
-        return {"path": data} if isinstance(data, str) else data
 
 
 class Remembers(Protocol):

@@ -14,6 +14,7 @@ from hri_predict.arrays import Bools, Floats
 from hri_predict.clock import Clock
 from hri_predict.link import LinkSettings, Transport
 from hri_predict.robots.model import RobotModel, RobotSettings
+from hri_predict.settings import Settings
 from hri_predict.source import Source
 
 Bodies = Mapping[int, tuple[Floats, Bools]]
@@ -147,7 +148,14 @@ class Cell(Protocol):
 
 
 class CellClass(Protocol):
-    """A kind of cell: entry point group ``hri_predict.cells``."""
+    """A kind of cell: entry point group ``hri_predict.cells``.
+
+    Attributes:
+        settings_model: of a link's ``simulate:`` block.
+    """
+
+    @property
+    def settings_model(self) -> type[Settings]: ...  # noqa: D102
 
     def __call__(
         self,
@@ -176,7 +184,14 @@ class CellClass(Protocol):
 
 
 class SourceFaults(Protocol):
-    """Puts faults between a source and the node: entry point ``source``."""
+    """Puts faults between a source and the node: entry point ``source``.
+
+    Attributes:
+        kinds: the settings of each kind of fault.
+    """
+
+    @property
+    def kinds(self) -> Mapping[str, type[Settings]]: ...  # noqa: D102
 
     def __call__(self, inner: Source, faults: Sequence[dict[str, Any]], /, seed: int) -> Source:
         """Return ``inner`` with ``faults`` as they stand in the configuration.
@@ -190,7 +205,13 @@ class LinkFaults(Protocol):
     """Puts faults between a link and its wire: entry point ``link``.
 
     Faults that damage units know the units of the shipped links: bytes, CAN frames, keyed payloads.
+
+    Attributes:
+        kinds: the settings of each kind of fault.
     """
+
+    @property
+    def kinds(self) -> Mapping[str, type[Settings]]: ...  # noqa: D102
 
     def __call__(
         self, *, inner: Transport[Any], faults: Sequence[dict[str, Any]], clock: Clock, seed: int

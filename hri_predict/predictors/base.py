@@ -24,7 +24,7 @@ MAX_STEPS = 100_000
 class PredictorSettings(Settings):
     """What the node needs to know of every predictor (``predictor:`` in the configuration)."""
 
-    name: str
+    name: str = Field(description="which predictor")
     horizon_s: float = Field(1.0, gt=0, le=10, description="how far ahead the forecast reaches")
     rate_hz: float = Field(
         25.0, gt=0, le=200, description="steps per second of history and forecast"

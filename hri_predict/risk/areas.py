@@ -33,7 +33,7 @@ class NamedZoneSettings(Region):
     a forecast (it failed, or the person is lost) both use the zones.
     """
 
-    name: str = Field(min_length=1)
+    name: str = Field(min_length=1, description="its own name, for messages and alerts")
     level: Literal["none", "warn", "slow", "stop"] = Field(
         "warn", description="what it asks for while it is occupied"
     )
@@ -41,7 +41,10 @@ class NamedZoneSettings(Region):
     speed_limit_m_s: float = Field(
         0.25, gt=0, le=10, description="for level slow; 0.25 m/s is reduced speed (ISO 10218-1)"
     )
-    entry: Literal["forecast", "zone"] = "forecast"
+    entry: Literal["forecast", "zone"] = Field(
+        "forecast",
+        description="what a predicted entry is judged by: the forecast body, or the zone about it",
+    )
     entry_warning_s: float = Field(
         0.0, ge=0, le=10, description="ask this long before a predicted entry"
     )

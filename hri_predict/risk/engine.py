@@ -102,6 +102,7 @@ class RiskEngine:
         trusted = horizon_steps if calibration is None else min(horizon_steps, calibration.steps)
         horizon_s = trusted / forecast_rate_hz
         constants = [RobotConstants.of(each, settings, budget, horizon_s) for each in robots]
+        self._constants = constants
         self._obedience = {
             i: _obedience(r) for i, r in enumerate(constants) if obeyed and r.is_reported
         }
@@ -243,7 +244,10 @@ class RiskEngine:
         said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *modes, *drift]
         reasons = dict.fromkeys(said)
         near = near_misses(findings, bodies)
-        grounds = tuple(grounds_of(each, bodies, self._settings) for each in findings.robots)
+        grounds = tuple(
+            grounds_of(robot, found, bodies, self._settings)
+            for robot, found in zip(self._constants, findings.robots, strict=True)
+        )
         return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near, grounds)
 
     def _remarks(self, robot: int, now_ns: int) -> tuple[Reason, ...]:

@@ -25,7 +25,7 @@ class Reach(Settings):
     Every zone is cut to them, so they must not be smaller than what people at work do.
     """
 
-    speed_m_s: float = Field(ge=2, le=50)
+    speed_m_s: float = Field(ge=2, le=50, description="no joint of this part is faster")
     burst_m_s: float = Field(
         ge=1, le=50, description="change of velocity within hundredths of a second"
     )
@@ -57,8 +57,12 @@ class HumanLimits(Settings):
         le=20,
         description="every joint without a forecast; its present speed if higher",
     )
-    arm_acceleration_m_s2: float = Field(50.0, gt=0, le=1000)
-    body_acceleration_m_s2: float = Field(30.0, gt=0, le=1000)
+    arm_acceleration_m_s2: float = Field(
+        50.0, gt=0, le=1000, description="of arms and hands, at most"
+    )
+    body_acceleration_m_s2: float = Field(
+        30.0, gt=0, le=1000, description="of everything else, at most"
+    )
     velocity_error_m_s: float = Field(
         1.6,
         ge=0,
@@ -72,11 +76,14 @@ class HumanLimits(Settings):
     extend_beyond_horizon: bool = Field(
         False, description="past the last horizon zones grow at the physical speed"
     )
-    reach: dict[Literal["trunk", "arm", "leg"], Reach] = {
-        "trunk": Reach(speed_m_s=10.0, burst_m_s=2.0),
-        "arm": Reach(speed_m_s=15.0, burst_m_s=4.5),
-        "leg": Reach(speed_m_s=20.0, burst_m_s=9.0),
-    }
+    reach: dict[Literal["trunk", "arm", "leg"], Reach] = Field(
+        {
+            "trunk": Reach(speed_m_s=10.0, burst_m_s=2.0),
+            "arm": Reach(speed_m_s=15.0, burst_m_s=4.5),
+            "leg": Reach(speed_m_s=20.0, burst_m_s=9.0),
+        },
+        description="how far each part of the body can get: trunk, arm, leg",
+    )
 
     @field_validator("reach")
     @classmethod
@@ -97,8 +104,13 @@ class CoverageSettings(Settings):
     """
 
     level: float = Field(0.99, description="0.9, 0.95 or 0.99")
-    of: Literal["body", "joint"] = "joint"
-    basis: Literal["estimated", "guaranteed"] = "estimated"
+    of: Literal["body", "joint"] = Field(
+        "joint", description="what must be inside so often: each joint, or the whole body at once"
+    )
+    basis: Literal["estimated", "guaranteed"] = Field(
+        "estimated",
+        description="estimated: all windows count; guaranteed: separate recordings must support it",
+    )
     calibration: str | None = Field(
         None, description="file from hri-predict calibrate; default: the shipped one"
     )
@@ -150,7 +162,7 @@ class RiskSettings(Settings):
     people as fast as the touched part of the body bears.
     """
 
-    mode: RiskMode = "iso"
+    mode: RiskMode = Field("iso", description="how separation is judged")
     fixed_radius_m: float | None = Field(
         None,
         gt=0,
@@ -201,9 +213,13 @@ class RiskSettings(Settings):
         " frozen), lost (a person was lost), restart (as start, if a state file shows an earlier"
         " run)",
     )
-    limits: HumanLimits = HumanLimits()
-    coverage: CoverageSettings = CoverageSettings()
-    contact: ContactSettings = ContactSettings()
+    limits: HumanLimits = Field(HumanLimits(), description="how fast people move")
+    coverage: CoverageSettings = Field(
+        CoverageSettings(), description="how often calibrated zones hold the body"
+    )
+    contact: ContactSettings = Field(
+        ContactSettings(), description="contact that is permitted in mode hybrid"
+    )
 
     @model_validator(mode="before")
     @classmethod

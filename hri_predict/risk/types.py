@@ -60,7 +60,9 @@ class Grounds:
             nobody is here.
         person, segment, link: the deciding pair: the person's id, the body's segment by name, the
             robot's capsule by index.
-        separation_m: the distance now; negative where bodies overlap.
+        pair_m: the distance of that pair now; negative where they overlap.
+        separation_m: the least distance of all pairs now: the pair that decides over time need not
+            be the nearest one.
         slack_m: how much farther away the person is than the robot's present motion needs.
         reaction_s, stopping_s, stopping_m: T_r from the capture, T_s and S_s at that speed.
         intrusion_m, person_uncertainty_m, robot_uncertainty_m: C, Z_d, Z_r.
@@ -74,6 +76,7 @@ class Grounds:
     person: int | None = None
     segment: str = ""
     link: int | None = None
+    pair_m: float | None = None
     separation_m: float | None = None
     slack_m: float | None = None
     reaction_s: float = 0.0

@@ -34,17 +34,17 @@ class DhRow(Settings):
     The position q of a prismatic joint is added to d instead.
     """
 
-    a: Metres
-    alpha: float
-    d: Metres
-    theta: float = 0.0
+    a: Metres = Field(description="length along x, m")
+    alpha: float = Field(description="twist about x, rad")
+    d: Metres = Field(description="offset along z, m")
+    theta: float = Field(0.0, description="angle about z at position 0, rad")
 
 
 class Origin(Settings):
     """As in URDF: the joint's pose in its parent link; metres, fixed-axis roll pitch yaw."""
 
-    xyz: Vector3
-    rpy: Vector3 = [0.0, 0.0, 0.0]
+    xyz: Vector3 = Field(description="place in the parent link, m")
+    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="fixed-axis roll, pitch, yaw, rad")
 
 
 class JointFile(Settings):
@@ -53,15 +53,23 @@ class JointFile(Settings):
     A revolute joint turns about its axis (rad, rad/s), a prismatic one slides along it (m, m/s).
     """
 
-    name: Name
-    type: Literal["revolute", "prismatic"] = "revolute"
-    parent: Name
-    child: Name
-    dh: DhRow | None = None
-    origin: Origin | None = None
-    axis: Vector3 | None = None
-    position: Annotated[list[float], Field(min_length=2, max_length=2)]
-    velocity: float = Field(gt=0, le=1000)
+    name: Name = Field(description="its own name")
+    type: Literal["revolute", "prismatic"] = Field(
+        "revolute", description="revolute turns about its axis, prismatic slides along it"
+    )
+    parent: Name = Field(description="link that carries it")
+    child: Name = Field(description="link that it moves")
+    dh: DhRow | None = Field(
+        None, description="its place as a Denavit-Hartenberg row; instead of origin and axis"
+    )
+    origin: Origin | None = Field(None, description="its place as in URDF; instead of dh")
+    axis: Vector3 | None = Field(
+        None, description="with origin: unit vector that it turns about or slides along"
+    )
+    position: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
+        description="lowest and highest position, rad or m"
+    )
+    velocity: float = Field(gt=0, le=1000, description="highest speed, rad/s or m/s")
 
     @model_validator(mode="after")
     def _placed_once(self) -> Self:
@@ -101,24 +109,28 @@ class JointFile(Settings):
 class CapsuleFile(Settings):
     """A capsule fixed to a link: ends in the link's frame, metres. Equal ends make a sphere."""
 
-    name: Name
-    a: Vector3
-    b: Vector3
-    radius: float = Field(gt=0, le=10)
+    name: Name = Field(description="its own name")
+    a: Vector3 = Field(description="one end of its axis, m")
+    b: Vector3 = Field(description="the other end; the same point makes a sphere")
+    radius: float = Field(gt=0, le=10, description="radius, m")
 
 
 class LinkCapsuleFile(CapsuleFile):
     """A capsule that names its link."""
 
-    link: Name
+    link: Name = Field(description="link that it is fixed to")
 
 
 class StoppingRow(Settings):
     """Stopping time and distance by speed, for loads up to ``payload_kg``."""
 
-    payload_kg: float = Field(ge=0)
-    time_s: Annotated[list[Stopping], Field(min_length=1)]
-    distance_m: Annotated[list[Stopping], Field(min_length=1)]
+    payload_kg: float = Field(ge=0, description="heaviest load that it holds for")
+    time_s: Annotated[list[Stopping], Field(min_length=1)] = Field(
+        description="until it stands, for each speed"
+    )
+    distance_m: Annotated[list[Stopping], Field(min_length=1)] = Field(
+        description="way of the fastest point meanwhile, for each speed"
+    )
 
 
 class StoppingFile(Settings):
@@ -127,9 +139,13 @@ class StoppingFile(Settings):
     ``speed_m_s`` is the speed of the robot's fastest point; each row has a value for every speed.
     """
 
-    source: str = Field(min_length=1)
-    speed_m_s: Annotated[list[Stopping], Field(min_length=1)]
-    rows: Annotated[list[StoppingRow], Field(min_length=1)]
+    source: str = Field(min_length=1, description="where its numbers come from")
+    speed_m_s: Annotated[list[Stopping], Field(min_length=1)] = Field(
+        description="speeds of the fastest point, ascending"
+    )
+    rows: Annotated[list[StoppingRow], Field(min_length=1)] = Field(
+        description="a row for each load, ascending"
+    )
 
     @model_validator(mode="after")
     def _monotone(self) -> Self:
@@ -160,23 +176,27 @@ class ContactFile(Settings):
     ``area_cm2`` is the smallest area of contact with any part of the robot, its tool and its load.
     """
 
-    source: str = Field(min_length=1)
+    source: str = Field(min_length=1, description="where its numbers come from")
     moving_mass_kg: float = Field(gt=0, le=10_000, description="of all moving parts, without load")
-    area_cm2: float = Field(gt=0, le=1000)
+    area_cm2: float = Field(gt=0, le=1000, description="smallest area of contact with any part")
 
 
 class RobotFile(Settings):
     """A robot: joints from the base outwards, capsules of every link, tool and payload."""
 
-    name: Name
+    name: Name = Field(description="the model's name")
     source: str = Field(min_length=1, description="where the kinematic parameters come from")
-    base: Name
-    joints: Annotated[list[JointFile], Field(min_length=1, max_length=MAX_JOINTS)]
-    capsules: list[LinkCapsuleFile]
+    base: Name = Field(description="link that stands")
+    joints: Annotated[list[JointFile], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
+        description="from the base outwards"
+    )
+    capsules: list[LinkCapsuleFile] = Field(description="that hold every link's body")
     tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
     payload: list[CapsuleFile] = Field([], description="likewise, of what the robot carries")
-    stopping: StoppingFile
-    contact: ContactFile | None = None
+    stopping: StoppingFile = Field(description="how it stops")
+    contact: ContactFile | None = Field(
+        None, description="what a person feels who is touched; needed where contact is allowed"
+    )
 
     def effective_kg(self, loads: Sequence[float | None]) -> float:
         """m_R = M / 2 + m_L with the heaviest load (ISO/TS 15066:2016, A.3.6).

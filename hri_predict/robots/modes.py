@@ -49,9 +49,11 @@ class MutingMode(Settings):
 class ModeSettings(Settings):
     """``robots[].modes``: a mode that is left out is refused."""
 
-    teach: TeachMode | None = None
-    recovery: RecoveryMode | None = None
-    muting: MutingMode | None = None
+    teach: TeachMode | None = Field(None, description="allow teaching by hand at reduced speed")
+    recovery: RecoveryMode | None = Field(None, description="allow backing out slowly of a stop")
+    muting: MutingMode | None = Field(
+        None, description="allow a time in which people do not stop the robot"
+    )
 
     @property
     def allowed(self) -> list[str]:

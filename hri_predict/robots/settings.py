@@ -19,7 +19,9 @@ POSITION_TOLERANCE = 0.01
 class StateMotion(Settings):
     """The robot's motion is what its controller reports in RobotState."""
 
-    kind: Literal["state"] = "state"
+    kind: Literal["state"] = Field(
+        "state", description="RobotState from its controller says where it is"
+    )
     stale_s: float = Field(0.1, gt=0, le=2, description="age at which RobotState is stale")
     delay_s: float = Field(
         0.0, ge=0, le=1, description="age of a RobotState at receipt: its link's delay"
@@ -38,7 +40,7 @@ class StateMotion(Settings):
 class TrajectoryMotion(Settings):
     """The robot follows a trajectory file, whatever its controller says."""
 
-    kind: Literal["trajectory"]
+    kind: Literal["trajectory"] = Field(description="it follows a file")
     file: str = Field(min_length=1, description="shipped name or path of a YAML file")
     start_s: float = Field(0.0, ge=0, description="time within the cycle at the node's start")
 
@@ -46,8 +48,10 @@ class TrajectoryMotion(Settings):
 class StandingMotion(Settings):
     """The robot stands still."""
 
-    kind: Literal["standing"]
-    positions: Annotated[list[float], Field(min_length=1)]
+    kind: Literal["standing"] = Field(description="it stands still")
+    positions: Annotated[list[float], Field(min_length=1)] = Field(
+        description="of its joints, rad or m"
+    )
 
 
 Motion = Annotated[StateMotion | TrajectoryMotion | StandingMotion, Field(discriminator="kind")]
@@ -56,7 +60,7 @@ Motion = Annotated[StateMotion | TrajectoryMotion | StandingMotion, Field(discri
 class ToolSettings(Settings):
     """A set of tool and load that the robot may carry: one of a tool changer's."""
 
-    name: Name
+    name: Name = Field(description="its own name")
     number: int | None = Field(
         None,
         strict=True,
@@ -76,7 +80,7 @@ class ToolSettings(Settings):
 class MobileBaseSettings(Settings):
     """A base that moves over the floor; its controller reports where it is in RobotState."""
 
-    kind: Literal["state"]
+    kind: Literal["state"] = Field(description="RobotState from its controller says where it is")
     base_from_robot: Pose = Field(description="where the arm's chain begins, in the base's frame")
     capsules: Annotated[list[CapsuleFile], Field(min_length=1, max_length=16)] = Field(
         description="all of the base's body, in its frame: origin on the floor, x ahead, z up"
@@ -96,7 +100,9 @@ class MobileBaseSettings(Settings):
 class RobotSettings(Settings):
     """One entry of ``robots:`` in the configuration."""
 
-    name: str = Field(min_length=1, max_length=64)
+    name: str = Field(
+        min_length=1, max_length=64, description="its own name, for messages and alerts"
+    )
     model: str = Field(min_length=1, description="shipped name (ur5e) or path of a YAML file")
     room_from_robot: Pose | None = Field(None, description="where its base stands")
     base: MobileBaseSettings | None = Field(None, description="instead: the base moves")
@@ -107,7 +113,7 @@ class RobotSettings(Settings):
         None, description="that may be mounted, instead of the robot file's tool and payload"
     )
     max_speed_m_s: float = Field(gt=0, le=20, description="fastest point in production")
-    motion: Motion = StateMotion()
+    motion: Motion = Field(StateMotion(), description="how the node knows its motion")
     contact: Literal["allowed"] | None = Field(
         None, description="in mode hybrid: the robot may touch people as fast as they bear it"
     )

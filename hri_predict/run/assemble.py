@@ -6,7 +6,7 @@ from typing import Any
 
 from hri_predict import registry
 from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError, RobotError
+from hri_predict.errors import ConfigError, ConfigMistakes, RobotError
 from hri_predict.link import Link, LinkLoad, LinkSettings, Simulatable, Transport, check_load
 from hri_predict.machine.realtime import can_have_process
 from hri_predict.node.node import Listener, Node
@@ -91,13 +91,23 @@ def has_own_process(settings: PredictorSettings) -> bool:
 
 
 def build_robots(config: Config) -> tuple[RobotModel, ...]:
-    """Load the robots, in the configuration's order."""
-    robots = []
+    """Load the robots, in the configuration's order.
+
+    Raises:
+        RobotError, ConfigMistakes: one of them is wrong, or several; a line for each.
+    """
+    robots, wrong = [], []
     for index, settings in enumerate(config.node.robots):
         try:
             robots.append(load_robot(settings, config.base_dir))
         except RobotError as error:
-            raise RobotError(f"{config.path}: robots.{index}.{error}") from error
+            key = str(error).partition(":")[0]
+            rest = str(error).removeprefix(key)
+            wrong.append(RobotError(f"{config.place('robots', index, key)}{rest}"))
+    if len(wrong) == 1:
+        raise wrong[0]
+    if wrong:
+        raise ConfigMistakes(map(str, wrong))
     return tuple(robots)
 
 
@@ -148,7 +158,7 @@ def _doors(config: Config) -> dict[str, Region]:
     people = config.node.people
     doors = {"exits": people.exits, "entrances": people.entrances or ()}
     return {
-        f"{config.path}: people.{kind}.{i}": region
+        config.place("people", kind, i): region
         for kind, regions in doors.items()
         for i, region in enumerate(regions)
     }

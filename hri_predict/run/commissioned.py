@@ -1,20 +1,13 @@
 """``commissioning:`` in the configuration."""
 
-from typing import Any
+from pydantic import Field
 
-from pydantic import Field, model_validator
-
-from hri_predict.settings import Settings
+from hri_predict.settings import Abbreviated
 
 
-class CommissioningSettings(Settings):
+class CommissioningSettings(Abbreviated):
     """Where the report is, or its path alone."""
 
     report: str = Field(
         min_length=1, description="report.json of hri-predict commission, or a folder of reports"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _path_alone(cls, data: Any) -> Any:
-        return {"report": data} if isinstance(data, str) else data

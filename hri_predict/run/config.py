@@ -12,9 +12,9 @@ from pydantic import Field, model_validator
 
 from hri_predict import registry
 from hri_predict.discovery.services import DiscoverySettings
-from hri_predict.errors import ConfigError, nearest
+from hri_predict.errors import ConfigError, HriPredictError, nearest
 from hri_predict.evidence.settings import EvidenceSettings
-from hri_predict.files import data_path, read_text, read_yaml
+from hri_predict.files import data_path, line_of, read_text, read_yaml
 from hri_predict.link import ChecksTogether, LinkSettings
 from hri_predict.machine.realtime import RealtimeSettings
 from hri_predict.monitoring.alerts import AlertSettings
@@ -26,6 +26,8 @@ from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.engine import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from hri_predict.run.commissioned import CommissioningSettings
+from hri_predict.run.mistakes import Mistakes, place
+from hri_predict.service.settings import LogSettings, MetricsSettings
 from hri_predict.settings import Settings, validated
 from hri_predict.source import SourceSettings
 
@@ -35,6 +37,9 @@ MAX_LINKS = 32  # each link has its own thread
 MAX_ZONES = 32
 """Named zones. Each that people come near costs half a millisecond of every tick with one or two
 people, and two with eight (measured: 200 zones of 4 to 12 corners in a room of 10 m)."""
+
+
+_KEYS = re.compile(r"[a-z_]+(\.\w+)*")
 
 
 class NodeSettings(Settings):
@@ -53,15 +58,33 @@ class NodeSettings(Settings):
         le=MAX_TICKS_HZ,
         description="with ticks: capture, most cycles per second; default: 100",
     )
-    source: dict[str, Any]
-    predictor: dict[str, Any] = {"name": "constant_velocity"}
-    people: PeopleSettings = PeopleSettings()
-    robots: list[RobotSettings] = Field(min_length=1, max_length=MAX_ROBOTS)
-    risk: RiskSettings = RiskSettings()
-    zones: list[NamedZoneSettings] = Field([], max_length=MAX_ZONES)
-    links: list[dict[str, Any]] = Field([], max_length=MAX_LINKS)
-    realtime: RealtimeSettings = RealtimeSettings()
-    alerts: AlertSettings = AlertSettings()
+    source: dict[str, Any] = Field(
+        description="what is seen: a tracker, a recording or simulated people"
+    )
+    predictor: dict[str, Any] = Field(
+        {"name": "constant_velocity"}, description="how people are expected to move"
+    )
+    people: PeopleSettings = Field(
+        PeopleSettings(), description="how people are followed, lost and found"
+    )
+    robots: list[RobotSettings] = Field(
+        min_length=1, max_length=MAX_ROBOTS, description="the robots that are advised"
+    )
+    risk: RiskSettings = Field(
+        RiskSettings(), description="how separation is judged, and how levels change"
+    )
+    zones: list[NamedZoneSettings] = Field(
+        [],
+        max_length=MAX_ZONES,
+        description="named zones and what they ask for while somebody is inside",
+    )
+    links: list[dict[str, Any]] = Field(
+        [], max_length=MAX_LINKS, description="wires to the robots' controllers"
+    )
+    realtime: RealtimeSettings = Field(
+        RealtimeSettings(), description="what the loop asks of the machine"
+    )
+    alerts: AlertSettings = Field(AlertSettings(), description="what happens at a change of level")
     record: RecordSettings | None = Field(
         None, description="file to record into (MCAP), or a folder that can be left on"
     )
@@ -73,6 +96,10 @@ class NodeSettings(Settings):
     )
     commissioning: CommissioningSettings | None = Field(
         None, description="the report of hri-predict commission, with which check compares"
+    )
+    log: LogSettings = LogSettings()
+    metrics: MetricsSettings | None = Field(
+        None, description="answer /metrics and /healthz over HTTP; without it, nothing listens"
     )
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; without it, nothing is announced"
@@ -122,6 +149,30 @@ class Config:
         """The folder that relative paths in the configuration start from."""
         return self.path.parent
 
+    def place(self, *keys: str | int) -> str:
+        """``cell.yaml:17: robots.0.name``: where a key stands, to begin an error's line with."""
+        return place(self.path, self.text, keys)
+
+    @contextlib.contextmanager
+    def naming_lines(self) -> Iterator[None]:
+        """Put file and line before an error that begins with a key of this configuration.
+
+        What is found later than here (a forecast too short, an exit too near) knows the key alone.
+        """
+        try:
+            yield
+        except HriPredictError as error:
+            said = str(error)
+            keys = _KEYS.match(said)
+            named = keys[0].split(".") if keys and not said.startswith(str(self.path)) else [""]
+            if named[0] in NodeSettings.model_fields:
+                links = [link.name for link in self.links]
+                if named[0] == "links" and named[1:2] and named[1] in links:
+                    named[1] = str(links.index(named[1]))
+                way = [int(key) if key.isdecimal() else key for key in named]
+                error.args = (f"{self.path}:{line_of(self.text, way)}: {said}",)
+            raise
+
     def with_source(self, source: dict[str, Any]) -> "Config":
         """Return this configuration with another source (``replay`` sets a recording)."""
         return replace(self, source=_source(source, f"{self.path}: source"))
@@ -170,8 +221,8 @@ class Config:
     def aside(self) -> "Config":
         """Return this configuration without what belongs to the live cell alone.
 
-        Its alert log and commands, recordings, state, evidence and announcement: a replay with the
-        cell's configuration must not touch them. Alert lines on the terminal stay.
+        Its alert log and commands, recordings, state, evidence, metrics and announcement: a replay
+        with the cell's configuration must not touch them. Alert lines on the terminal stay.
         """
         node = self.node.model_copy(
             update={
@@ -180,6 +231,7 @@ class Config:
                 "state": None,
                 "evidence": None,
                 "discovery": None,
+                "metrics": None,
             }
         )
         return replace(self, node=node)
@@ -188,6 +240,11 @@ class Config:
         """Return this configuration with the alerts of another one."""
         node = self.node.model_copy(update={"alerts": live.node.alerts})
         return replace(self, node=node)
+
+    def with_log_format(self, form: str) -> "Config":
+        """Return this configuration with the log's lines as ``text`` or ``json``."""
+        log = self.node.log.model_copy(update={"format": form})
+        return replace(self, node=self.node.model_copy(update={"log": log}))
 
     def quiet(self) -> "Config":
         """Return this configuration without alert lines on the terminal, for use with a view."""
@@ -224,22 +281,37 @@ def load(path: Path) -> Config:
     """Read and validate a configuration.
 
     Raises:
-        ConfigError: one line naming the file, the key and the remedy.
+        ConfigError: the file cannot be read, or is not YAML.
+        ConfigMistakes: a line for each mistake, with its line in the file, key and remedy.
     """
     path = find(path)
-    data = read_yaml(path, "configuration")
-    node = validated(NodeSettings, data, str(path))
+    text = read_text(path, "configuration")
+    return checked(path, text, read_yaml(path, "configuration"))
+
+
+def checked(path: Path, text: str, data: dict[str, Any]) -> Config:
+    """Validate ``data``, the content of ``text``, which stands in the file ``path``.
+
+    Raises:
+        ConfigMistakes: a line for each mistake, with its line in the file, key and remedy.
+    """
+    wrong = Mistakes(path, text)
+    node = wrong.settings(NodeSettings, data)
+    given = data.get("predictor", NodeSettings.model_fields["predictor"].default)
+    source = wrong.part("sources", "kind", data.get("source"), ("source",))
+    predictor = wrong.part("predictors", "name", given, ("predictor",))
+    entries = data.get("links")
+    entries = entries[:MAX_LINKS] if isinstance(entries, list) else []
+    links = [wrong.part("links", "kind", link, ("links", i)) for i, link in enumerate(entries)]
+    wrong.tell()
+    assert node is not None  # otherwise its mistakes were told
     config = Config(
-        path=path,
-        text=read_text(path, "configuration"),
-        node=node,
-        source=_source(node.source, f"{path}: source"),
-        predictor=predictor_settings(node.predictor, f"{path}: predictor"),
-        links=tuple(_link(link, f"{path}: links.{i}") for i, link in enumerate(node.links)),
+        path=path, text=text, node=node, source=source, predictor=predictor, links=tuple(links)
     )
-    _check_names(config)
-    _check_links(config)
-    _check_alerts(config)
+    _check_names(config, wrong)
+    _check_links(config, wrong)
+    _check_alerts(config, wrong)
+    wrong.tell()
     return config
 
 
@@ -260,12 +332,6 @@ def predictor_settings(data: dict[str, Any], where: str) -> PredictorSettings:
     return validated(model, data, where)
 
 
-def _link(data: dict[str, Any], where: str) -> LinkSettings:
-    with _named(data, "kind", "links", where) as name:
-        cls = registry.load("links", name)
-    return validated(cls.settings_model, data, where)
-
-
 @contextlib.contextmanager
 def _named(data: dict[str, Any], key: str, kind: registry.PartKind, where: str) -> Iterator[str]:
     """Give the name under ``key``; an error states where it stands."""
@@ -279,23 +345,23 @@ def _named(data: dict[str, Any], key: str, kind: registry.PartKind, where: str) 
         raise ConfigError(f"{where}.{key}: {error}") from error
 
 
-def _check_names(config: Config) -> None:
+def _check_names(config: Config, wrong: Mistakes) -> None:
     """Check that names are unique and that every robot that a link names exists."""
     robots = [r.name for r in config.node.robots]
     for key, names in (("robots", robots), ("links", [link.name for link in config.links])):
-        for name in names:
-            if names.count(name) > 1:
-                raise ConfigError(f"{config.path}: {key}: name '{name}' is used twice; rename one")
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                wrong.add((key, i, "name"), f"name '{name}' is used twice; rename one")
     for i, link in enumerate(config.links):
-        for name in link.robots or []:
+        for k, name in enumerate(link.robots or []):
             if name not in robots:
-                raise ConfigError(
-                    f"{config.path}: links.{i}.robots: no robot '{name}'{nearest(name, robots)}; "
-                    f"there are: {', '.join(robots)}"
+                wrong.add(
+                    ("links", i, "robots", k),
+                    f"no robot '{name}'{nearest(name, robots)}; there are: {', '.join(robots)}",
                 )
 
 
-def _check_links(config: Config) -> None:
+def _check_links(config: Config, wrong: Mistakes) -> None:
     """Check that links of one kind do not disturb each other; the link class knows how."""
     for kind in dict.fromkeys(link.kind for link in config.links):
         cls = registry.load("links", kind)
@@ -304,10 +370,10 @@ def _check_links(config: Config) -> None:
         try:
             cls.check_together([link for link in config.links if link.kind == kind])
         except ConfigError as error:
-            raise ConfigError(f"{config.path}: {error}") from error
+            wrong.add(("links",), str(error))
 
 
-def _check_alerts(config: Config) -> None:
+def _check_alerts(config: Config, wrong: Mistakes) -> None:
     """Check that every robot and zone that an alert hook names exists: no alert would come."""
     robots = [robot.name for robot in config.node.robots]
     zones = [zone.name for zone in config.node.zones]
@@ -315,7 +381,8 @@ def _check_alerts(config: Config) -> None:
         for key, known, named in (("robot", robots, hook.robots), ("zone", zones, hook.zones)):
             for name in named or []:
                 if name not in known:
-                    raise ConfigError(
-                        f"{config.path}: alerts.to.{i}.{key}s: no {key} '{name}'"
-                        f"{nearest(name, known)}; there are: {', '.join(known) or 'none'}"
+                    wrong.add(
+                        ("alerts", "to", i, f"{key}s"),
+                        f"no {key} '{name}'{nearest(name, known)}; "
+                        f"there are: {', '.join(known) or 'none'}",
                     )

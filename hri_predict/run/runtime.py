@@ -51,13 +51,17 @@ def run_real_time(
     duration_s: float | None = None,
     until_exhausted: bool = False,
     each_tick: Callable[[int], None] | None = None,
+    pace: Pace | None = None,
 ) -> Pace:
     """Run until ``stop`` is set, ``duration_s`` has passed, or the source is exhausted.
+
+    ``pace`` is kept and returned, if somebody watches it meanwhile.
 
     Raises:
         LinkError: a link's device is absent at start.
     """
-    clock, node, pace = assembly.clock, assembly.node, Pace()
+    clock, node = assembly.clock, assembly.node
+    pace = pace or Pace()
     node.warm_up()  # before anybody hears of the node: it may take long
     started: list[Link] = []
     try:
@@ -275,17 +279,24 @@ def _quiet_collector(first: bool = True) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def stop_on_signals(stop: threading.Event) -> Iterator[None]:
+def stop_on_signals(
+    stop: threading.Event, hangup: Callable[[], None] | None = None
+) -> Iterator[None]:
     """Let SIGINT, SIGTERM and SIGHUP set ``stop``: the node tells the controllers and ends.
+
+    With ``hangup``, SIGHUP calls that instead: no terminal controls the node, so somebody asks.
 
     SIGHUP (the terminal was closed) stays ignored if it was ignored before, as under ``nohup``.
     """
 
-    def handler(_number: int, _frame: object) -> None:
-        stop.set()
+    def handler(number: int, _frame: object) -> None:
+        if number == signal.SIGHUP and hangup is not None:
+            hangup()
+        else:
+            stop.set()
 
     numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
-    if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+    if hangup is None and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
         numbers.remove(signal.SIGHUP)
     before = {s: signal.signal(s, handler) for s in numbers}
     try:

@@ -32,6 +32,8 @@ from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.recording import clocks_of, info_of, place_of, record_settings
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
+from hri_predict.run.serving import Serving
+from hri_predict.service.notify import Notifier
 from hri_predict.source import live_part
 
 VIRTUAL_START_NS = 1_000_000_000
@@ -58,6 +60,8 @@ class Options:
         keep_state: use the state file of the configuration (``state``), in real time only.
         state: use this state file instead, at any speed.
         view: shows each tick; the loop's thread calls it, so it must be quick.
+        notifier: who wants to know how the node is (systemd), in real time only.
+        reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP ends the node.
     """
 
     factor: float | None = 1.0
@@ -69,6 +73,8 @@ class Options:
     keep_state: bool = False
     state: Path | None = None
     view: View | None = None
+    notifier: Notifier | None = None
+    reread: Callable[[], Config] | None = None
 
 
 class _AlertListener(Listener):
@@ -98,7 +104,7 @@ def run(config: Config, options: Options, stop: threading.Event | None = None) -
             return session.run_virtual()
         stop = stop or threading.Event()
         if threading.current_thread() is threading.main_thread():
-            with stop_on_signals(stop):
+            with stop_on_signals(stop, session.serving.hangup):
                 return session.run_real_time(stop)
         return session.run_real_time(stop)
     finally:
@@ -140,6 +146,7 @@ class _Session:
             cell=config.path.stem,
             threaded=options.factor is not None,
         )
+        self.serving = Serving(config, options.notifier, options.reread)
         self.reports: Sequence[ControllerReport] | None = None
         self.recorder: Recorder | None = None
         self.evidence: Evidence | None = None
@@ -188,6 +195,8 @@ class _Session:
         if takers:  # else whoever views the run may listen
             for link in assembly.links:
                 link.on_sent = _to_all(takers)
+        if not virtual:  # last: who watches the loop must see whatever holds it up
+            listeners += self.serving.listeners(assembly, self.counters, place)
         return assembly
 
     def _where_to_record(self) -> tuple[RecordSettings | None, Place | None]:
@@ -266,6 +275,7 @@ class _Session:
             duration_s=self.options.duration_s,
             until_exhausted=self.options.until_exhausted,
             each_tick=self.referee.observe if self.referee is not None else None,
+            pace=self.serving.pace,
         )
         return self.summary(assembly, pace)
 
@@ -281,23 +291,14 @@ class _Session:
         return self.summary(assembly, pace)
 
     def summary(self, assembly: assemble.Assembly, pace: Pace) -> Summary:
-        counters = {**self.levels.people_counters, **assembly.prediction.counters}
+        people = dict(self.levels.people_counters)
         self.close()
-        counters["alerts_dropped"] = self.alerts.dropped
-        counters["alert_failures"] = self.alerts.failures
-        if self.memory is not None:
-            counters["state_write_failures"] = self.memory.failures
-        if self.recorder is not None:
-            counters["recorder_dropped"] = self.recorder.dropped
-        if self.evidence is not None:
-            counters["evidence_dropped"] = self.evidence.dropped
-            counters["evidence_failures"] = self.evidence.failures
         result = summarise(
             node=assembly.node,
             pace=pace,
             links=assembly.links,
             levels=self.levels,
-            counters=counters,
+            counters=people | dict(assembly.prediction.counters) | self.counters(),
         )
         result.shadow = self.options.shadow
         if self.referee is not None:
@@ -313,6 +314,20 @@ class _Session:
         result.controllers = [asdict(report) for report in self.reports or ()]
         return result
 
+    def counters(self) -> dict[str, int]:
+        """What was counted beside the node: forecasts, and what was lost on its way to disks."""
+        counted = dict(self.prediction.counters) if self.prediction is not None else {}
+        counted["alerts_dropped"] = self.alerts.dropped
+        counted["alert_failures"] = self.alerts.failures
+        if self.memory is not None:
+            counted["state_write_failures"] = self.memory.failures
+        if self.recorder is not None:
+            counted["recorder_dropped"] = self.recorder.dropped
+        if self.evidence is not None:
+            counted["evidence_dropped"] = self.evidence.dropped
+            counted["evidence_failures"] = self.evidence.failures
+        return counted
+
     def close(self) -> None:
         """Stop everything that was started; safe to call twice."""
         if self.prediction is not None:
@@ -322,6 +337,7 @@ class _Session:
         if self.cell is not None and self.reports is None:
             self.reports = self.cell.stop()
         self.alerts.stop()
+        self.serving.close()
         if self.memory is not None:
             self.memory.close()
         if self.recorder is not None:

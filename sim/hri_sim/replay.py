@@ -34,7 +34,7 @@ class RecordingSettings(SourceSettings):
     """``source:`` of ``kind: recording``."""
 
     kind: Literal["recording"]
-    room_from_source: Pose = Pose()
+    room_from_source: Pose = Field(Pose(), description="pose of the recording's frame in the room")
     keeps_ids: bool = Field(
         True, description="false for a recording of a tracker that may give an id to somebody else"
     )

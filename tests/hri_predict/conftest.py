@@ -17,6 +17,14 @@ from hri_sim.controllers.cell import MockCell
 MS = 1_000_000
 
 
+@pytest.fixture(scope="session")
+def near(tmp_path_factory):
+    """A recording: somebody walks up to the robot, 5.6 s on the virtual clock."""
+    from tests.hri_predict.explaining.causes import CAUSES, record
+
+    return record(CAUSES["person near"], tmp_path_factory.mktemp("near") / "cell.mcap")
+
+
 class Room:
     """A source and a people stage on one clock; scenes arrive ``latency`` after capture."""
 

@@ -30,9 +30,11 @@ UsbId = Annotated[int, BeforeValidator(_from_hex), Field(ge=0, le=0xFFFF)]
 class UsbDevice(Settings):
     """``usb:`` of a serial link: searched for at each opening. ``vid`` and ``pid`` as in lsusb."""
 
-    vid: UsbId
-    pid: UsbId
-    serial_number: str | None = Field(None, min_length=1)
+    vid: UsbId = Field(description="vendor id, four hexadecimal digits in quotes")
+    pid: UsbId = Field(description="product id, likewise")
+    serial_number: str | None = Field(
+        None, min_length=1, description="the adapter's own number; needed where several are alike"
+    )
     location: str | None = Field(
         None,
         min_length=1,

@@ -111,7 +111,8 @@ def check(
         if not show_heard(hear(loaded, listen), loaded, as_json):
             raise typer.Exit(1)
         return
-    found = examine(loaded)
+    with loaded.naming_lines():
+        found = examine(loaded)
     if as_json:
         print(json.dumps(found))
     else:

@@ -2,7 +2,6 @@
 
 import json
 
-from hri_predict.commissioning.page.markup import Content, Markup, join, table, tag, text
 from hri_predict.commissioning.page.plots import echo_plot, grid_plot, stopping_plot
 from hri_predict.commissioning.report import (
     Echo,
@@ -16,6 +15,7 @@ from hri_predict.commissioning.report import (
     Walk,
 )
 from hri_predict.commissioning.stopping import worst
+from hri_predict.markup import Content, Markup, join, table, tag, text
 
 _STYLE = """
 @page { size: A4; margin: 16mm 14mm; }

@@ -92,6 +92,10 @@ class Folder:
             except FileExistsError:  # two in a second, or the wall clock was set back
                 number += 1
 
+    def limit(self, settings: RecordSettings) -> None:
+        """Keep to the limits of ``settings`` from now on; any thread may call this."""
+        self._settings = settings
+
     def wants_next(self, file: McapFile, now: Reading, stepped: bool) -> bool:
         """Whether it is as long or large as it may be, was removed, or the wall clock was set."""
         lasted_s = (now.node_ns - file.began.node_ns) * 1e-9

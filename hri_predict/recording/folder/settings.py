@@ -1,16 +1,14 @@
 """``record:`` in the configuration."""
 
-from typing import Any
-
 from pydantic import Field, model_validator
 
 from hri_predict.recording.mcap.items import Rates
-from hri_predict.settings import Settings
+from hri_predict.settings import Abbreviated
 
 _OF_FOLDERS = ("name", "max_minutes", "max_mb", "keep_days", "budget_gb", "min_free_gb")
 
 
-class RecordSettings(Settings):
+class RecordSettings(Abbreviated):
     """A file's path; or a mapping with a ``folder``, which makes and removes its files itself."""
 
     file: str | None = Field(None, min_length=1, description="one file, until the disk is full")
@@ -37,11 +35,6 @@ class RecordSettings(Settings):
     sent: bool | None = Field(
         None, description="what links wrote, byte by byte; default: only in a single file"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _file_alone(cls, data: Any) -> Any:
-        return {"file": data} if isinstance(data, str) else data
 
     @model_validator(mode="after")
     def _one_place(self) -> "RecordSettings":

@@ -9,7 +9,7 @@ Of a file that was cut (the node was killed, the power went), everything before 
 """
 
 import json
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -90,6 +90,7 @@ def read_messages(
     *,
     start_utc_ns: int | None = None,
     end_utc_ns: int | None = None,
+    on_cut: Callable[[], None] | None = None,
 ) -> Iterator[Told]:
     """Every message in the order of writing, from ``start_utc_ns`` to before ``end_utc_ns``.
 
@@ -97,6 +98,8 @@ def read_messages(
         path: the file.
         topics: only these; ``/advice`` means that of all robots. ``None``: all.
         start_utc_ns, end_utc_ns: see ``Told.utc_ns``.
+        on_cut: called where the file ends before its end: it was cut, or is damaged from there on,
+            or is still being written.
 
     Raises:
         RecordingError: a message is damaged.
@@ -109,8 +112,10 @@ def read_messages(
             try:
                 record = next(found, None)
             except CUT:
-                return
+                record = None
             if record is None or isinstance(record, Footer):
+                if record is None and on_cut is not None:
+                    on_cut()
                 return
             if isinstance(record, Channel):
                 names[record.id] = record.topic

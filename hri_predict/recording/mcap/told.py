@@ -53,6 +53,7 @@ def _grounds(grounds: Grounds, capsules: Sequence[str]) -> dict[str, Any]:
         "person": grounds.person,
         "segment": grounds.segment,
         "robot_capsule": capsules[link] if named and link is not None else None,
+        "pair_m": _rounded(grounds.pair_m),
         "separation_m": _rounded(grounds.separation_m),
         "slack_m": _rounded(grounds.slack_m),
         "reaction_s": _rounded(grounds.reaction_s),

@@ -17,10 +17,10 @@ PIECE_M = 0.1
 class PlaneFixture(Settings):
     """Everything behind a plane; ``normal`` points to the free side."""
 
-    kind: Literal["plane"]
-    name: str = Field(min_length=1, max_length=64)
-    point: Vector3
-    normal: Vector3
+    kind: Literal["plane"] = Field(description="an unbounded plane")
+    name: str = Field(min_length=1, max_length=64, description="its own name")
+    point: Vector3 = Field(description="a point on it, room frame, m")
+    normal: Vector3 = Field(description="direction away from its material, room frame")
 
     @model_validator(mode="after")
     def _unit(self) -> Self:
@@ -38,10 +38,12 @@ class PlaneFixture(Settings):
 class BoxFixture(Settings):
     """A box: ``size`` along the axes of ``pose``, which is at its middle."""
 
-    kind: Literal["box"]
-    name: str = Field(min_length=1, max_length=64)
-    pose: Pose
-    size: Annotated[list[float], Field(min_length=3, max_length=3)]
+    kind: Literal["box"] = Field(description="a box")
+    name: str = Field(min_length=1, max_length=64, description="its own name")
+    pose: Pose = Field(description="of its centre in the room")
+    size: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
+        description="full lengths along its own axes, m"
+    )
 
     @model_validator(mode="after")
     def _has_volume(self) -> Self:

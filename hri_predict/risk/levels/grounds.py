@@ -1,5 +1,8 @@
 """What a robot's advice rests on, taken from the findings: for recordings, never for the advice."""
 
+from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.risk.levels.advice import asked_of
+from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
@@ -8,20 +11,26 @@ from hri_predict.risk.zones.body_zones import BodyZones
 
 
 def mildest(found: RobotFindings) -> tuple[str, Finding | None]:
-    """Of several ways to judge the same people, the one that counts, and its name."""
-    ways = {"zones": found.people, "standard": found.standard, "contact": found.contact}
-    there = {name: way for name, way in ways.items() if way is not None}
+    """Of several ways to judge the same people, the one with the most slack, and its name."""
+    there = {name: way for name, way in _ways(found).items() if way is not None}
     if not there:
         return "", None
     return max(there.items(), key=lambda way: way[1].slack_m)
 
 
-def grounds_of(found: RobotFindings, bodies: BodyZones, settings: RiskSettings) -> Grounds:
-    """The grounds of one robot's advice."""
+def grounds_of(
+    robot: RobotConstants, found: RobotFindings, bodies: BodyZones, settings: RiskSettings
+) -> Grounds:
+    """The grounds of one robot's advice: the same finding as it names.
+
+    That need not be the mildest one: where no way permits motion, the zones are named.
+    """
     motion = found.motion
     if motion is None:
         return Grounds(unknown=found.unknown)
-    way, people = mildest(found)
+    _, people = asked_of(robot, found, bodies)
+    named = [name for name, finding in _ways(found).items() if finding is people]
+    way = "" if people is None else named[0] if named else "zones"
     moved_m = motion.clearance_m - settings.clearance_m
     return Grounds(
         speed_m_s=found.speed_m_s,
@@ -30,6 +39,7 @@ def grounds_of(found: RobotFindings, bodies: BodyZones, settings: RiskSettings) 
         person=None if people is None else bodies.zones.ids[people.person],
         segment="" if people is None else bodies.zones.segments[people.segment],
         link=None if people is None else people.link,
+        pair_m=None if people is None else _pair_m(people, bodies, motion.capsules),
         separation_m=None if people is None else people.separation_m,
         slack_m=None if people is None else people.slack_m,
         reaction_s=bodies.age_s + motion.until_braking_s,
@@ -40,6 +50,18 @@ def grounds_of(found: RobotFindings, bodies: BodyZones, settings: RiskSettings) 
         robot_uncertainty_m=settings.robot_uncertainty_m + moved_m,
         human_m_s=_human_m_s(people, bodies),
     )
+
+
+def _ways(found: RobotFindings) -> dict[str, Finding | None]:
+    return {"zones": found.people, "standard": found.standard, "contact": found.contact}
+
+
+def _pair_m(people: Finding, bodies: BodyZones, robot: Capsules) -> float:
+    """The distance now of the deciding pair."""
+    zones, pair = bodies.zones.capsules, (people.person, 0, people.segment)
+    body = Capsules(zones.a[pair], zones.b[pair], zones.radius[pair])
+    link = Capsules(robot.a[people.link], robot.b[people.link], robot.radius[people.link])
+    return float(capsule_distance(body, link))
 
 
 def _human_m_s(people: Finding | None, bodies: BodyZones) -> float:

@@ -13,7 +13,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from hri_drivers.wires.transport import PipeEnd, Transport, pipe
 from hri_predict.arrays import Floats
@@ -23,6 +23,7 @@ from hri_predict.link import LinkSettings
 from hri_predict.peers import ControllerReport
 from hri_predict.robots.model import RobotModel, RobotSettings
 from hri_predict.source import Source
+from hri_sim.controllers.controller import ControllerSettings
 from hri_sim.controllers.private_folder import PrivateFolder
 from hri_sim.controllers.process import job_for
 from hri_sim.controllers.station import Post, Station, at_far_end, channels, codec_for, posts
@@ -39,6 +40,8 @@ class MockCell:
     Real time: ``start``, then ``stop``. Virtual clock: ``transports``, then ``step`` at each time
     that ``next_ns`` returns, then ``stop``.
     """
+
+    settings_model: ClassVar[type[ControllerSettings]] = ControllerSettings
 
     def __init__(
         self,

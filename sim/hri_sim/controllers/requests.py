@@ -13,7 +13,9 @@ from hri_predict.settings import Settings
 class RequestSettings(Settings):
     """One entry of ``requests`` in a link's ``simulate:`` block."""
 
-    request: Literal["teach", "recovery", "muted"]
+    request: Literal["teach", "recovery", "muted"] = Field(
+        description="which operating mode is asked for"
+    )
     start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
     enabling: bool = Field(True, description="whether the enabling device is held meanwhile")

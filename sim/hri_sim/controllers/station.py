@@ -33,8 +33,9 @@ from hri_sim.controllers.lies import Lies
 from hri_sim.controllers.requests import Requests
 from hri_sim.controllers.tools import Mounted, ToolChanger
 from hri_sim.controllers.wiring import Wiring
-from hri_sim.faults.link_faults import FaultyTransport
+from hri_sim.faults.link_faults import LINK_FAULTS, FaultyTransport
 from hri_sim.faults.link_faults import U as W
+from hri_sim.faults.settings import faults_from
 
 U = TypeVar("U")
 
@@ -82,6 +83,7 @@ def posts(
             continue
         where = f"links.{link.name}.simulate"
         settings = validated(ControllerSettings, link.simulate, where).resolved(link)
+        faults_from(settings.faults, LINK_FAULTS, f"{where}.faults")
         name = settings.robot or (names[0] if len(names) == 1 else None)
         if name is None:
             raise ConfigError(f"{where}.robot: missing; use one of: {', '.join(names)}")

@@ -2,9 +2,9 @@
 
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -26,43 +26,47 @@ _FLUSH_S = 0.005  # longest time between two checks for delayed units that are d
 class LinkFault(FaultSettings):
     """``direction``: ``out`` from the node, ``in`` to it, or ``both``."""
 
-    direction: Literal["out", "in", "both"] = "both"
+    direction: Literal["out", "in", "both"] = Field(
+        "both", description="what it concerns: out, from the node; in, to the node; or both"
+    )
 
 
 class Drop(LinkFault):
     """Units are lost."""
 
-    probability: float = Field(0.5, gt=0, le=1)
+    probability: float = Field(0.5, gt=0, le=1, description="chance that a unit is lost")
 
 
 class Delay(LinkFault):
     """Units arrive late, in order."""
 
-    delay_s: float = Field(0.2, gt=0, le=10)
+    delay_s: float = Field(0.2, gt=0, le=10, description="how late every unit is")
 
 
 class Jitter(LinkFault):
     """Units arrive late by a random time, still in order."""
 
-    max_s: float = Field(0.05, gt=0, le=10)
+    max_s: float = Field(
+        0.05, gt=0, le=10, description="units are late by a random time up to this"
+    )
 
 
 class Stretch(LinkFault):
     """Units arrive later and later, in order: ``rate`` seconds more each second, as in a queue."""
 
-    rate: float = Field(0.1, gt=0, le=10)
+    rate: float = Field(0.1, gt=0, le=10, description="how many seconds later each second")
 
 
 class BitErrors(LinkFault):
     """Each bit is flipped with probability ``rate``."""
 
-    rate: float = Field(1e-3, gt=0, le=0.5)
+    rate: float = Field(1e-3, gt=0, le=0.5, description="chance that a bit is flipped")
 
 
 class Truncate(LinkFault):
     """Units are cut short with ``probability``."""
 
-    probability: float = Field(0.5, gt=0, le=1)
+    probability: float = Field(0.5, gt=0, le=1, description="chance that a unit is cut short")
 
 
 class Freeze(LinkFault):
@@ -76,7 +80,7 @@ class Duplicate(LinkFault):
 class Flood(LinkFault):
     """Every unit arrives ``times`` times, as from a repeater or a runaway sender."""
 
-    times: int = Field(10, ge=2, le=100)
+    times: int = Field(10, ge=2, le=100, description="how often every unit arrives")
 
 
 class Reorder(LinkFault):
@@ -132,6 +136,8 @@ class FaultyTransport(Generic[U]):
     Attributes:
         injected: number of units (calls, for ``unplug``) that each kind of fault affected.
     """
+
+    kinds: ClassVar[Mapping[str, type[FaultSettings]]] = LINK_FAULTS
 
     def __init__(
         self,

@@ -1,9 +1,9 @@
 """Faults of a source of scenes, injected between it and the node."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -23,20 +23,22 @@ SIN_45 = 0.5**0.5
 class Drop(FaultSettings):
     """Scenes are lost."""
 
-    probability: float = Field(1.0, gt=0, le=1)
+    probability: float = Field(1.0, gt=0, le=1, description="chance that a scene is lost")
 
 
 class Delay(FaultSettings):
     """Scenes arrive late, by ``growth`` more for each second; their capture stamps are true."""
 
-    delay_s: float = Field(0.2, gt=0, le=10)
-    growth: float = Field(0.0, ge=0, le=0.5)
+    delay_s: float = Field(0.2, gt=0, le=10, description="how late every scene is")
+    growth: float = Field(0.0, ge=0, le=0.5, description="how many seconds later each second")
 
 
 class Jitter(FaultSettings):
     """Scenes arrive late by a random time, still in order."""
 
-    max_s: float = Field(0.08, gt=0, le=10)
+    max_s: float = Field(
+        0.08, gt=0, le=10, description="scenes are late by a random time up to this"
+    )
 
 
 class Freeze(FaultSettings):
@@ -46,7 +48,9 @@ class Freeze(FaultSettings):
     and stamp go on, the joints stay bit-identical, as from a hung camera with a live driver.
     """
 
-    what: Literal["sequence", "joints"] = "sequence"
+    what: Literal["sequence", "joints"] = Field(
+        "sequence", description="sequence: the same scene again; joints: only they stay as they are"
+    )
 
 
 class Duplicate(FaultSettings):
@@ -60,27 +64,27 @@ class Reorder(FaultSettings):
 class Nan(FaultSettings):
     """A fraction of the joints is NaN but marked as observed."""
 
-    fraction: float = Field(0.3, gt=0, le=1)
+    fraction: float = Field(0.3, gt=0, le=1, description="share of the joints")
 
 
 class Teleport(FaultSettings):
     """All people (or the ``person`` with this id) are displaced by ``offset`` metres."""
 
-    offset: Vector3 = [2.0, 0.0, 0.0]
-    person: int | None = None
+    offset: Vector3 = Field([2.0, 0.0, 0.0], description="by how far a body jumps, m")
+    person: int | None = Field(None, description="person with this id; default: all people")
 
 
 class Rotate(FaultSettings):
     """All people are turned about the point ``about`` (room frame), as by wrong axes."""
 
-    quaternion_xyzw: Quaternion = [SIN_45, 0.0, 0.0, SIN_45]
-    about: Vector3 = [0.0, 0.0, 0.0]
+    quaternion_xyzw: Quaternion = Field([SIN_45, 0.0, 0.0, SIN_45], description="by which rotation")
+    about: Vector3 = Field([0.0, 0.0, 0.0], description="about which point, room frame, m")
 
 
 class Mirror(FaultSettings):
     """All people are mirrored at the plane y = ``at_y`` of the room: left and right are swapped."""
 
-    at_y: float = Field(0.0, ge=-1000, le=1000)
+    at_y: float = Field(0.0, ge=-1000, le=1000, description="at the plane of this y, m")
 
 
 class IdentitySwap(FaultSettings):
@@ -90,8 +94,8 @@ class IdentitySwap(FaultSettings):
 class Rename(FaultSettings):
     """The ``person`` with this id gets the id ``to``."""
 
-    person: int = 1
-    to: int = Field(2000, ge=0, le=65535)
+    person: int = Field(1, description="person with this id")
+    to: int = Field(2000, ge=0, le=65535, description="the new id")
 
 
 class Occlude(FaultSettings):
@@ -100,22 +104,28 @@ class Occlude(FaultSettings):
     A person who is found again gets another id with the probability ``rename``.
     """
 
-    cameras: list[Vector3] = Field([[-6.0, -6.0, 2.8]], min_length=1)
-    boxes: list[Annotated[list[Metres], Field(min_length=5, max_length=5)]] = []
-    rename: float = Field(0.0, ge=0, le=1)
+    cameras: list[Vector3] = Field(
+        [[-6.0, -6.0, 2.8]], min_length=1, description="where cameras are, room frame, m"
+    )
+    boxes: list[Annotated[list[Metres], Field(min_length=5, max_length=5)]] = Field(
+        [], description="that hide people: [x, y, x, y, height], m"
+    )
+    rename: float = Field(
+        0.0, ge=0, le=1, description="chance that who is found again has another id"
+    )
 
 
 class Vanish(FaultSettings):
     """All people (or the ``person`` with this id) are missing; the source still sees the room."""
 
-    person: int | None = None
+    person: int | None = Field(None, description="person with this id; default: all people")
 
 
 class Hide(FaultSettings):
     """The named ``joints`` of all people (or of the ``person`` with this id) are not observed."""
 
-    joints: list[str] = Field(min_length=1)
-    person: int | None = None
+    joints: list[str] = Field(min_length=1, description="names of the joints that are not observed")
+    person: int | None = Field(None, description="person with this id; default: all people")
 
 
 class Blind(FaultSettings):
@@ -125,13 +135,15 @@ class Blind(FaultSettings):
 class ClockDrift(FaultSettings):
     """The source's clock runs fast by ``ppm`` parts in a million; the offset it gained stays."""
 
-    ppm: float = Field(1000.0, ge=-100_000, le=100_000)
+    ppm: float = Field(
+        1000.0, ge=-100_000, le=100_000, description="how much too fast its clock runs"
+    )
 
 
 class ClockJump(FaultSettings):
     """The source's clock is off by ``offset_s``, then right again."""
 
-    offset_s: float = Field(-1.0, ge=-1e6, le=1e6)
+    offset_s: float = Field(-1.0, ge=-1e6, le=1e6, description="by how much its stamps jump")
 
 
 SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
@@ -164,6 +176,8 @@ class FaultySource:
             due; a referee uses it.
         injected: number of scenes that each kind of fault has changed, delayed or lost.
     """
+
+    kinds: ClassVar[Mapping[str, type[FaultSettings]]] = SOURCE_FAULTS
 
     def __init__(
         self, inner: Source, faults: Sequence[dict[str, Any]], seed: int, where: str = "source"

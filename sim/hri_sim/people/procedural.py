@@ -48,13 +48,15 @@ class ProceduralSettings(SourceSettings):
     """``source:`` of ``kind: procedural``; the scripts' points are in the source's frame."""
 
     kind: Literal["procedural"]
-    room_from_source: Pose = Pose()
+    room_from_source: Pose = Field(Pose(), description="pose of the source's frame in the room")
     people: list[PersonSettings] = Field(
-        [validated(PersonSettings, person, "demo") for person in DEMO], max_length=16
+        [validated(PersonSettings, person, "demo") for person in DEMO],
+        max_length=16,
+        description="who comes, and what they do; default: somebody who walks up and reaches out",
     )
-    keeps_ids: bool = True
-    rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240)
-    seed: int = Field(0, ge=0)
+    keeps_ids: bool = Field(True, description="an id that comes back is the same person")
+    rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second")
+    seed: int = Field(0, ge=0, description="of its random numbers")
     latency_s: float = Field(0.0, ge=0, le=2, description="time from capture to arrival")
     noise_m: float = Field(0.0, ge=0, le=0.2, description="noise: standard deviation per axis")
     wander_m: float = Field(

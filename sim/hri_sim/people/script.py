@@ -23,40 +23,42 @@ _NEAR_M = 0.05  # two places nearer than this count as one
 class WalkTo(Settings):
     """Walk to a point, through waypoints; turn in that direction first."""
 
-    do: Literal["walk"]
-    to: Point
-    via: list[Point] = []
+    do: Literal["walk"] = Field(description="walk to a point")
+    to: Point = Field(description="[x, y], m")
+    via: list[Point] = Field([], description="points on the way, m")
     speed_m_s: float = Field(
         1.2,
         ge=0.1,
         le=8.0,
         description="highest speed; from about 2 m/s on people run; sharp bends are slower",
     )
-    backwards: bool = False
+    backwards: bool = Field(False, description="walk backwards")
 
 
 class Wait(Settings):
     """Stand still."""
 
-    do: Literal["wait"]
-    seconds: float = Field(gt=0, le=3600)
+    do: Literal["wait"] = Field(description="stand still")
+    seconds: float = Field(gt=0, le=3600, description="how long")
 
 
 class TurnTo(Settings):
     """Turn on the spot, to a yaw (radians) or towards a point."""
 
-    do: Literal["turn"]
-    yaw: float | None = Field(None, ge=-1000, le=1000)
-    toward: Point | None = None
+    do: Literal["turn"] = Field(description="turn on the spot")
+    yaw: float | None = Field(
+        None, ge=-1000, le=1000, description="new direction, from +x counter-clockwise"
+    )
+    toward: Point | None = Field(None, description="instead: a point to look at, m")
 
 
 class ReachTo(Settings):
     """Reach to a point with a hand's finger tips, stay, come back; turn to it first if needed."""
 
-    do: Literal["reach"]
-    to: Vector3
-    hand: Literal["left", "right"] = "right"
-    hold_s: float = Field(1.0, ge=0, le=3600)
+    do: Literal["reach"] = Field(description="reach out with one hand")
+    to: Vector3 = Field(description="[x, y, z] of the finger tips, m")
+    hand: Literal["left", "right"] = Field("right", description="which hand")
+    hold_s: float = Field(1.0, ge=0, le=3600, description="how long it stays there")
     duration_s: float | None = Field(
         None, gt=0, le=60, description="duration of the way out; default: an easy pace"
     )
@@ -65,8 +67,8 @@ class ReachTo(Settings):
 class Leave(Settings):
     """Be out of the room; come back at ``start``."""
 
-    do: Literal["leave"]
-    seconds: float = Field(3.0, gt=0, le=3600)
+    do: Literal["leave"] = Field(description="be out of the room")
+    seconds: float = Field(3.0, gt=0, le=3600, description="how long")
 
 
 Step = Annotated[WalkTo | Wait | TurnTo | ReachTo | Leave, Field(discriminator="do")]
@@ -76,14 +78,16 @@ class PersonSettings(Settings):
     """One procedural person."""
 
     id: int | None = Field(None, ge=0, le=65535, description="default: 1, 2, ... as listed")
-    height_m: float = Field(1.75, ge=1.4, le=2.1)
-    start: Point
+    height_m: float = Field(1.75, ge=1.4, le=2.1, description="body height")
+    start: Point = Field(description="[x, y] where the person begins, m")
     yaw: float | None = Field(
         None, ge=-1000, le=1000, description="radians; default: the direction of the first walk"
     )
     enter_s: float = Field(0.0, ge=0, le=3600, description="when the person enters the room")
-    repeat: bool = True
-    script: list[Step] = Field(min_length=1, max_length=200)
+    repeat: bool = Field(True, description="begin again after the last step")
+    script: list[Step] = Field(
+        min_length=1, max_length=200, description="what the person does, step by step"
+    )
 
 
 class Timeline:

@@ -33,8 +33,8 @@ class ApproachSettings(SourceSettings):
     """``source:`` of ``kind: approach``."""
 
     kind: Literal["approach"]
-    room_from_source: Pose = Pose()
-    keeps_ids: bool = True
+    room_from_source: Pose = Field(Pose(), description="pose of the source's frame in the room")
+    keeps_ids: bool = Field(True, description="an id that comes back is the same person")
     motions: list[str] = Field(
         [], max_length=16, description="recordings or procedural:SEED; simulate fills them in"
     )

@@ -37,7 +37,7 @@ def hook(data):
         (WEBHOOK | {"url": "https://h/ä"}, ["printable ASCII"]),
         (WEBHOOK | {"url_env": "URL"}, ["give one of: url, url_file, url_env"]),
         (WEBHOOK | {"token_file": "a", "token_env": "B"}, ["leave one out"]),
-        (WEBHOOK | {"levels": ["halt"]}, ["to.0.webhook.levels.0", "'stop'"]),
+        (WEBHOOK | {"levels": ["halt"]}, ["to.0.levels.0", "'stop'"]),
         (WEBHOOK | {"debonce_s": 1}, ["did you mean 'debounce_s'?"]),
         (WEBHOOK | {"rate_per_minute": 0}, ["rate_per_minute"]),
         (MQTT | {"levels": ["stop"]}, ["levels: has no place in kind mqtt"]),

@@ -170,7 +170,7 @@ CONFIG_MISTAKES: dict[str, tuple[list[Any], list[str]]] = {
     ),
     "unknown robot model": (
         [(["robots", 0, "model"], "ur5x")],
-        ["cell.yaml: robots.0.model", "'ur5x'", "did you mean 'ur5'?", "ur5e"],
+        [": robots.0.model: ", "'ur5x'", "did you mean 'ur5'?", "ur5e"],
     ),
     "unknown trajectory": (
         [(["links", 0, "simulate", "trajectory"], "dance")],

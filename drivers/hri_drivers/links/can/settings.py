@@ -47,9 +47,16 @@ class CanLinkSettings(ConfiguredLinkSettings):
         coerce_numbers_to_str=True,
         description="can0, /dev/ttyACM0, 239.74.163.2, 0, ...; not needed with 'simulate'",
     )
-    bitrate: int = Field(500_000, ge=10_000, le=1_000_000)
+    bitrate: int = Field(
+        500_000,
+        ge=10_000,
+        le=1_000_000,
+        description="of the bus; with FD, of its arbitration phase",
+    )
     fd: bool = Field(False, description="CAN FD; it carries Zone and Pose without ISO-TP")
-    data_bitrate: int = Field(2_000_000, ge=10_000, le=12_000_000)
+    data_bitrate: int = Field(
+        2_000_000, ge=10_000, le=12_000_000, description="with FD, of the data phase"
+    )
     base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="id of our first frame")
     extended: bool = Field(False, description="29-bit ids")
     isotp: IsoTpSettings | None = Field(

@@ -53,10 +53,12 @@ class MvnSettings(LiveSettings):
     """``source:`` of ``kind: mvn``."""
 
     kind: Literal["mvn"]
-    joint_map: str = "xsens23"
-    keeps_ids: bool = True  # a suit's
+    joint_map: str = Field("xsens23", description="the segments of MVN, or a map of your own")
+    keeps_ids: bool = Field(
+        True, description="a suit that comes back is the same person"
+    )  # a suit's
     host: str = Field("127.0.0.1", description="address to listen on; default: this machine only")
-    port: int = Field(DEFAULT_PORT, ge=0, le=65535)
+    port: int = Field(DEFAULT_PORT, ge=0, le=65535, description="port that MVN sends to")
     protocol: Literal["udp", "tcp"] = Field("udp", description="as set in MVN's network streamer")
     allow_unauthenticated: bool = ALLOW_UNAUTHENTICATED
     sees_room: bool = Field(

@@ -48,7 +48,7 @@ class WebSocketSettings(SceneJsonSettings):
         description="ws:// or wss:// address to connect to; default: the sender connects",
     )
     host: str = Field("127.0.0.1", min_length=1, description="address to listen on, without 'url'")
-    port: int = Field(DEFAULT_PORT, ge=0, le=65535)
+    port: int = Field(DEFAULT_PORT, ge=0, le=65535, description="TCP port")
     origins: list[str] = Field(
         [],
         description="web pages that may send, such as https://cell.example; default none",

@@ -34,9 +34,11 @@ class SerialSkeletonSettings(StreamSettings):
     usb: UsbDevice | None = Field(
         None, description="instead of 'port': a USB adapter, found under any port name"
     )
-    baudrate: int = Field(921_600, ge=1200, le=12_000_000)
-    parity: Parity = "none"
-    stop_bits: StopBits = 1
+    baudrate: int = Field(
+        921_600, ge=1200, le=12_000_000, description="of the line, as the sender's"
+    )
+    parity: Parity = Field("none", description="parity bit, as the sender's")
+    stop_bits: StopBits = Field(1, description="stop bits, as the sender's")
     rtscts: bool = Field(False, description="hardware handshake")
 
     @model_validator(mode="after")

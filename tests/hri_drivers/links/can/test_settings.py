@@ -116,7 +116,7 @@ def test_check_refuses_such_a_configuration_and_explains_links(tmp_path):
     data["predictor"] = {"name": "constant_velocity", "horizon_s": 1.2}
     path = tmp_path / "cell.yaml"
     path.write_text(yaml.safe_dump(data), encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"cell.yaml: links 'a' and 'b' both use can0"):
+    with pytest.raises(ConfigError, match=r"cell.yaml:\d+: links: links 'a' and 'b' both use can0"):
         configuration.load(path)
     data["links"][1] |= {"base_id": 0x600, "listen_only": True}
     path.write_text(yaml.safe_dump(data), encoding="utf-8")

@@ -3,14 +3,12 @@
 import logging
 import re
 
-from hri_predict.cli import _Line
+from hri_predict.service.logs import Line
 
 
 def line_of(in_journal):
     record = logging.LogRecord("node", logging.WARNING, __file__, 1, "robot %s", ("arm",), None)
-    formatter = _Line()
-    formatter._in_journal = in_journal
-    return formatter.format(record)
+    return Line(with_time=not in_journal).format(record)
 
 
 def test_a_line_has_its_time_and_its_severity():

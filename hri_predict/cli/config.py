@@ -1,0 +1,68 @@
+"""``config``: what may stand in a configuration, as a JSON schema and as a page."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hri_predict.errors import ConfigError
+from hri_predict.files import atomic_write
+
+app = typer.Typer(no_args_is_help=True, help="What may stand in a configuration.")
+
+DOCUMENT = Path("docs/configuration.md")
+
+
+def schema_text() -> str:
+    """The JSON schema as a file."""
+    from hri_predict.run.described.schema import schema
+
+    return json.dumps(schema(), indent=1, ensure_ascii=False) + "\n"
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file completely or not at all.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    try:
+        atomic_write(path, text.encode())
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: cannot be written: {error.strerror}; name another place"
+        ) from error
+
+
+@app.command("schema")
+def print_schema(
+    path: Annotated[
+        Path | None, typer.Argument(help="Write it into this file; default: print it.")
+    ] = None,
+) -> None:
+    """Print the JSON schema of a configuration, for editors.
+
+    It knows the sources, predictors and links that are installed here, third parties' too. An
+    editor with a YAML language server uses it if the configuration begins with the line
+    "# yaml-language-server: $schema=cell.schema.json".
+
+    Example: hri-predict config schema cell.schema.json
+    """
+    if path is None:
+        print(schema_text(), end="")
+    else:
+        write(path, schema_text())
+
+
+@app.command()
+def document(
+    path: Annotated[Path, typer.Argument(help="The document.")] = DOCUMENT,
+) -> None:
+    """Write the page of all keys.
+
+    Example: hri-predict config document docs/configuration.md
+    """
+    from hri_predict.run.described.page import page
+
+    write(path, page())

@@ -1,0 +1,127 @@
+"""``explain``: why a robot slowed or stopped at a time."""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hri_predict.cli.common import without_effect
+from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.explaining.episodes import episodes
+from hri_predict.explaining.explanation import explain as explained
+from hri_predict.explaining.explanation import is_slowed, listing, neighbours
+from hri_predict.explaining.recordings import Recordings
+from hri_predict.explaining.situation import Situation, nearest_episodes, situation
+from hri_predict.explaining.times import Asked, asked
+from hri_predict.explaining.words import line_of, told
+
+PICTURES = (".png", ".svg")
+
+
+def explain(
+    *,
+    recording: Annotated[
+        Path, typer.Argument(help="A recording of the node (.mcap), or a folder of one cell's.")
+    ],
+    at: Annotated[
+        str | None,
+        typer.Option(
+            help="When: 14:03:07 (UTC), 2026-03-09T14:03:07, or seconds since the start. Without "
+            "it, all slowdowns and stops are listed."
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Only this robot; default: the one slowed most then.")
+    ] = None,
+    following: Annotated[
+        bool,
+        typer.Option("--next", help="If nothing was slowed then, explain the next time it was."),
+    ] = False,
+    picture: Annotated[
+        Path | None, typer.Option(help="Draw plan and timeline into this .png or .svg.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """Say why a robot slowed or stopped, from a recording alone.
+
+    Example: hri-predict explain recordings/ --at 14:03:07 --picture why.png
+    """
+    if picture is not None and picture.suffix.lower() not in PICTURES:
+        raise ConfigError(f"--picture {picture}: write a name that ends in .png or .svg")
+    if at is None:
+        without_effect({"--picture": picture, "--next": following or None}, "without --at")
+    draw = _drawer() if picture is not None else None
+    try:
+        recordings = Recordings([recording])
+        if at is None:
+            _list(recordings, robot, as_json)
+            return
+        about = _about(recordings, asked(at, recordings), robot, following)
+        found = explained(about)
+        if not is_slowed(found):
+            found["nearest"] = neighbours(about)
+    except OSError as error:
+        raise RecordingError(f"recording {recording}: cannot be read: {error.strerror}") from error
+    if as_json:
+        print(json.dumps(found))
+    else:
+        _print(found, recording)
+    if draw is not None and picture is not None:
+        draw(about, found, picture)
+        print(f"written: {picture}", file=sys.stderr)
+
+
+def _drawer() -> Any:
+    """Fail now if pictures cannot be drawn."""
+    from hri_predict.explaining.drawing.picture import draw
+
+    return draw
+
+
+def _about(recordings: Recordings, at: Asked, robot: str | None, following: bool) -> Situation:
+    about = situation(recordings, at, robot)
+    if not following or about.episode is not None:
+        return about
+    _, after = nearest_episodes(recordings, about.robot, about.advice.utc_ns)
+    if after is None:
+        raise ConfigError(f"--next: {about.robot} was not slowed or stopped after that time")
+    return situation(recordings, Asked(after.worst.first.utc_ns, 1), about.robot)
+
+
+def _width() -> int:
+    return max(40, min(100, shutil.get_terminal_size((80, 24)).columns))
+
+
+def _print(found: dict[str, Any], recording: Path) -> None:
+    for line in told(found, _width()):
+        print(line)
+    nearest = found.get("nearest")
+    if nearest is None:
+        return
+    for when, words in (("before", "the last slowdown before"), ("after", "the next one after")):
+        episode = nearest[when]
+        print()
+        if episode is None:
+            print(f"{words}: none")
+        else:
+            print(f"{words}:")
+            print(line_of(episode, _width()))
+            print(f"  hri-predict explain {recording} --at {episode['at']}")
+
+
+def _list(recordings: Recordings, robot: str | None, as_json: bool) -> None:
+    found = [e for e in episodes(recordings.read(["/advice"])) if robot in (None, e.robot)]
+    found.sort(key=lambda episode: episode.start_ns)
+    rows = [listing(episode, recordings) for episode in found]
+    if as_json:
+        print(json.dumps({"slowdowns": rows, "notes": recordings.notes}))
+        return
+    for row in rows:
+        print(line_of(row, _width()))
+    if not rows:
+        print("no slowdown and no stop was recorded" + (f" for {robot}" if robot else ""))
+    for note in recordings.notes:
+        print(f"note: {note}")

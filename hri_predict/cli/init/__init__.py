@@ -1,0 +1,1 @@
+"""The command ``init``: a first configuration, from a few answers."""

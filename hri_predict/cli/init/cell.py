@@ -1,0 +1,213 @@
+"""What ``init`` puts into a configuration: the cell of a few answers."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hri_predict import registry
+from hri_predict.errors import ConfigError, RobotError
+from hri_predict.files import data_path
+from hri_predict.robots.model import RobotSettings, load_robot
+from hri_predict.robots.trajectory import load_trajectory
+from hri_predict.settings import validated
+
+ORIGIN = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
+HORIZONS_S = (1.2, 1.6, 2.0, 3.0)
+"""The first that reaches until the robot stands is taken."""
+_SHOWN = ("joint_map", "rate_hz", "host", "port", "baudrate", "min_latency_s", "interface",
+          "channel", "bitrate")  # fmt: skip
+"""Keys of sources and links that are written even at their defaults: users look for them."""
+_RATE_HZ = 30
+
+DOORS_M = (3.0, 4.5, 7.0, 12.0)
+"""How far beyond the robot's reach the door may be; the first that is far enough is taken."""
+HINTS: dict[str, Any] = {
+    "people": {"exits": [{"polygon": [[3.2, 2], [4.2, 2], [4.2, 3], [3.2, 3]]}]},
+    "zones": [
+        {
+            "name": "hatch",
+            "polygon": [[0.5, -1.5], [1.5, -1.5], [1.5, -0.8], [0.5, -0.8]],
+            "level": "slow",
+        }
+    ],
+    "state": "state.json",
+}
+"""Keys that most cells want, written as comments."""
+
+
+@dataclass(kw_only=True)
+class Answers:
+    """What the user was asked.
+
+    Attributes:
+        robot: shipped name, or path of a robot file.
+        max_speed_m_s: of its fastest point.
+        source, links: their blocks.
+        mode: of the risk stage.
+        simulated: without hardware: ``source`` and ``links`` are not used.
+    """
+
+    robot: str
+    max_speed_m_s: float
+    mode: str
+    simulated: bool
+    source: dict[str, Any] = field(default_factory=dict)
+    links: list[dict[str, Any]] = field(default_factory=list)
+
+
+def robot_block(model: str, max_speed_m_s: float, base_dir: Path) -> dict[str, Any]:
+    """The robot's entry.
+
+    Raises:
+        ConfigError, RobotError: there is no such robot, or no robot is so fast.
+    """
+    block = {
+        "name": "arm",
+        "model": model,
+        "room_from_robot": ORIGIN,
+        "max_speed_m_s": _plain(max_speed_m_s),
+        "motion": {"kind": "state"},
+    }
+    load_robot(validated(RobotSettings, block, "robot"), base_dir)
+    return block
+
+
+def source_block(kind: str) -> dict[str, Any]:
+    """A source's entry with what needs no answer.
+
+    Raises:
+        ConfigError: there is no such source.
+    """
+    model = registry.load("sources", kind).settings_model
+    return {"kind": kind, "room_from_source": ORIGIN} | _shown(model, {"rate_hz": _RATE_HZ})
+
+
+def link_block(text: str, taken: list[str]) -> dict[str, Any]:
+    """A link's entry from ``can:INTERFACE:CHANNEL``, ``serial:PORT`` or a kind alone.
+
+    Raises:
+        ConfigError: there is no such kind, or a part is missing.
+    """
+    kind, _, rest = text.partition(":")
+    given: dict[str, Any] = {}
+    if kind == "can":
+        interface, colon, channel = rest.partition(":")
+        if not (interface and colon and channel):
+            raise ConfigError(f"{text}: write can:INTERFACE:CHANNEL, such as can:socketcan:can0")
+        given = {"interface": interface, "channel": channel}
+    elif kind == "serial":
+        if not rest:
+            raise ConfigError(f"{text}: write serial:PORT, such as serial:/dev/ttyUSB0")
+        given = {"port": rest}
+    elif rest:
+        raise ConfigError(f"{text}: write the kind alone, and its keys by --set links.0.KEY=VALUE")
+    model = registry.load("links", kind).settings_model
+    number = len([name for name in taken if name.startswith(kind)])
+    name = kind if number == 0 else f"{kind}{number + 1}"
+    return {"name": name, "kind": kind} | given | _shown(model, {}, given)
+
+
+def _shown(model: Any, ours: dict[str, Any], given: dict[str, Any] | None = None) -> dict[str, Any]:
+    found = {}
+    for key in _SHOWN:
+        if key in model.model_fields and key not in (given or {}):
+            default = model.model_fields[key].get_default()
+            value = ours.get(key, default) if model.model_fields[key].is_required() else default
+            if isinstance(value, str | int | float):
+                found[key] = _plain(value)
+    return found
+
+
+def _plain(value: str | float) -> str | float:
+    """30 for 30.0, as people write it."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def cell(answers: Answers, base_dir: Path, horizon_s: float, door_m: float) -> dict[str, Any]:
+    """The configuration; ``door_m``: how far beyond a simulated robot's reach the door is.
+
+    Raises:
+        ConfigError, RobotError: the robot is wrong, or cannot be simulated.
+    """
+    robot = robot_block(answers.robot, answers.max_speed_m_s, base_dir)
+    source, links = answers.source, answers.links
+    data: dict[str, Any] = {"rate_hz": 25}
+    if answers.simulated:
+        x, y = _door(robot, base_dir, door_m)
+        source = source_block("procedural") | {"noise_m": 0.004, "people": [_visitor(x, y)]}
+        links = _simulated_links(robot, base_dir)
+    data["source"] = source
+    if answers.simulated:
+        corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
+        exit_ = [[round(x + dx, 1), round(y + dy, 1)] for dx, dy in corners]
+        data["people"] = {"exits": [{"polygon": exit_}]}
+    data["predictor"] = {"name": "constant_velocity", "horizon_s": horizon_s}
+    data["robots"] = [robot]
+    data["risk"] = {
+        "mode": answers.mode,
+        "intrusion_m": 0,
+        "person_uncertainty_m": 0.05,
+        "latch": [],
+    }
+    if links:
+        data["links"] = links
+    data["alerts"] = {"file": "alerts.jsonl"}
+    return data
+
+
+def _door(robot: dict[str, Any], base_dir: Path, door_m: float) -> tuple[float, float]:
+    """The middle of the door on the floor, m."""
+    far = load_robot(validated(RobotSettings, robot, "robot"), base_dir).reach_m + door_m
+    return round(0.8 * far, 1), round(0.6 * far, 1)
+
+
+def _visitor(x: float, y: float) -> dict[str, Any]:
+    """Somebody who comes in at the door, comes near, and goes: the arm moves, stops and moves."""
+    return {
+        "start": [x, y],
+        "enter_s": 4,
+        "script": [
+            {"do": "walk", "to": [1.6, 0.1]},
+            {"do": "wait", "seconds": 3},
+            {"do": "walk", "to": [x, y]},
+            {"do": "leave", "seconds": 6},
+        ],
+    }
+
+
+def hints(data: dict[str, Any]) -> dict[str, Any]:
+    """Keys that the cell does not have yet."""
+    return {key: value for key, value in HINTS.items() if key not in data}
+
+
+def _simulated_links(robot: dict[str, Any], base_dir: Path) -> list[dict[str, Any]]:
+    """A drive that moves the arm on a serial line, and a monitor on a CAN bus."""
+    drive = {"role": "drive", "robot": robot["name"], "trajectory": _trajectory(robot, base_dir)}
+    monitor = {"role": "monitor", "robot": robot["name"]}
+    return [
+        {"name": "drive", "kind": "serial", "port": "simulated", "baudrate": 921_600,
+         "simulate": drive},
+        {"name": "monitor", "kind": "can", "interface": "slcan", "channel": "simulated",
+         "bitrate": 500_000, "simulate": monitor},
+    ]  # fmt: skip
+
+
+def _trajectory(robot: dict[str, Any], base_dir: Path) -> str:
+    """The shipped cycle that the robot can follow; its own goes first.
+
+    Raises:
+        RobotError: there is none.
+    """
+    model = load_robot(validated(RobotSettings, robot, "robot"), base_dir)
+    own = [f"{robot['model']}_pick_and_place", "pick_and_place"]
+    shipped = sorted(path.stem for path in data_path("trajectories").glob("*.yaml"))
+    for name in (*(name for name in own if name in shipped), *shipped):
+        try:
+            load_trajectory(name, model, base_dir)
+        except RobotError:
+            continue
+        return name
+    raise RobotError(
+        f"--simulated: no shipped trajectory fits robot {robot['model']}; leave --simulated out, or"
+        f" name another robot"
+    )

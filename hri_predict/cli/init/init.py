@@ -1,0 +1,178 @@
+"""``init``: write a first configuration that passes ``check`` as it is."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hri_predict.cli.common import tell, without_effect
+from hri_predict.cli.config import write
+from hri_predict.cli.init.cell import DOORS_M, HORIZONS_S, Answers, cell, hints
+from hri_predict.cli.init.questions import Asker, ask_all
+from hri_predict.errors import ConfigError
+from hri_predict.files import load_yaml
+from hri_predict.settings import set_key
+
+SCHEMA_FILE = "hri-predict.schema.json"
+
+
+def init(
+    *,
+    path: Annotated[Path, typer.Argument(metavar="CELL.yaml", help="The file to write.")] = Path(
+        "cell.yaml"
+    ),
+    robot: Annotated[
+        str | None, typer.Option(help="Shipped name, such as ur5e, or a robot file.")
+    ] = None,
+    max_speed: Annotated[
+        float | None, typer.Option(help="Speed of the robot's fastest point, m/s, at most.")
+    ] = None,
+    source: Annotated[
+        str | None, typer.Option(help="Kind of source, such as udp, json, mvn.")
+    ] = None,
+    link: Annotated[
+        list[str] | None,
+        typer.Option(help="can:INTERFACE:CHANNEL, serial:PORT or a kind; several, or none."),
+    ] = None,
+    mode: Annotated[str | None, typer.Option(help="Mode of the risk stage.")] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Any key, such as source.port=47801."),
+    ] = None,
+    simulated: Annotated[
+        bool | None,
+        typer.Option(
+            "--simulated", help="Simulate controllers and a person: no hardware is needed."
+        ),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Ask nothing; take the defaults.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    with_schema: Annotated[
+        bool,
+        typer.Option("--schema/--no-schema", help=f"Write {SCHEMA_FILE} beside it, for editors."),
+    ] = True,
+) -> None:
+    """Write a first configuration, with a comment for each key.
+
+    It asks for what no flag says. The result passes check as it is, and with
+    --simulated "hri-predict run" moves an arm at once.
+
+    Example: hri-predict init cell.yaml --simulated --yes
+    """
+    beside = path.with_name(SCHEMA_FILE)
+    _refuse_existing(path, beside if with_schema else None, force)
+    if simulated:
+        without_effect({"--source": source, "--link": link or None}, "with --simulated")
+    asker = Asker(yes)
+    given = [source, *(link or [])]
+    answers = ask_all(
+        asker,
+        base_dir=path.parent,
+        simulated=False if simulated is None and (yes or any(given)) else simulated,
+        robot=robot,
+        max_speed=max_speed,
+        source=source,
+        links=link or [],
+        mode=mode,
+        changes=change or [],
+    )
+    from hri_predict.run.described.schema import schema
+
+    whole = schema()
+    text = _checked_text(path, answers, changes=change or [], whole=whole, with_schema=with_schema)
+    write(path, text)
+    written = [path]
+    if with_schema:
+        write(beside, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
+        written.append(beside)
+    tell(written)
+    typer.echo(_next_steps(path, answers))
+
+
+def _refuse_existing(path: Path, beside: Path | None, force: bool) -> None:
+    """Fail before the first question.
+
+    Raises:
+        ConfigError: a file would be overwritten that the user may need.
+    """
+    if path.is_dir() or path.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"{path}: name a file that ends in .yaml")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{path}: no folder {path.parent}; make it, or name another")
+    if force:
+        return
+    if path.exists() or path.is_symlink():
+        raise ConfigError(f"{path}: exists; name another file, or give --force to replace it")
+    if beside is not None and beside.exists() and not _is_ours(beside):
+        raise ConfigError(
+            f"{beside}: exists, and is no schema of hri-predict; give --force to replace it, or"
+            " --no-schema"
+        )
+
+
+def _is_ours(beside: Path) -> bool:
+    from hri_predict.run.described.schema import TITLE
+
+    try:
+        found = json.loads(beside.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(found, dict) and found.get("title") == TITLE
+
+
+def _checked_text(
+    path: Path,
+    answers: Answers,
+    *,
+    changes: list[str],
+    whole: dict[str, Any],
+    with_schema: bool,
+) -> str:
+    """The file's text, which ``check`` accepts.
+
+    Raises:
+        HriPredictError: what is wrong with the answers.
+    """
+    from hri_predict.cli.check.check import examine
+    from hri_predict.cli.init.commented import commented
+    from hri_predict.run.config import checked
+
+    horizons_s, doors_m = list(HORIZONS_S), list(DOORS_M)
+    while True:
+        data = cell(answers, path.parent, horizons_s[0], doors_m[0])
+        for change in changes:
+            set_key(data, change)
+        text = _head(path, with_schema) + commented(data, hints(data), whole)
+        try:
+            examine(checked(path, text, load_yaml(text)))
+        except ConfigError as error:
+            if "predictor.horizon_s" in str(error) and len(horizons_s) > 1:
+                del horizons_s[0]
+            elif answers.simulated and "people.exits" in str(error) and len(doors_m) > 1:
+                del doors_m[0]
+            else:
+                raise
+        else:
+            return text
+
+
+def _head(path: Path, with_schema: bool) -> str:
+    first = f"# yaml-language-server: $schema={SCHEMA_FILE}\n" if with_schema else ""
+    return first + (
+        f"# Written by hri-predict init. After each change: hri-predict check {path.name}\n"
+        "# Poses are in the room's frame, z up; all keys: docs/configuration.md.\n\n"
+    )
+
+
+def _next_steps(path: Path, answers: Answers) -> str:
+    if answers.simulated:
+        return f"next:\n  hri-predict run {path}   (Ctrl-C ends it)"
+    return (
+        "next: put in your own poses, then\n"
+        f"  hri-predict check {path}\n"
+        f"  hri-predict register {path}\n"
+        f"  hri-predict run {path} --shadow"
+    )

@@ -1,0 +1,252 @@
+"""The questions of ``init``: each answer is checked as it is given."""
+
+import shutil
+import sys
+import textwrap
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import typer
+import yaml
+from pydantic import ValidationError
+
+from hri_predict import registry
+from hri_predict.cli.common import one_of
+from hri_predict.cli.init.cell import Answers, link_block, robot_block, source_block
+from hri_predict.errors import ConfigError, HriPredictError
+from hri_predict.files import data_path, load_yaml
+from hri_predict.risk.settings import RISK_MODES
+from hri_predict.settings import Mistake, Settings, mistakes, set_key
+
+T = TypeVar("T")
+
+NOT_IN_A_CELL = ("approach",)
+"""Sources that only the simulation fills in."""
+NONE = "none"
+
+
+def say(text: str) -> None:
+    """Print a line, broken between words where the terminal is narrower."""
+    typer.echo(_wrapped(text))
+
+
+def _wrapped(text: str) -> str:
+    width = shutil.get_terminal_size().columns
+    return textwrap.fill(text, width - 1, break_long_words=False, break_on_hyphens=False)
+
+
+class Asker:
+    """Takes an answer from its flag, from the user, or the default, in this order.
+
+    Args:
+        yes: take defaults without asking.
+    """
+
+    def __init__(self, yes: bool) -> None:
+        self._asks = not yes and sys.stdin.isatty()
+        self._needs_flags = not yes and not self._asks
+
+    @property
+    def asks(self) -> bool:
+        """Whether there is somebody to ask."""
+        return self._asks
+
+    def take(
+        self, flag: str, given: Any, *, question: str, default: Any, check: Callable[[str], T]
+    ) -> T:
+        """The checked answer.
+
+        Raises:
+            ConfigError: the flag's value is wrong.
+        """
+        if given is not None:
+            try:
+                return check(str(given))
+            except HriPredictError as error:
+                raise ConfigError(f"{flag} {given}: {error}") from error
+        if not self._asks:
+            return check(str(default))
+        return self.ask(question, default, check)
+
+    def need(self, flags: Mapping[str, Any]) -> None:
+        """Check that somebody can be asked for the flags that are not given.
+
+        Raises:
+            ConfigError: nobody can; names them.
+        """
+        missing = [flag for flag, value in flags.items() if not value]
+        if self._needs_flags and missing:
+            raise ConfigError(
+                f"no terminal to ask in, and not given: {', '.join(missing)}; give them, or --yes"
+                " for the defaults"
+            )
+
+    def ask(self, question: str, default: Any, check: Callable[[str], T]) -> T:
+        """Ask until the answer is right."""
+
+        def checked(text: str) -> T:
+            try:
+                return check(str(text).strip())
+            except HriPredictError as error:
+                line = _wrapped(f"Error: {error}").removeprefix("Error: ")
+                raise typer.BadParameter(line) from error
+
+        answer: T = typer.prompt(question, default=default, value_proc=checked)
+        return answer
+
+
+def ask_robot(asker: Asker, robot: str | None, base_dir: Path) -> str:
+    """The robot's model."""
+    shipped = sorted(path.stem for path in data_path("robots").glob("*.yaml"))
+
+    def check(text: str) -> str:
+        robot_block(text, 1.0, base_dir)
+        return text
+
+    if asker.asks and robot is None:
+        say(f"Robots: {', '.join(shipped)}; or the path of your own robot file.")
+    return asker.take("--robot", robot, question="Robot", default="ur5e", check=check)
+
+
+def ask_speed(asker: Asker, speed: float | None, robot: str, base_dir: Path) -> float:
+    """The highest speed of the robot's fastest point, m/s."""
+
+    def check(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise ConfigError(f"'{text}' is not a number; give m/s, such as 1.0") from None
+        robot_block(robot, value, base_dir)
+        return value
+
+    return asker.take(
+        "--max-speed",
+        speed,
+        question="Its highest speed in production, m/s",
+        default=1.0,
+        check=check,
+    )
+
+
+def ask_mode(asker: Asker, mode: str | None, changes: list[str]) -> str:
+    """How separation is judged; whether robots may touch people is never decided by a default."""
+
+    def check(text: str) -> str:
+        known: str = one_of("mode", text, RISK_MODES)
+        if known == "hybrid" and not any(c.startswith("robots.0.contact=") for c in changes):
+            raise ConfigError(
+                "hybrid lets the robot touch people: begin with predictive, and see the guide on"
+                " contact; or give --set robots.0.contact=allowed"
+            )
+        return known
+
+    question = f"Mode ({', '.join(RISK_MODES)})"
+    return asker.take("--mode", mode, question=question, default="predictive", check=check)
+
+
+def ask_source(asker: Asker, kind: str | None, changes: list[str]) -> dict[str, Any]:
+    """The source's block, with the keys that it needs."""
+    kinds = [name for name in registry.names("sources") if name not in NOT_IN_A_CELL]
+    if asker.asks and kind is None:
+        say(f"Sources of people: {', '.join(kinds)}.")
+    block = asker.take("--source", kind, question="Source", default="udp", check=source_block)
+    model = registry.load("sources", block["kind"]).settings_model
+    return completed(asker, model, block, where="source", changes=changes)
+
+
+def ask_links(asker: Asker, links: list[str], changes: list[str]) -> list[dict[str, Any]]:
+    """The links' blocks: of the flags, or of the user until there are no more."""
+    found: list[dict[str, Any]] = []
+
+    def check(text: str) -> dict[str, Any] | None:
+        if text == NONE:
+            return None
+        return link_block(text, [link["name"] for link in found])
+
+    if asker.asks and not links:
+        say("Links: can:INTERFACE:CHANNEL (can:socketcan:can0), serial:PORT, or a kind.")
+    flags = iter(links)
+    while True:
+        given = next(flags, NONE if links else None)
+        question = f"Link {len(found) + 1} ('{NONE}' ends)"
+        block = asker.take("--link", given, question=question, default=NONE, check=check)
+        if block is None:
+            return found
+        where = f"links.{len(found)}"
+        model = registry.load("links", block["kind"]).settings_model
+        found.append(completed(asker, model, block, where=where, changes=changes))
+
+
+def completed(
+    asker: Asker, model: type[Settings], block: dict[str, Any], *, where: str, changes: list[str]
+) -> dict[str, Any]:
+    """``block`` with what ``--set`` changes in it, and with the keys that it still needs.
+
+    Raises:
+        ConfigError: nobody can be asked for what is missing or wrong.
+    """
+    for change in [c for c in changes if c.startswith(f"{where}.")]:
+        set_key(block, change.removeprefix(f"{where}."))
+    while (wrong := _first_mistake(model, block)) is not None:
+        if not asker.asks:
+            at = f"{where}.{wrong.path}" if wrong.path else where
+            key = wrong.path if wrong.path else "KEY"
+            raise ConfigError(f"{at}: {wrong.text}; give --set {where}.{key}=VALUE")
+        known = len(wrong.keys) == 1 and str(wrong.keys[0]) in model.model_fields
+        say(f"{where}.{wrong.path}: {wrong.text}" if wrong.path else f"{where}: {wrong.text}")
+        if known:
+            key = str(wrong.keys[0])
+            block[key] = asker.ask(f"{where}.{key}", None, _value)
+        else:
+            set_key(block, asker.ask(f"{where}: key=value", None, str))
+    return block
+
+
+def _first_mistake(model: type[Settings], block: dict[str, Any]) -> Mistake | None:
+    try:
+        model.model_validate(block)
+    except ValidationError as error:
+        return mistakes(error, model, block)[0]
+    return None
+
+
+def _value(text: str) -> Any:
+    try:
+        return load_yaml(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ConfigError(f"'{text}' is not valid YAML; quote it") from error
+
+
+def ask_all(
+    asker: Asker,
+    *,
+    base_dir: Path,
+    simulated: bool | None,
+    robot: str | None,
+    max_speed: float | None,
+    source: str | None,
+    links: list[str],
+    mode: str | None,
+    changes: list[str],
+) -> Answers:
+    """All questions, in order; those whose flag is given are not asked.
+
+    Raises:
+        ConfigError: a flag is wrong, or nobody can be asked.
+    """
+    if simulated is None:
+        simulated = asker.asks and typer.confirm(
+            "Simulate the robot and a person, without hardware?", default=False
+        )
+    needed = {"--robot": robot, "--max-speed": max_speed, "--mode": mode}
+    asker.need(needed if simulated else needed | {"--source": source, "--link": links})
+    model = ask_robot(asker, robot, base_dir)
+    return Answers(
+        robot=model,
+        max_speed_m_s=ask_speed(asker, max_speed, model, base_dir),
+        source={} if simulated else ask_source(asker, source, changes),
+        links=[] if simulated else ask_links(asker, links, changes),
+        mode=ask_mode(asker, mode, changes),
+        simulated=simulated,
+    )

@@ -1,0 +1,81 @@
+"""``service``: the systemd unit for a cell."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hri_predict.errors import ConfigError
+from hri_predict.files import atomic_write, data_path, read_text
+from hri_predict.run import config as configuration
+from hri_predict.run.config import Config
+
+UNIT = "hri-predict@.service"
+_PROGRAM = "/opt/hri-predict/bin/hri-predict"  # as in the shipped unit
+_WRITABLE = ("/var/lib/hri-predict", "/var/log/hri-predict", "/var/cache/hri-predict")
+
+
+def service(
+    config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
+    folder: Annotated[
+        Path | None,
+        typer.Option(help="Write the unit into this folder, such as /etc/systemd/system."),
+    ] = None,
+) -> None:
+    """Print the systemd unit that runs a cell, or write it into a folder.
+
+    Example: hri-predict service cell.yaml
+    """
+    loaded = configuration.load(config)
+    cell = loaded.path.stem
+    for line in unwritable(loaded, cell):
+        print(f"warning: {line}", file=sys.stderr)
+    text = unit_text(Path(sys.argv[0]), loaded)
+    if folder is None:
+        print(text, end="")
+        return
+    path = folder / UNIT
+    try:
+        atomic_write(path, text.encode())
+    except OSError as error:
+        raise ConfigError(
+            f"--folder {folder}: {error.strerror}; name a folder that you may write to"
+        ) from error
+    print(f"{path}: written. Next, as root:")
+    print("  useradd --system --user-group hri-predict")
+    print(f"  install -D -m 0640 -g hri-predict {config} /etc/hri-predict/{cell}.yaml")
+    print(f"  systemctl daemon-reload && systemctl enable --now hri-predict@{cell}")
+
+
+def unit_text(program: Path, config: Config) -> str:
+    """The shipped unit, with this program and the priority that the configuration asks for."""
+    text = read_text(data_path("service", UNIT), "unit")
+    if program.name == "hri-predict" and program.is_file():
+        # no link is followed: a virtual environment's program is the one beside its Python
+        text = text.replace(_PROGRAM, str(program.absolute()).replace("%", "%%"))
+    else:
+        command = f"{sys.executable} -m hri_predict".replace("%", "%%")
+        text = text.replace(_PROGRAM, command)
+    priority = config.node.realtime.priority
+    if priority is not None:
+        text = text.replace("LimitRTPRIO=50", f"LimitRTPRIO={priority}")
+    return text
+
+
+def unwritable(config: Config, cell: str) -> list[str]:
+    """What the unit does not let the node write, one line each with the remedy."""
+    node = config.node
+    record = node.record
+    wanted = {
+        "alerts.file": (node.alerts.file, "log"),
+        "state": (None if node.state is None else node.state.path, "lib"),
+        "record": (None if record is None else record.folder or record.file, "lib"),
+        "evidence": (None if node.evidence is None else node.evidence.folder, "lib"),
+    }
+    return [
+        f"{key}: the service may not write {path}; name a place in /var/{kind}/hri-predict/{cell}"
+        for key, (path, kind) in wanted.items()
+        if path is not None
+        and not any(Path(path).is_relative_to(f"{place}/{cell}") for place in _WRITABLE)
+    ]

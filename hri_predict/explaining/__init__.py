@@ -1,0 +1,1 @@
+"""From recordings alone: why a robot slowed, and what a shift was like."""

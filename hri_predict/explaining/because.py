@@ -1,0 +1,281 @@
+"""Why a robot was slowed, in one clause that begins after "because"."""
+
+import re
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+from hri_predict.explaining.counters import DAMAGE
+from hri_predict.explaining.episodes import robot_of
+from hri_predict.explaining.situation import Situation, situation
+from hri_predict.explaining.times import NS, Asked
+from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
+from hri_predict.protocol.reasons import Reason
+from hri_predict.recording import RecordingInfo, Told
+from hri_predict.skeleton import CANONICAL
+
+STANDS_M_S = 0.01
+_LATCH = re.compile(r"latch (\d+): ([^;]*)$")
+_CAUSES = {
+    "stop": "after a stop",
+    "start": "because the node was started",
+    "restart": "because the node was started again",
+    "blind": "because the source was blind, or its scenes too old or frozen",
+    "lost": "because a person was lost",
+}
+_SHORT = {
+    "PERSON_NEAR": "too close",
+    "PERSON_APPROACHING": "may get too close",
+    "PERSON_LOST": "lost",
+    "SPEED_UNKNOWN": "speed unknown",
+    "CONTACT_POSSIBLE": "contact possible",
+}
+_OBEYS_ADVICES = 12
+"""A robot may take so many advices, half a second, to keep a lower limit."""
+_FORECAST = ("PREDICTOR_LATE", "PREDICTOR_FAILED", "MOTION_UNLIKE", "ZONES_WIDENED")
+"""What makes zones larger, and so a person nearer."""
+
+
+def because(about: Situation) -> str:
+    """Why this advice was given."""
+    reason = text(about.advice.data.get("reason"))
+    told = _TELL.get(reason)
+    return reason_text(reason) if told is None else told(about)
+
+
+def brief(told: Told, info: RecordingInfo) -> str:
+    """The same from the advice alone, for a line of a list."""
+    reason = text(told.data.get("reason"))
+    part, person = part_of(told), person_of(told)
+    if not part or person is None:
+        return reason_text(reason).partition(";")[0]
+    link = link_of(told, info).replace("_", " ")
+    where = f"{worded(part)} {metres(distance_of(told))} from {link}"
+    return f"person {person}'s {where}, {_SHORT.get(reason, reason_text(reason))}"
+
+
+def reason_text(reason: str) -> str:
+    """A reason in words; its name if this version does not know it."""
+    return Reason[reason].text if reason in Reason.__members__ else f"of {reason}"
+
+
+def remedy(reason: str) -> str:
+    """What clears it."""
+    return Reason[reason].clears_when if reason in Reason.__members__ else ""
+
+
+def part_of(advice: Told) -> str:
+    """The body part that decided: ``r_hand``; "" if none did."""
+    index = whole(advice.data.get("body_part"))
+    names = CANONICAL.segment_names
+    if index is not None and 0 <= index < len(names):
+        return names[index]
+    return ""
+
+
+def link_of(advice: Told, info: RecordingInfo) -> str:
+    """The robot's part that decided; "" if none did."""
+    index = whole(advice.data.get("robot_link"))
+    for name, capsules in info.robots:
+        if name == robot_of(advice.data) and index is not None and 0 <= index < len(capsules):
+            return text(capsules[index])
+    return "" if index is None else f"part {index}"
+
+
+def person_of(advice: Told) -> int | None:
+    """The person who decided."""
+    return whole(mapped(advice.data.get("grounds")).get("person"))
+
+
+def distance_of(advice: Told) -> float | None:
+    """The deciding pair's distance; old recordings have only the least of all."""
+    pair_m = number(mapped(advice.data.get("grounds")).get("pair_m"))
+    return number(advice.data.get("separation_m")) if pair_m is None else max(0.0, pair_m)
+
+
+def needed_by(advice: Told) -> float | None:
+    """What that distance had to be for the robot as it moved."""
+    has_m, slack_m = distance_of(advice), number(mapped(advice.data.get("grounds")).get("slack_m"))
+    return None if has_m is None or slack_m is None else has_m - slack_m
+
+
+def worded(part: str) -> str:
+    """``right hand`` for ``r_hand``."""
+    side = {"l_": "left ", "r_": "right "}.get(part[:2], "")
+    return side + part.removeprefix("l_").removeprefix("r_").replace("_", " ")
+
+
+def _of_person(about: Situation) -> str:
+    """``person 2's right hand was 0.42 m from the forearm; 0.78 m were needed at 0.6 m/s``."""
+    person, part = person_of(about.advice), part_of(about.advice)
+    who = "somebody" if person is None else f"person {person}"
+    who += f"'s {worded(part)}" if part else ""
+    link = link_of(about.advice, about.info).replace("_", " ")
+    distance = f"{metres(distance_of(about.advice))} from the {link or 'robot'}"
+    return f"{who} was {distance}; {_needed(about.advice)}{_forecast(about)}"
+
+
+def _needed(advice: Told) -> str:
+    data = advice.data
+    separation, needed = distance_of(advice), needed_by(advice)
+    speed, limit = number(data.get("speed_m_s")), number(data.get("speed_limit_m_s"))
+    if separation is None or needed is None or speed is None:
+        return f"no more than {limit or 0.0:.2f} m/s was safe"
+    stands = speed < STANDS_M_S
+    if needed > separation:
+        at = "before the standing robot may start" if stands else f"at {speed:.2f} m/s"
+        return f"{needed:.2f} m were needed {at}"
+    if not limit:
+        return "too near for the standing robot to start" if stands else "too near to keep moving"
+    return f"near enough that no more than {limit:.2f} m/s was safe"
+
+
+def _forecast(about: Situation) -> str:
+    """What made the zones larger than usual."""
+    there = _reasons(about)
+    return "".join(f"; {reason_text(name)}" for name in _FORECAST if name in there)
+
+
+def _reasons(about: Situation) -> list[str]:
+    return [] if about.status is None else listed(about.status.data.get("reasons"))
+
+
+def _lost(about: Situation) -> str:
+    person = person_of(about.advice)
+    seen = next((p for p in about.people if p["id"] == person), None)
+    ago_s = None if seen is None else seen["last_seen_s"]
+    since = "" if ago_s is None else f" {ago_s:.1f} s before"
+    link = link_of(about.advice, about.info).replace("_", " ") or "robot"
+    return (
+        f"person {person if person is not None else '?'} vanished{since} and may still be here "
+        f"(lost): at worst {metres(distance_of(about.advice))} from the {link}; "
+        f"{_needed(about.advice)}"
+        f"{_forecast(about)}"
+    )
+
+
+def _speed_unknown(about: Situation) -> str:
+    person = person_of(about.advice)
+    who = "somebody" if person is None else f"person {person}"
+    return f"the speed of {who} was not known yet, so the fastest counts: " + _of_person(about)
+
+
+def _zone(about: Situation) -> str:
+    is_inside = text(about.advice.data.get("reason")) == "ZONE_OCCUPIED"
+    told = {} if about.status is None else mapped(about.status.data.get("named_zones"))
+    names = [
+        f"'{text(name)}'"
+        for name, state in told.items()
+        if (mapped(state).get("occupied") is True) == is_inside
+        and mapped(state).get("entry_s") is not None
+    ]
+    who = f"person {about.people[0]['id']}" if len(about.people) == 1 else "somebody"
+    verb = "was in" if is_inside else "was about to enter"
+    return f"{who} {verb} the zone {', '.join(names) or '(unnamed)'}"
+
+
+def _robot_state(about: Situation) -> str:
+    """No RobotState: because of damaged messages, a broken link, or silence."""
+    sums: dict[str, int] = {}
+    for each in about.moved:
+        if each.is_link and each.name in DAMAGE:
+            sums[each.where] = sums.get(each.where, 0) + each.by
+    crc = [m for m in about.moved if m.is_link and m.name == "crc_errors"]
+    if crc:
+        where = ", ".join(f"{m.by} on {m.where}" for m in crc)
+        return f"CRC errors damaged what the robot's controller sent ({where}): no fresh RobotState"
+    if sums:
+        where = ", ".join(f"{count} on {link}" for link, count in sums.items())
+        return f"damaged messages ({where}): no fresh RobotState arrived"
+    cut = [link for link in about.links if link.connected is False]
+    if cut:
+        said = ", ".join(f"{c.name} ({c.last_error or 'no error told'})" for c in cut)
+        return f"no fresh RobotState arrived: link not connected: {said}"
+    silent = {
+        link: max((ns for ns in times if ns <= about.advice.utc_ns), default=None)
+        for link, times in about.window.received.items()
+    }
+    if not silent:
+        return "no RobotState has arrived: no controller sends one"
+    last = ", ".join(
+        link if ns is None else f"{link} {(about.advice.utc_ns - ns) / NS:.1f} s"
+        for link, ns in silent.items()
+    )
+    return f"no fresh RobotState arrived; links connected but silent: {last}"
+
+
+def _stale(about: Situation) -> str:
+    arrived = [told for told in about.window.scenes if told.utc_ns <= about.advice.utc_ns]
+    if not arrived:
+        return "the newest scene was too old: none arrived for a long time"
+    ago_s = (about.advice.utc_ns - arrived[-1].utc_ns) / NS
+    if ago_s > 0.1:
+        return f"the newest scene was too old: none has arrived for {ago_s:.2f} s"
+    age = number(None if about.status is None else about.status.data.get("age_s"))
+    return "the newest scene was too old: scenes arrived late" + (f", {age:.2f} s" if age else "")
+
+
+def _clock_jump(about: Situation) -> str:
+    jump_s = max(_steps(about.window.scenes, about.advice.utc_ns), key=abs, default=0.0)
+    by = f" by {jump_s:+.1f} s" if abs(jump_s) > 0.05 else ""
+    return f"the source's clock jumped{by}"
+
+
+def _steps(scenes: Sequence[Told], until_ns: int) -> list[float]:
+    """How far each capture stamp moved against its receipt, seconds; of the last seconds."""
+    recent = [t for t in scenes if until_ns - 5 * NS <= t.utc_ns <= until_ns]
+    pairs = [(whole(t.data.get("capture_ns")), t.node_ns) for t in recent]
+    known = [(stamp, receipt) for stamp, receipt in pairs if stamp is not None]
+    return [((b[0] - a[0]) - (b[1] - a[1])) / NS for a, b in pairwise(known)]
+
+
+def _too_fast(about: Situation) -> str:
+    given = [t for t in about.window.advice[about.robot] if t.utc_ns <= about.advice.utc_ns]
+    limits = [number(t.data.get("speed_limit_m_s")) or 0.0 for t in given]
+    worst, most = "", 0.0
+    for k in range(_OBEYS_ADVICES, len(given)):
+        speed = number(given[k].data.get("speed_m_s")) or 0.0
+        limit = max(limits[k - _OBEYS_ADVICES : k + 1])
+        if speed - limit > most:
+            most, when = speed - limit, about.clock(given[k].utc_ns)
+            worst = f" ({speed:.2f} m/s at {when}, where {limit:.2f} was advised)"
+    return f"the robot was faster than it was advised{worst}, so it may only run or stand"
+
+
+def _pending(about: Situation) -> str:
+    return f"it waited for new captures to confirm that it may go on; before that: {_origin(about)}"
+
+
+def _latched(about: Situation) -> str:
+    match = _LATCH.search(text(about.advice.data.get("detail")))
+    number_, causes = (match[1], match[2].split(", ")) if match else ("?", [])
+    why = "; ".join(_CAUSES.get(cause.split(" (")[0], text(cause)) for cause in causes)
+    return (
+        f"latch {number_} waits for an acknowledge{f', {why}' if why else ''}; "
+        f"before that: {_origin(about)}"
+    )
+
+
+def _origin(about: Situation) -> str:
+    """What the last phase before said that names more than waiting, and when."""
+    phase = None if about.episode is None else about.episode.cause_before(about.advice.utc_ns)
+    if phase is None:
+        return "nothing else was recorded"
+    then = situation(about.recordings, Asked(phase.first.utc_ns, 1), about.robot)
+    return f"{because(then)} (until {about.clock(phase.last_ns)})"
+
+
+_TELL: dict[str, Callable[[Situation], str]] = {
+    "PERSON_NEAR": _of_person,
+    "PERSON_APPROACHING": _of_person,
+    "CONTACT_POSSIBLE": _of_person,
+    "PERSON_LOST": _lost,
+    "SPEED_UNKNOWN": _speed_unknown,
+    "ZONE_OCCUPIED": _zone,
+    "ZONE_ENTRY_PREDICTED": _zone,
+    "ROBOT_STATE_STALE": _robot_state,
+    "INPUT_STALE": _stale,
+    "CLOCK_JUMP": _clock_jump,
+    "ROBOT_TOO_FAST": _too_fast,
+    "RELEASE_PENDING": _pending,
+    "LATCHED": _latched,
+}

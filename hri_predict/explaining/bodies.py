@@ -1,0 +1,93 @@
+"""People as the source saw them, as canonical joints; and where they truly went."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.explaining.values import listed, mapped, text, whole
+from hri_predict.joint_map import JointMap
+from hri_predict.recording import Told
+
+LONGEST_GAP_NS = 200_000_000
+"""Between two captures that are farther apart, nobody knows where a joint was."""
+_OFFSETS = 25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """One person of one scene: (J, 3) metres, room frame, and (J,) which joints were observed."""
+
+    person: int
+    stamp_ns: int
+    positions: Floats
+    observed: Bools
+
+
+def people_of(scene: Told, joint_map: JointMap) -> list[Seen]:
+    """The people of a scene; those whose numbers make no sense are left out."""
+    stamp_ns = whole(scene.data.get("capture_ns"))
+    found = []
+    for person in map(mapped, listed(scene.data.get("people"))):
+        id_ = whole(person.get("id"))
+        joints = _joints(person, len(joint_map.source_joints))
+        if id_ is not None and stamp_ns is not None and joints is not None:
+            found.append(Seen(id_, stamp_ns, *joint_map.map(*joints)))
+    return found
+
+
+def _joints(person: Any, count: int) -> tuple[Floats, Bools] | None:
+    observed = np.array([c == "1" for c in text(person.get("observed"))], dtype=np.bool_)
+    try:
+        raw = person.get("positions")
+        positions = np.array(
+            [[np.nan if v is None else v for v in joint] for joint in raw], dtype=np.float64
+        )
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if positions.shape != (count, 3) or observed.shape != (count,):
+        return None
+    return positions, observed
+
+
+class Offset:
+    """How far the node's clock is ahead of the source's, from forecasts and the scenes before."""
+
+    def __init__(self) -> None:
+        self._found: deque[int] = deque(maxlen=_OFFSETS)
+
+    def learn(self, forecast: Told, stamps: dict[int, int]) -> None:
+        """``stamps`` has each person's newest stamp when the forecast was made."""
+        ids, captures = listed(forecast.data.get("ids")), listed(forecast.data.get("capture_ns"))
+        for id_, capture_ns in zip(ids, captures, strict=False):
+            if isinstance(id_, int) and id_ in stamps and whole(capture_ns) is not None:
+                self._found.append(capture_ns - stamps[id_])
+
+    @property
+    def ns(self) -> int | None:
+        """The median of the newest; ``None`` before the first."""
+        return sorted(self._found)[len(self._found) // 2] if self._found else None
+
+
+def place_at(track: Sequence[Seen], stamp_ns: int) -> tuple[Floats, Bools] | None:
+    """Where a person was between two captures (source's clock); ``None``: nobody saw it.
+
+    Args:
+        track: of one person, by stamp.
+    """
+    after = next((k for k, seen in enumerate(track) if seen.stamp_ns >= stamp_ns), None)
+    if after is None:
+        return None
+    late = track[after]
+    if late.stamp_ns == stamp_ns or after == 0:
+        return (late.positions, late.observed) if late.stamp_ns == stamp_ns else None
+    early = track[after - 1]
+    gap_ns = late.stamp_ns - early.stamp_ns
+    if gap_ns > LONGEST_GAP_NS:
+        return None
+    share = (stamp_ns - early.stamp_ns) / gap_ns
+    positions = early.positions + share * (late.positions - early.positions)
+    return positions, early.observed & late.observed

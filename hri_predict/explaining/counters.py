@@ -1,0 +1,89 @@
+"""Counters that moved: what went wrong beside the way, on links and in the node."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hri_predict.explaining.times import NS
+from hri_predict.explaining.values import mapped, text, whole
+from hri_predict.explaining.window import Window
+
+BEFORE_NS, AFTER_NS = 3 * NS, 1 * NS
+"""Counters are recorded once a second, so the first second after a moment tells of it."""
+_NORMAL = {
+    "messages_sent", "bytes_sent", "messages_received", "bytes_received", "superseded", "decimated",
+    "scenes", "scenes_in", "frames_in", "appeared", "left_by_exit", "stamps_evened", "seen_free",
+}  # fmt: skip
+"""What counts up in a healthy cell."""
+DAMAGE = ("crc_errors", "malformed", "incomplete", "counter_errors")
+"""What a disturbed wire does to messages."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """A counter and by how much it rose; ``where`` is ``people``, ``node`` or a link's name."""
+
+    where: str
+    name: str
+    by: int
+    is_link: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LinkNow:
+    """A link at a moment: ``connected`` is ``None`` if that is not recorded."""
+
+    name: str
+    connected: bool | None
+    last_error: str
+
+
+def _values(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str, bool], int]]:
+    for where in ("people", "node"):
+        for name, count in mapped(data.get(where)).items():
+            if whole(count) is not None:
+                yield (where, text(name), False), count
+    for link, told in mapped(data.get("links")).items():
+        for name, count in mapped(mapped(told).get("counters")).items():
+            if whole(count) is not None:
+                yield (text(link), text(name), True), count
+
+
+def rise(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Moved]:
+    """What rose between two messages of /node, except what rises in a healthy cell."""
+    was = dict(_values(before))
+    return [
+        Moved(where, name, count - was.get((where, name, is_link), 0), is_link)
+        for (where, name, is_link), count in _values(after)
+        if name not in _NORMAL and count > was.get((where, name, is_link), 0)
+    ]
+
+
+def moved(window: Window, utc_ns: int) -> list[Moved]:
+    """What rose from some seconds before a moment until the second after it."""
+    around = [told for told in window.node if told.utc_ns <= utc_ns + AFTER_NS]
+    early = [told for told in around if told.utc_ns <= utc_ns - BEFORE_NS]
+    if not around:
+        return []
+    first = early[-1].data if early else {} if _is_start(window) else around[0].data
+    return rise(first, around[-1].data)
+
+
+def _is_start(window: Window) -> bool:
+    """Whether the window begins with the node's start, so that its counters began at 0."""
+    cycle = whole(window.status[0].data.get("cycle")) if window.status else None
+    return cycle is not None and cycle <= 1
+
+
+def links_at(window: Window, utc_ns: int) -> list[LinkNow]:
+    """The links, as the first message of /node after a moment says; else the last before."""
+    after = [told for told in window.node if told.utc_ns >= utc_ns]
+    told = after[0] if after else window.node[-1] if window.node else None
+    if told is None:
+        return []
+    found = []
+    for name, link in mapped(told.data.get("links")).items():
+        connected, error = mapped(link).get("connected"), mapped(link).get("last_error")
+        known = connected if isinstance(connected, bool) else None
+        found.append(LinkNow(text(name), known, "" if error is None else text(error)))
+    return found

@@ -1,0 +1,193 @@
+"""An explanation as a picture: the plan of the room, and below it the seconds around."""
+
+import io
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.errors import ConfigError
+from hri_predict.explaining.because import distance_of, needed_by
+from hri_predict.explaining.drawing.plan import plan
+from hri_predict.explaining.episodes import level_of
+from hri_predict.explaining.situation import Situation
+from hri_predict.explaining.times import NS
+from hri_predict.explaining.values import number
+from hri_predict.files import atomic_write
+from hri_predict.recording import Told
+
+try:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+except ImportError as error:  # an extra of its own
+    raise ConfigError(
+        "--picture needs matplotlib; install it with pip install 'hri-predict[train]'"
+    ) from error
+
+COLOURS = {
+    "CLEAR": "#009E73", "WARN": "#F0E442", "SLOW": "#E69F00", "STOP": "#D55E00",
+    "UNKNOWN": "#777777", "FAULT": "#CC79A7",
+}  # fmt: skip
+"""Of M. Okabe and K. Ito, "Color universal design" (2008): the colour-blind tell them apart."""
+PERSON, LOST, ROBOT = "#0072B2", "#777777", "#444444"
+BEFORE_S, AFTER_S = 8.0, 6.0
+_ROUND = np.linspace(-np.pi / 2, np.pi / 2, 13)
+
+
+def draw(about: Situation, found: Mapping[str, Any], path: Path) -> None:
+    """Draw an explanation into a .png or .svg.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    figure = Figure(figsize=(9.0, 9.4), layout="constrained")
+    figure.suptitle(_broken(found["answer"]), fontsize=11, x=0.01, ha="left", parse_math=False)
+    above, middle, below, levels = figure.subplots(
+        4, 1, gridspec_kw={"height_ratios": [5.2, 1.8, 1.4, 0.35]}
+    )
+    _plan(above, about)
+    times = _timeline(middle, below, about)
+    _levels(levels, about, times)
+    drawn = io.BytesIO()
+    kind = path.suffix.lower().removeprefix(".")
+    facts = {"Date": None} if kind == "svg" else None
+    figure.savefig(drawn, format=kind, dpi=110, metadata=facts)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic_write(path, drawn.getvalue())
+    except OSError as error:
+        raise ConfigError(
+            f"--picture {path}: cannot be written: {error.strerror}; name another file"
+        ) from error
+
+
+def _broken(answer: str) -> str:
+    lines = [""]
+    for word in answer.split():
+        if len(lines[-1]) + len(word) > 105:
+            lines.append("")
+        lines[-1] += f"{word} "
+    return "\n".join(lines[:4])
+
+
+def outline(capsule: Floats) -> Floats:
+    """(N, 2) the edge of a capsule (7,) seen from above."""
+    a, b, radius = capsule[:2], capsule[3:5], capsule[6]
+    heading = np.arctan2(*(b - a)[::-1])
+    ahead = b + radius * np.column_stack([np.cos(heading + _ROUND), np.sin(heading + _ROUND)])
+    behind = a - radius * np.column_stack([np.cos(heading + _ROUND), np.sin(heading + _ROUND)])
+    edge: Floats = np.concatenate([ahead, behind])
+    return edge
+
+
+def _plan(axes: Axes, about: Situation) -> None:
+    seen = plan(about)
+    level = level_of(about.advice.data)
+    for each in seen.zones.values():
+        _fill(axes, each, colour=COLOURS[level], alpha=0.10, layer=1)
+    for id_, body in seen.bodies.items():
+        colour = LOST if id_ in seen.lost else PERSON
+        _fill(axes, body, colour=colour, alpha=0.35, layer=2)
+        if len(body):
+            word = " (lost)" if id_ in seen.lost else ""
+            x, y = body[:, :2].mean(axis=0).tolist()
+            axes.annotate(
+                f"person {id_}{word}", (x, y), (0, -34), textcoords="offset points", ha="center"
+            )
+    for name, robot in seen.robots.items():
+        _fill(axes, robot, colour=ROBOT, alpha=0.55, layer=3)
+        if len(robot):
+            axes.annotate(
+                name, tuple(robot[0, :2]), (-6, 12), textcoords="offset points", ha="right"
+            )
+    for name, pose in about.info.frames:
+        axes.plot(*pose.xyz[:2], "k+", markersize=9, zorder=5)
+        if name not in seen.robots:
+            axes.annotate(name, (pose.xyz[0], pose.xyz[1]), (6, 6), textcoords="offset points")
+    if seen.line is not None:
+        start, end = seen.line
+        axes.plot(*np.array([start[:2], end[:2]]).T, "o-", color="black", lw=2, ms=4, zorder=6)
+        x, y = ((start + end)[:2] / 2).tolist()
+        axes.annotate(
+            _distance(about), (x, y), (8, 10), textcoords="offset points", fontweight="bold",
+            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8}, zorder=7,
+        )  # fmt: skip
+    if not (seen.bodies or seen.robots):
+        axes.annotate("no zones and no picture were recorded then", (0.5, 0.5), ha="center",
+                      xycoords="axes fraction")  # fmt: skip
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x, m")
+    axes.set_ylabel("y, m")
+    axes.grid(alpha=0.25)
+    shade = f"shaded: where bodies may be within {seen.ahead_s:.1f} s" if seen.zones else ""
+    axes.set_title(f"seen from above; {shade}", fontsize=9, loc="left")
+
+
+def _fill(axes: Axes, capsules: Floats, *, colour: str, alpha: float, layer: int) -> None:
+    for capsule in capsules:
+        edge = outline(capsule)
+        axes.fill(*edge.T, color=colour, alpha=alpha, lw=0, zorder=layer)
+
+
+def _distance(about: Situation) -> str:
+    separation = distance_of(about.advice)
+    return "" if separation is None else f"{separation:.2f} m"
+
+
+def _timeline(middle: Axes, below: Axes, about: Situation) -> Floats:
+    """The deciding pair's distance against what was needed, and the speed against its limit."""
+    now_ns = about.advice.utc_ns
+    around = [
+        told
+        for told in about.window.advice[about.robot]
+        if -BEFORE_S <= (told.utc_ns - now_ns) / NS <= AFTER_S
+    ]
+    times = np.array([(told.utc_ns - now_ns) / NS for told in around])
+
+    def of(key: str) -> Floats:
+        return _series(around, lambda told: number(told.data.get(key)))
+
+    middle.plot(times, _series(around, distance_of), color=PERSON, label="deciding pair")
+    middle.plot(times, _series(around, needed_by), color=COLOURS["STOP"], label="needed")
+    middle.set_ylabel("m")
+    below.plot(times, of("speed_limit_m_s"), color="black", lw=1, label="speed limit")
+    below.plot(times, of("speed_m_s"), color="#56B4E9", label="robot's speed")
+    below.set_ylabel("m/s")
+    for axes in (middle, below):
+        axes.axvline(0.0, color="black", lw=0.8, ls=":")
+        axes.set_xlim(-BEFORE_S, AFTER_S)
+        axes.set_ylim(bottom=0)
+        axes.grid(alpha=0.25)
+        axes.tick_params(labelbottom=False)
+        axes.legend(loc="upper right", fontsize=8, framealpha=0.7)
+    return times
+
+
+def _series(around: list[Told], value: Callable[[Told], float | None]) -> Floats:
+    found = [value(told) for told in around]
+    return np.array([np.nan if v is None else v for v in found], dtype=np.float64)
+
+
+def _levels(axes: Axes, about: Situation, times: Floats) -> None:
+    around = [
+        told
+        for told in about.window.advice[about.robot]
+        if -BEFORE_S <= (told.utc_ns - about.advice.utc_ns) / NS <= AFTER_S
+    ]
+    names = [level_of(told.data) for told in around]
+    for level, colour in COLOURS.items():
+        there = [k for k, name in enumerate(names) if name == level]
+        spans = [
+            (times[k], (times[k + 1] if k + 1 < len(times) else times[k] + 0.04) - times[k])
+            for k in there
+        ]
+        if spans:
+            axes.broken_barh(spans, (0, 1), color=colour, label=level, lw=0)
+    axes.axvline(0.0, color="black", lw=0.8, ls=":")
+    axes.set_xlim(-BEFORE_S, AFTER_S)
+    axes.set_yticks([])
+    axes.set_ylabel("level", rotation=0, ha="right", va="center")
+    axes.set_xlabel(f"seconds from {about.clock(about.advice.utc_ns)}")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -1.6), ncols=6, fontsize=8, frameon=False)

@@ -1,0 +1,144 @@
+"""Episodes: from where a robot was slowed or stopped until it might go on as before."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from hri_predict.explaining.values import number, text
+from hri_predict.recording import Told
+
+SEVERITY = {"CLEAR": 0, "WARN": 1, "SLOW": 2, "STOP": 3, "UNKNOWN": 3, "FAULT": 4}
+"""Unknown levels count as *unknown*; both that and a fault mean stop."""
+STOPS = ("STOP", "UNKNOWN", "FAULT")
+LEVELS = ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN", "FAULT")
+WAITING = ("RELEASE_PENDING", "LATCHED")
+"""Reasons that only say that what came before is not over."""
+GAP_NS = 2_000_000_000
+"""After so long without advice nobody knows what was advised: an episode ends there."""
+
+
+@dataclass(slots=True)
+class Phase:
+    """While level and reason stayed the same; ``first`` is the first advice of it."""
+
+    first: Told
+    last_ns: int
+
+    @property
+    def level(self) -> str:
+        """The level's name."""
+        return level_of(self.first.data)
+
+    @property
+    def reason(self) -> str:
+        """The reason's name."""
+        return text(self.first.data.get("reason"))
+
+
+@dataclass(slots=True)
+class Episode:
+    """Attributes: ``end_ns`` and ``after`` are ``None`` if it lasts to the end of what was read.
+
+    ``before`` and ``after`` are the levels around it; ``least_m`` is the least separation in it.
+    """
+
+    robot: str
+    before: str | None = None
+    after: str | None = None
+    phases: list[Phase] = field(default_factory=list)
+    end_ns: int | None = None
+    least_m: float | None = None
+
+    @property
+    def start_ns(self) -> int:
+        """When it began."""
+        return self.phases[0].first.utc_ns
+
+    @property
+    def last_ns(self) -> int:
+        """Its end, or the last advice of it."""
+        return self.phases[-1].last_ns if self.end_ns is None else self.end_ns
+
+    @property
+    def worst(self) -> Phase:
+        """The phase that names it: the severest, of these the first that says more than wait."""
+        top = max(SEVERITY[phase.level] for phase in self.phases)
+        worst = [phase for phase in self.phases if SEVERITY[phase.level] == top]
+        return next((phase for phase in worst if phase.reason not in WAITING), worst[0])
+
+    @property
+    def stopped_ns(self) -> int:
+        """How long of it the robot had to stand."""
+        return sum(p.last_ns - p.first.utc_ns for p in self.phases if p.level in STOPS)
+
+    def cause_before(self, utc_ns: int) -> Phase | None:
+        """What a waiting phase waits for: the last phase before that names more than waiting."""
+        before = [p for p in self.phases if p.first.utc_ns <= utc_ns and p.reason not in WAITING]
+        return before[-1] if before else None
+
+
+def level_of(advice: dict[str, Any]) -> str:
+    """The level's name; ``UNKNOWN`` for whatever is none."""
+    level = advice.get("level")
+    return level if isinstance(level, str) and level in SEVERITY else "UNKNOWN"
+
+
+def robot_of(advice: dict[str, Any]) -> str:
+    """The robot's name, or its number in old recordings."""
+    return text(advice.get("name", advice.get("robot")))
+
+
+class EpisodeFinder:
+    """Finds the episodes of all robots, advice by advice."""
+
+    def __init__(self) -> None:
+        self._open: dict[str, Episode] = {}
+        self._level: dict[str, str] = {}
+
+    def add(self, told: Told) -> Episode | None:
+        """Take the next advice; return the episode that it ends."""
+        robot, level = robot_of(told.data), level_of(told.data)
+        slowed = SEVERITY[level] >= SEVERITY["SLOW"]
+        before, self._level[robot] = self._level.get(robot), level
+        episode, ended = self._open.get(robot), None
+        if episode is not None and told.utc_ns - episode.phases[-1].last_ns > GAP_NS:
+            ended, episode = self._open.pop(robot), None
+        if not slowed:
+            if episode is not None:
+                episode.end_ns, episode.after = told.utc_ns, level
+                episode.phases[-1].last_ns = told.utc_ns
+                ended = self._open.pop(robot)
+            return ended
+        if episode is None:
+            episode = self._open[robot] = Episode(robot, before)
+        self._extend(episode, told)
+        return ended
+
+    def _extend(self, episode: Episode, told: Told) -> None:
+        last = episode.phases[-1] if episode.phases else None
+        same = last is not None and (last.level, last.reason) == (
+            level_of(told.data),
+            text(told.data.get("reason")),
+        )
+        if last is not None:
+            last.last_ns = told.utc_ns
+        if not same:
+            episode.phases.append(Phase(told, told.utc_ns))
+        distance_m = number(told.data.get("separation_m"))
+        if distance_m is not None:
+            least_m = episode.least_m
+            episode.least_m = distance_m if least_m is None else min(least_m, distance_m)
+
+    def rest(self) -> list[Episode]:
+        """The episodes that last to the end."""
+        left, self._open = list(self._open.values()), {}
+        return left
+
+
+def episodes(advice: Iterable[Told]) -> Iterator[Episode]:
+    """Every episode of the advice given, as it ends."""
+    finder = EpisodeFinder()
+    for told in advice:
+        if (ended := finder.add(told)) is not None:
+            yield ended
+    yield from finder.rest()

@@ -1,0 +1,153 @@
+"""The recordings that somebody asks about: one file, or all files of one cell, in order."""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hri_predict.errors import RecordingError
+from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFile:
+    """One file: ``start_ns`` is its first message's time, as ``Told.utc_ns``."""
+
+    path: Path
+    info: RecordingInfo
+    start_ns: int
+
+
+class Recordings:
+    """All files of one cell, read one after the other; never more than a chunk is in memory.
+
+    Args:
+        named: files, and folders whose ``.mcap`` files are meant.
+
+    Attributes:
+        files: by their beginnings.
+        notes: what could not be read, one line each, found so far.
+
+    Raises:
+        RecordingError: nothing there is a recording of this node, or they are of several cells.
+        OSError: a file cannot be read.
+    """
+
+    def __init__(self, named: Sequence[Path]) -> None:
+        self.notes: list[str] = []
+        found = [file for path in _paths(named) if (file := self._opened(path, named)) is not None]
+        if not found:
+            raise RecordingError(
+                f"recording {named[0]}: holds nothing that was recorded by hri-predict; name "
+                f"another file or folder"
+            )
+        self.files = sorted(found, key=lambda file: (file.start_ns, file.path.name))
+        cells = sorted({file.info.cell for file in found})
+        if len(cells) > 1:
+            raise RecordingError(
+                f"recording {named[0]}: these are of several cells ({', '.join(cells)}); name the "
+                f"files of one"
+            )
+        if len({file.info.has_utc for file in found}) > 1:
+            raise RecordingError(
+                f"recording {named[0]}: some of these have UTC and some have not; name them one by "
+                f"one"
+            )
+
+    def _opened(self, path: Path, named: Sequence[Path]) -> RecordedFile | None:
+        try:
+            info = recording_info(path)
+            first = next(read_messages(path), None)
+        except RecordingError as error:
+            if path in named:
+                raise
+            self._note(f"{error}; left out")
+            return None
+        if first is None:
+            if path in named:
+                raise RecordingError(f"recording {path}: is empty or cut before its first message")
+            self._note(f"recording {path}: is empty or cut before its first message; left out")
+            return None
+        return RecordedFile(path, info, first.utc_ns)
+
+    @property
+    def info(self) -> RecordingInfo:
+        """Of the first file."""
+        return self.files[0].info
+
+    @property
+    def start_ns(self) -> int:
+        """The first message's time."""
+        return self.files[0].start_ns
+
+    def info_at(self, utc_ns: int) -> RecordingInfo:
+        """Of the file that was being written then."""
+        begun = [file for file in self.files if file.start_ns <= utc_ns]
+        return (begun or self.files[:1])[-1].info
+
+    def end_ns(self) -> int:
+        """The last message's time; reads the last file."""
+        file = self.files[-1]
+        told = read_messages(file.path, ["/clock", "/status"])
+        return max((message.utc_ns for message in told), default=file.start_ns)
+
+    def read(
+        self,
+        topics: Collection[str] | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[Told]:
+        """Every message from ``start_ns`` to before ``end_ns``, file by file.
+
+        Of a file that is cut or damaged, what comes before is given, and ``notes`` says so.
+        """
+        for k, file in enumerate(self.files):
+            late = end_ns is not None and file.start_ns >= end_ns
+            later = self.files[k + 1].start_ns if k + 1 < len(self.files) else None
+            early = start_ns is not None and later is not None and later < start_ns
+            if not (late or early):
+                yield from self._read(file, topics, start_ns, end_ns)
+
+    def _read(
+        self,
+        file: RecordedFile,
+        topics: Collection[str] | None,
+        start_ns: int | None,
+        end_ns: int | None,
+    ) -> Iterator[Told]:
+        def cut() -> None:
+            self._note(
+                f"recording {file.path.name}: has no end: it was cut, is damaged, or is still "
+                f"being written; what comes after is not known"
+            )
+
+        try:
+            yield from read_messages(
+                file.path, topics, start_utc_ns=start_ns, end_utc_ns=end_ns, on_cut=cut
+            )
+        except RecordingError as error:  # one message; the rest of this file cannot be trusted
+            self._note(f"{error}; what comes after in this file is left out")
+
+    def _note(self, line: str) -> None:
+        if line not in self.notes:
+            self.notes.append(line)
+
+
+def _paths(named: Sequence[Path]) -> list[Path]:
+    """The files that are meant, each once.
+
+    Raises:
+        RecordingError: there is no such file, or the folder has none.
+    """
+    found: list[Path] = []
+    for path in named:
+        if path.is_dir():
+            inside = sorted(p for p in path.glob("*.mcap") if p.is_file())
+            if not inside:
+                raise RecordingError(f"recording {path}: the folder has no .mcap; name another")
+            found += inside
+        elif path.is_file():
+            found.append(path)
+        else:
+            raise RecordingError(f"recording {path}: no such file or folder; check the path")
+    return list({path.resolve(): path for path in found}.values())

@@ -1,0 +1,249 @@
+"""The report of a shift as one page of HTML that loads nothing and runs nothing."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hri_predict.explaining.because import worded
+from hri_predict.explaining.episodes import LEVELS
+from hri_predict.explaining.shift.charts import COLOURS, histogram, legend, level_bars
+from hri_predict.markup import Content, Markup, join, table, tag, text
+
+_STYLE = """
+* { box-sizing: border-box; }
+body { font: 15px/1.45 "Helvetica Neue", Arial, sans-serif; color: #222; margin: 0 auto;
+  max-width: 60rem; padding: 1.2rem; }
+h1 { font-size: 1.6rem; margin: 0; } h2 { font-size: 1.2rem; margin: 1.8rem 0 .4rem;
+  border-bottom: 1px solid #222; } h3 { font-size: 1rem; margin: 1.1rem 0 .3rem; }
+table { border-collapse: collapse; width: 100%; margin: .4rem 0 1rem; font-size: .87rem; }
+th, td { border-bottom: 1px solid #ccc; padding: .25rem .5rem; text-align: right;
+  vertical-align: top; overflow-wrap: anywhere; }
+th:first-child, td:first-child, .left td, .left th { text-align: left; }
+code { font: .8rem Menlo, Consolas, monospace; }
+.note { border-left: 4px solid #D55E00; padding-left: .7rem; }
+.small { color: #555; font-size: .85rem; }
+.big { display: flex; flex-wrap: wrap; gap: .8rem; margin: .8rem 0; }
+.big div { border: 1px solid #ccc; border-radius: 6px; padding: .5rem .9rem; }
+.big b { display: block; font-size: 1.4rem; }
+.key { margin-right: 1rem; } .key i { display: inline-block; width: .9rem; height: .9rem;
+  margin-right: .3rem; vertical-align: -2px; }
+th, .stops td:nth-child(-n+4) { white-space: nowrap; }
+tr { break-inside: avoid; } svg { display: block; }
+"""
+_COUNTED = "Errors, losses and failures; what a healthy cell counts is left out."
+
+
+def page(shift: Mapping[str, Any], recordings: Sequence[str]) -> str:
+    """The page.
+
+    Args:
+        shift: of ``tally``.
+        recordings: the files and folders as the user named them, for the commands to type.
+    """
+    title = f"Shift of {shift['cell']}, {shift['from']} to {shift['to']}"
+    policy = "default-src 'none'; style-src 'unsafe-inline'"
+    head = tag(
+        "head",
+        Markup('<meta charset="utf-8">'),
+        Markup(f'<meta http-equiv="Content-Security-Policy" content="{text(policy)}">'),
+        Markup('<meta name="viewport" content="width=device-width, initial-scale=1">'),
+        tag("title", title),
+        tag("style", Markup(_STYLE)),
+    )
+    body = tag(
+        "body",
+        tag("h1", title),
+        _about(shift),
+        *(_robot(robot) for robot in shift["robots"]),
+        _longest(shift["longest_stops"], recordings),
+        _forecast(shift["forecast"], shift["predictor"]),
+        _trouble(shift),
+    )
+    return f"<!DOCTYPE html>\n{tag('html', head, body, lang='en')}\n"
+
+
+def _about(shift: Mapping[str, Any]) -> Markup:
+    clock = "UTC" if shift["has_utc"] else "seconds since the start: these have no UTC"
+    words = f"{_time(shift['seconds'])}, {shift['files']} file(s); times are {clock}"
+    notes = [tag("p", f"Note: {note}", class_="note") for note in shift["notes"]]
+    if shift["dropped"]:
+        lost = f"The recorder lost {shift['dropped']} messages: what follows is incomplete."
+        notes.append(tag("p", lost, class_="note"))
+    return join([tag("p", words, class_="small"), *notes])
+
+
+def _robot(robot: Mapping[str, Any]) -> Markup:
+    total = sum(robot["seconds_at"].values()) or 1.0
+    figures = [
+        ("of full speed permitted, on average", _percent(robot["permitted_share"])),
+        ("of the time at full speed", _percent(robot["full_speed_share"])),
+        ("stops", robot["stops"]),
+        ("standing by advice", _time(robot["stopped_s"])),
+        ("near misses", robot["near_misses"]),
+        ("age of advice, p50 / p99", f"{_ms(robot['age_p50_s'])} / {_ms(robot['age_p99_s'])}"),
+    ]
+    boxes = [tag("div", tag("b", value), name) for name, value in figures]
+    hours = [(hour["from"][:8], hour["seconds_at"]) for hour in robot["hours"]]
+    parts: list[Content] = [
+        tag("h2", f"Robot {robot['name']}"),
+        tag("div", *boxes, class_="big"),
+        tag("h3", "Time at each level"),
+        legend(),
+        level_bars([("all", robot["seconds_at"])]),
+        table(
+            ("", *LEVELS),
+            [
+                ("time", *(_time(robot["seconds_at"][name]) for name in LEVELS)),
+                ("share", *(_percent(robot["seconds_at"][name] / total) for name in LEVELS)),
+            ],
+        ),
+        tag("h3", "By hour"),
+        level_bars(hours),
+        table(
+            ("from", "recorded", "stops", "standing", "of the permitted speed"),
+            [_hour(hour) for hour in robot["hours"]],
+        ),
+        tag("h3", "Why it slowed or stopped"),
+        table(
+            ("cause", "worst level", "times", "all together"),
+            [
+                (each["what"], each["level"], each["count"], _time(each["seconds"]))
+                for each in robot["causes"]
+            ],
+        ),
+        tag("h3", "How near people were"),
+        histogram(robot["separation"], "m"),
+        _near(robot),
+    ]
+    if robot["not_recorded_s"] > 0:
+        missing = f"Not recorded in between: {_time(robot['not_recorded_s'])}."
+        parts.append(tag("p", missing, class_="note"))
+    words = (
+        f"Full speed is {robot['top_m_s']:g} m/s. The share of the permitted speed is the mean of "
+        f"the advised limit over it: what the advice leaves for work."
+    )
+    return join([*parts, tag("p", words, class_="small")])
+
+
+def _hour(hour: Mapping[str, Any]) -> tuple[Content, ...]:
+    at = hour["seconds_at"]
+    standing = at["STOP"] + at["UNKNOWN"] + at["FAULT"]
+    share = _percent(hour["permitted_share"])
+    return hour["from"], _time(sum(at.values())), hour["stops"], _time(standing), share
+
+
+def _near(robot: Mapping[str, Any]) -> Markup:
+    if not robot["near_by_pair"]:
+        return tag("p", "No near miss: nobody was within a fifth of the distance needed.")
+    rows = [
+        (
+            f"{worded(pair['body_part'])} to {pair['robot_part'].replace('_', ' ')}",
+            pair["count"],
+            f"{pair['least_m']:.2f} m",
+        )
+        for pair in robot["near_by_pair"][:20]
+    ]
+    return join(
+        [
+            tag("h3", "Near misses"),
+            table(("body part and robot part", "times", "nearest"), rows),
+            tag(
+                "p",
+                "A near miss: the robot moves, and somebody has less than a fifth of the distance "
+                "needed to spare. Less than the distance needed is a stop.",
+                class_="small",
+            ),
+        ]
+    )
+
+
+def _longest(stops: Sequence[Mapping[str, Any]], recordings: Sequence[str]) -> Markup:
+    if not stops:
+        return join([tag("h2", "The longest stops"), tag("p", "No stop.")])
+    first = shlex.quote(recordings[0]) if recordings else "FILE"
+    rows = [
+        (
+            stop["at"],
+            stop["robot"],
+            tag("span", stop["level"], style=f"color:{COLOURS[stop['level']]};font-weight:bold"),
+            _time(stop["seconds"]),
+            stop["why"],
+            tag(
+                "code",
+                f"hri-predict explain {first} --at {stop['at_full']} "
+                f"--robot {shlex.quote(stop['robot'])}",
+            ),
+        )
+        for stop in stops
+    ]
+    head = ("when", "robot", "level", "stood", "why", "type this to see more")
+    return join(
+        [tag("h2", "The longest stops"), tag("div", table(head, rows), class_="left stops")]
+    )
+
+
+def _forecast(rows: Sequence[Mapping[str, Any]], predictor: str) -> Markup:
+    shown = [
+        (
+            f"{row['ahead_s']:.1f} s",
+            _mm(row["mean_m"]),
+            _mm(row["p50_m"]),
+            _mm(row["p95_m"]),
+            row["joints"],
+            _percent(row["coverage"]),
+            row["zone_joints"],
+        )
+        for row in rows
+    ]
+    head = ("ahead", "mean", "p50", "p95", "joints compared", "inside the zones", "compared")
+    words = (
+        f"Forecasts of {predictor or 'the predictor'} and zones against where the source saw "
+        f"people later, one of each a second. Inside: a joint, with the body around it, lies in "
+        f"the zone of its segment."
+    )
+    title = tag("h2", "Forecasts against what then happened")
+    return join([title, table(head, shown), tag("p", words, class_="small")])
+
+
+def _trouble(shift: Mapping[str, Any]) -> Markup:
+    parts: list[Content] = [tag("h2", "Losses and counters")]
+    if shift["counters"]:
+        rows = [
+            (
+                f"{'link ' if each['link'] else ''}{each['where']}: "
+                f"{each['name'].replace('_', ' ')}",
+                each["by"],
+            )
+            for each in shift["counters"]
+        ]
+        parts += [table(("counter", "rose by"), rows), tag("p", _COUNTED, class_="small")]
+    else:
+        parts.append(tag("p", "No counter of errors or losses rose."))
+    if shift["clock_sets"]:
+        parts.append(
+            tag("p", f"The wall clock was set {shift['clock_sets']} times.", class_="note")
+        )
+    if shift["conditions"]:
+        rows = [(each["what"], _time(each["seconds"])) for each in shift["conditions"]]
+        parts += [tag("h3", "Conditions that held"), table(("what was wrong", "time"), rows)]
+    return join(parts)
+
+
+def _time(seconds: float) -> str:
+    minutes, rest = divmod(seconds, 60)
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    hours, minutes = divmod(int(minutes), 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02.0f} s"
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.1f} %"
+
+
+def _ms(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{seconds * 1e3:.0f} ms"
+
+
+def _mm(metres: float | None) -> str:
+    return "-" if metres is None else f"{metres * 1e3:.0f} mm"

@@ -1,0 +1,152 @@
+"""One robot at one moment, with everything that was recorded around it."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from hri_predict.errors import ConfigError, nearest
+from hri_predict.explaining.counters import LinkNow, Moved, links_at, moved
+from hri_predict.explaining.episodes import SEVERITY, Episode, episodes, level_of
+from hri_predict.explaining.people_seen import people_seen
+from hri_predict.explaining.recordings import Recordings
+from hri_predict.explaining.times import NS, Asked, dated, shown
+from hri_predict.explaining.values import text
+from hri_predict.explaining.window import (
+    AFTER_NS,
+    BEFORE_NS,
+    TOPICS,
+    Window,
+    newest,
+)
+from hri_predict.recording import RecordingInfo, Told
+
+_LOOK_S = (120, 1800)
+"""How far to look for an episode's ends, or the nearest one, before everything is read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """Attributes: ``advice`` is the one to explain; ``episode`` is ``None`` if it slows nothing."""
+
+    recordings: Recordings
+    window: Window
+    robot: str
+    advice: Told
+    episode: Episode | None
+    people: list[dict[str, Any]]
+    moved: list[Moved]
+    links: list[LinkNow]
+    also: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def info(self) -> RecordingInfo:
+        """Of the file of that moment."""
+        return self.recordings.info_at(self.advice.utc_ns)
+
+    @property
+    def status(self) -> Told | None:
+        """The node's state with this advice."""
+        return newest(self.window.status, self.advice.utc_ns)
+
+    def clock(self, utc_ns: int, digits: int = 1) -> str:
+        """A time as people read it."""
+        return shown(utc_ns, self.recordings, digits)
+
+
+def situation(recordings: Recordings, at: Asked, robot: str | None) -> Situation:
+    """What is known about a moment.
+
+    The severest advice within the time asked about counts, and the first of these. Without
+    ``robot``, that of all robots.
+
+    Raises:
+        ConfigError: nothing was recorded then, or there is no such robot.
+    """
+    start_ns, end_ns = at.start_ns - BEFORE_NS, at.start_ns + at.width_ns + AFTER_NS
+    window = Window.of(recordings.read(TOPICS, start_ns=start_ns, end_ns=end_ns))
+    found = {name: told for name, each in window.advice.items() if (told := _worst(each, at))}
+    if robot is not None and robot not in found:
+        there = found or window.advice
+        raise ConfigError(
+            f"--robot {robot}: no advice to it at that time{nearest(robot, there)}; there is: "
+            f"{', '.join(there) or 'none'}"
+        )
+    if not found:
+        raise ConfigError(_nothing(recordings, at))
+    chosen = robot or max(found, key=lambda name: SEVERITY[level_of(found[name].data)])
+    advice = found[chosen]
+    slowed = SEVERITY[level_of(advice.data)] >= SEVERITY["SLOW"]
+    episode = episode_around(recordings, chosen, advice.utc_ns) if slowed else None
+    detail, info = text(advice.data.get("detail")), recordings.info_at(advice.utc_ns)
+    return Situation(
+        recordings=recordings,
+        window=window,
+        robot=chosen,
+        advice=advice,
+        episode=episode,
+        people=people_seen(window, info, advice.utc_ns, detail),
+        moved=moved(window, advice.utc_ns),
+        links=links_at(window, advice.utc_ns),
+        also={name: level_of(t.data) for name, t in found.items() if name != chosen},
+    )
+
+
+def _worst(advice: list[Told], at: Asked) -> Told | None:
+    """The severest advice of the time asked about, or the last one before it."""
+    within = [t for t in advice if at.start_ns <= t.utc_ns < at.start_ns + at.width_ns]
+    before = newest(advice, at.start_ns)
+    within = within if before is None or within else [before]
+    return max(within, key=lambda t: SEVERITY[level_of(t.data)], default=None)
+
+
+def _nothing(recordings: Recordings, at: Asked) -> str:
+    first, last = recordings.start_ns, recordings.end_ns()
+    unit = " UTC" if recordings.info.has_utc else " s"
+    if first <= at.start_ns <= last:
+        return f"--at {dated(at.start_ns, recordings)}: nothing was recorded then; try another time"
+    return (
+        f"--at {dated(at.start_ns, recordings)}: not recorded; these recordings are from "
+        f"{dated(first, recordings)} to {dated(last, recordings)}{unit}"
+    )
+
+
+def episode_around(recordings: Recordings, robot: str, utc_ns: int) -> Episode | None:
+    """The whole episode that holds a moment, however long it is."""
+    found = None
+    for reach_s in (*_LOOK_S, None):
+        start_ns = None if reach_s is None else utc_ns - reach_s * NS
+        end_ns = None if reach_s is None else utc_ns + reach_s * NS
+        for episode in _of_robot(recordings, robot, start_ns, end_ns):
+            if episode.start_ns <= utc_ns <= episode.last_ns:
+                found = episode
+        if found is None:
+            continue
+        whole = start_ns is None or found.start_ns > start_ns + NS
+        ended = end_ns is None or found.end_ns is not None or found.last_ns < end_ns - 3 * NS
+        if whole and ended:
+            break
+    return found
+
+
+def nearest_episodes(
+    recordings: Recordings, robot: str, utc_ns: int
+) -> tuple[Episode | None, Episode | None]:
+    """The last episode before a moment, and the first one after it."""
+    before = after = None
+    for reach_s in (*_LOOK_S, None):
+        start_ns = None if reach_s is None else utc_ns - reach_s * NS
+        end_ns = None if reach_s is None else utc_ns + reach_s * NS
+        found = list(_of_robot(recordings, robot, start_ns, end_ns))
+        before = next((e for e in reversed(found) if e.start_ns <= utc_ns), None)
+        after = next((e for e in found if e.start_ns > utc_ns), None)
+        if before is not None and after is not None:
+            break
+    return before, after
+
+
+def _of_robot(
+    recordings: Recordings, robot: str, start_ns: int | None, end_ns: int | None
+) -> list[Episode]:
+    advice = recordings.read(["/advice"], start_ns=start_ns, end_ns=end_ns)
+    return sorted(
+        (e for e in episodes(advice) if e.robot == robot), key=lambda episode: episode.start_ns
+    )

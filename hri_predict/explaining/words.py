@@ -1,0 +1,172 @@
+"""An explanation as text that fits 80 columns."""
+
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from hri_predict.explaining.because import worded
+from hri_predict.explaining.explanation import TERMS
+from hri_predict.explaining.values import metres
+
+_WAYS = {
+    "zones": "by the zones over time",
+    "standard": "by the standard's distance",
+    "contact": "as a permitted contact",
+}
+SHOWN_PHASES = 12
+_SAME_M = 0.01
+
+
+def told(found: Mapping[str, Any], width: int = 80) -> Iterator[str]:
+    """The lines of an explanation; the first is the answer."""
+    for paragraph in _paragraphs(found):
+        yield from _wrapped(paragraph, width)
+
+
+def _wrapped(line: str, width: int) -> list[str]:
+    """One line as several; what hangs begins under the text after two blanks or more."""
+    start = len(line) - len(line.lstrip())
+    return textwrap.wrap(line, width, subsequent_indent=" " * (start + 2)) or [""]
+
+
+def _paragraphs(found: Mapping[str, Any]) -> Iterator[str]:
+    yield found["answer"]
+    for robot, level in found["also"].items():
+        yield f"  also then: {robot} {level}"
+    for heading, lines in (
+        ("Asked of the robot", _asked(found)),
+        ("Seen", _seen(found["people"])),
+        ("Separation", _separation(found["separation"])),
+        ("Forecast, against what then happened", _forecast(found["forecast"])),
+        ("History", _history(found["history"])),
+        (f"Counters that rose in these {found['counted_s']:g} s", _counters(found)),
+        ("What holds, and what clears it", _faults(found["faults"])),
+        ("Note", found["notes"]),
+    ):
+        shown = list(lines)
+        if shown:
+            yield ""
+            yield heading
+            yield from (f"  {line}" for line in shown)
+
+
+def _asked(found: Mapping[str, Any]) -> Iterator[str]:
+    limit, speed, age = found["speed_limit_m_s"], found["speed_m_s"], found["age_s"]
+    parts = [f"{found['level']} ({found['reason']})", f"limit {limit or 0.0:.2f} m/s"]
+    parts += [] if speed is None else [f"the robot moved at {speed:.2f} m/s"]
+    parts += [] if age is None else [f"on a capture {age * 1e3:.0f} ms old"]
+    yield "; ".join(parts)
+
+
+def _seen(people: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    nobody = True
+    for person in people:
+        nobody = False
+        parts = [f"person {person['id']} {person['state']}"]
+        if person["last_seen_s"] is not None:
+            parts.append(f"last seen {person['last_seen_s']:.2f} s before")
+        if person["age_s"] is not None:
+            parts.append(f"capture {person['age_s'] * 1e3:.0f} ms old")
+        parts.append(f"{person['observed']} of {person['joints']} joints observed")
+        if person["missing"] and person["observed"]:
+            parts.append("not: " + ", ".join(person["missing"]))
+        parts += [f"speed {person['speed']}"] if person["speed"] else []
+        yield "; ".join(parts)
+    if nobody:
+        yield "nobody"
+
+
+def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
+    if found is None:
+        yield "not known: the robot's or the people's places were not"
+        return
+    if found["person"] is None:
+        yield "nobody was there"
+        return
+    part, link = worded(found["body_part"]), found["robot_part"].replace("_", " ")
+    way = _WAYS.get(found["way"], found["way"])
+    yield f"person {found['person']}'s {part} to the {link}, judged {way}:"
+    yield f"there was    {_right(found['separation_m'])}"
+    yield f"needed       {_right(found['needed_m'])}  at {found['speed_m_s'] or 0.0:.2f} m/s"
+    short = found["short_m"]
+    if short is not None:
+        yield f"{'missing  ' if short > 0 else 'to spare '}    {_right(abs(short))}"
+    has_m, nearest_m = found["separation_m"], found["nearest_m"]
+    if has_m is not None and nearest_m is not None and has_m - nearest_m > _SAME_M:
+        yield f"nearest      {_right(nearest_m)}  another pair, which does not decide"
+    if found["predicted_separation_m"] is not None:
+        yield f"predicted    {_right(found['predicted_separation_m'])}  at least, until it stands"
+    if short is not None and short <= 0 and not found["limit_m_s"]:
+        yield (
+            "That is for the robot as it moved. To move on or to start it needs more: room for its "
+            "slowest speed (risk.min_speed_m_s), and to be released risk.band_m beside."
+        )
+    reaction, stopping = found["reaction_s"] or 0.0, found["stopping_s"] or 0.0
+    yield (
+        f"ISO/TS 15066 at that speed, T_r {reaction * 1e3:.0f} ms and T_s {stopping * 1e3:.0f} ms:"
+    )
+    for name, meaning in TERMS.items():
+        yield f"  {meaning:<42}{_right(found['terms_m'][name])}"
+    if found["human_m_s"]:
+        yield f"  (S_h with the person's own speed, {found['human_m_s']:.1f} m/s)"
+    yield f"  {'S_p sum':<42}{_right(found['protective_m'])}"
+
+
+def _right(value: float | None) -> str:
+    return f"{metres(value, 3):>9}"
+
+
+def _forecast(found: Mapping[str, Any] | None) -> Iterator[str]:
+    if found is None:
+        return
+    if not found["errors"]:
+        yield f"person {found['person']}: nothing came after it that could be compared"
+    for error in found["errors"]:
+        if error["mean_m"] is None:
+            yield f"{error['ahead_s']:.1f} s ahead: person {found['person']} was not seen then"
+            continue
+        of_part = error["segment_m"]
+        part = "" if of_part is None else f"; the deciding part {of_part * 1e3:.0f} mm"
+        yield f"{error['ahead_s']:.1f} s ahead: off by {error['mean_m'] * 1e3:.0f} mm{part}"
+
+
+def _history(found: Mapping[str, Any] | None) -> Iterator[str]:
+    if found is None:
+        return
+    came = f", from {found['before']}" if found["before"] else ""
+    phases = found["phases"]
+    yield f"slowed at {found['from']}{came}: {phases[0]['why']}"
+    for phase in phases[:SHOWN_PHASES]:
+        yield f"{phase['at']:>10}  {phase['level']:<7} {phase['seconds']:6.2f} s  {phase['reason']}"
+    if len(phases) > SHOWN_PHASES:
+        yield f"... and {len(phases) - SHOWN_PHASES} more changes (--json has them)"
+    if found["to"] is None:
+        yield "not released as far as this recording goes"
+    else:
+        waited = f"; it waited until {found['waited_for']}" if found["waited_for"] else ""
+        yield f"released at {found['to']} to {found['after']}{waited}"
+
+
+def _counters(found: Mapping[str, Any]) -> Iterator[str]:
+    for each in found["counters"]:
+        where = f"link {each['where']}" if each["link"] else each["where"]
+        yield f"{where}: {each['name'].replace('_', ' ')} +{each['by']}"
+    for link in found["links"]:
+        if link["connected"] is False:
+            yield f"link {link['name']}: not connected; {link['last_error'] or 'no error told'}"
+    if found["clock_moved_s"]:
+        yield f"the wall clock was moved by {found['clock_moved_s']:+.3f} s"
+
+
+def _faults(faults: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    for fault in faults:
+        clears = f"; clears when {fault['clears_when']}" if fault["clears_when"] else ""
+        yield f"{fault['reason']}: {fault['what']}{clears}"
+
+
+def line_of(episode: Mapping[str, Any], width: int = 80) -> str:
+    """An episode in one line of a list."""
+    lasted = f"{episode['seconds']:.1f} s" + ("" if episode["is_over"] else "+")
+    head = f"{episode['from']:>10} {lasted:>8}  {episode['robot']} {episode['level']:<7} "
+    room = max(20, width - len(head))
+    return head + textwrap.shorten(episode["why"], room, placeholder=" …")

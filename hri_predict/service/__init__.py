@@ -1,0 +1,1 @@
+"""The node as a service: what it tells systemd, monitoring, and the log."""

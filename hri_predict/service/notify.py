@@ -1,0 +1,86 @@
+"""What a service tells systemd: datagrams to a socket that systemd names, as in sd_notify(3).
+
+No message waits for its reader: the loop itself sends some.
+"""
+
+import contextlib
+import os
+import socket
+import time
+from collections.abc import MutableMapping
+from typing import Self
+
+
+class Notifier:
+    """Tells whoever started the node how it is.
+
+    Args:
+        address: a path, or ``@`` and a name in Linux's abstract namespace.
+        watchdog_s: after so long without ``alive`` the node is taken for hung; ``None``: never.
+
+    Attributes:
+        lost: messages that nobody took.
+    """
+
+    def __init__(self, address: str, watchdog_s: float | None = None) -> None:
+        self.watchdog_s = watchdog_s
+        self.lost = 0
+        self._address = "\0" + address[1:] if address.startswith("@") else address
+        kind = socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK
+        self._socket = socket.socket(socket.AF_UNIX, kind)
+
+    @classmethod
+    def from_environ(cls, environ: MutableMapping[str, str] = os.environ) -> Self | None:
+        """What systemd told this process; ``None`` if it did not start it as ``Type=notify``.
+
+        The variables are taken away, so that no command that the node runs speaks for the node.
+        """
+        address = environ.pop("NOTIFY_SOCKET", "")
+        usec, pid = environ.pop("WATCHDOG_USEC", ""), environ.pop("WATCHDOG_PID", "")
+        if address[:1] not in ("/", "@") or len(address) < 2:
+            return None
+        ours = pid in ("", str(os.getpid()))
+        is_watched = ours and usec.isascii() and usec.isdigit() and int(usec) > 0
+        return cls(address, int(usec) * 1e-6 if is_watched else None)
+
+    def ready(self, status: str) -> None:
+        """The node runs, or has done what it reloaded."""
+        self._send("READY=1", _status(status))
+
+    def says(self, status: str) -> None:
+        """One line for people, which ``systemctl status`` shows."""
+        self._send(_status(status))
+
+    def alive(self) -> None:
+        """The loop goes on."""
+        self._send("WATCHDOG=1")
+
+    def reloading(self) -> None:
+        """The node reads its configuration; ``ready`` ends it."""
+        self._send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
+
+    def stopping(self) -> None:
+        """The node ends."""
+        self._send("STOPPING=1", _status("stopping"))
+
+    def close(self) -> None:
+        """Nothing more is told; safe to call twice."""
+        self._socket.close()
+
+    def _send(self, *lines: str) -> None:
+        try:
+            self._socket.sendto("\n".join(lines).encode(), self._address)
+        except OSError:  # nobody is there, or the queue is full: the loop must not wait
+            self.lost += 1
+
+
+def _status(text: str) -> str:
+    return "STATUS=" + "".join(c if c.isprintable() else " " for c in text)
+
+
+def has_terminal() -> bool:
+    """Whether a terminal controls this process: closing it then sends SIGHUP."""
+    with contextlib.suppress(OSError):
+        os.close(os.open("/dev/tty", os.O_RDWR | os.O_NOCTTY | os.O_CLOEXEC))
+        return True
+    return False

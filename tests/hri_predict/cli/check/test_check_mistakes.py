@@ -1,0 +1,74 @@
+"""``check`` tells every mistake, a line each, and ends with status 2."""
+
+import sys
+
+import pytest
+
+from hri_predict.cli import main
+
+CELL = """\
+source: {kind: procedural}
+robots:
+  - {name: arm, model: ur5x, room_from_robot: {}, max_speed_m_s: 1}
+  - {name: two, model: ur5y, room_from_robot: {}, max_speed_m_s: 1}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        (CELL, ["3: robots.0.model: unknown robot", "4: robots.1.model: unknown robot"]),
+        ("rat_hz: 1\n" + CELL[27:], ["1: source: required", "1: rat_hz: unknown key"]),
+    ],
+)
+def test_every_mistake_is_a_line_and_the_status_is_2(tmp_path, monkeypatch, capsys, text, lines):
+    path = tmp_path / "cell.yaml"
+    path.write_text(text, encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["hri-predict", "check", str(path)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    for line, expected in zip(err.splitlines(), lines, strict=True):
+        assert line.startswith(f"error: {path}:{expected}")
+
+
+GOOD = """\
+source: {kind: procedural}
+robots:
+  - {name: arm, model: ur5e, room_from_robot: {}, max_speed_m_s: 1}
+people:
+  exits:
+    - {polygon: [[6, 6], [7, 6], [7, 7]]}
+    - {polygon: [[1, 0], [2, 0], [2, 1]]}
+predictor:
+  name: constant_velocity
+links:
+  - {name: drive, kind: serial, simulate: {trajectory: pick_and_place, faults: []}}
+"""
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("", "", "7: people.exits.1: "),
+        ("[2, 1]]}\npredictor:\n", "[2, 1]]}\npredictor:\n  horizon_s: 0.3\n", "9: predictor."),
+        ("faults: []", "faults: [{kind: vanish}]", "11: links.drive.simulate.faults.0: unknown"),
+    ],
+)
+def test_what_only_the_whole_cell_shows_has_its_line_too(
+    tmp_path, monkeypatch, capsys, command, old, new, line
+):
+    path = tmp_path / "cell.yaml"
+    text = GOOD.replace(old, new, 1)
+    if not line.startswith("7"):
+        text = text.replace("[[1, 0], [2, 0], [2, 1]]", "[[6, 6], [7, 6], [7, 7]]")
+    path.write_text(text, encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["hri-predict", command, str(path)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    err = capsys.readouterr().err.splitlines()[-1]
+    assert err.startswith(f"error: {path}:{line}"), err

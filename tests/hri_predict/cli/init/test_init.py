@@ -1,0 +1,263 @@
+"""``init`` writes a commented configuration that passes ``check``, and spoils no file."""
+
+import io
+import json
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import time
+
+import jsonschema
+import pytest
+import yaml
+
+from hri_predict import registry
+from hri_predict.cli import main
+from hri_predict.cli.check.check import examine
+from hri_predict.cli.init.commented import WIDTH
+from hri_predict.cli.init.init import SCHEMA_FILE
+from hri_predict.files import data_path
+from hri_predict.protocol.messages import RobotState
+from hri_predict.recording.mcap.reader import read_mcap
+from hri_predict.risk.settings import RISK_MODES
+from hri_predict.run import config as configuration
+
+ROBOTS = sorted(path.stem for path in data_path("robots").glob("*.yaml"))
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch, capsys):
+    """Runs the command in an empty folder without a terminal; status, standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["hri-predict", "init", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, capsys.readouterr().err
+
+    return run
+
+
+def read(folder, name="cell.yaml"):
+    """The file, which must pass check and the schema beside it."""
+    config = configuration.load(folder / name)
+    examine(config)
+    data = yaml.safe_load(config.text)
+    if (folder / SCHEMA_FILE).exists():
+        jsonschema.Draft7Validator(json.loads((folder / SCHEMA_FILE).read_text())).validate(data)
+    return config.text, data
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_every_robot_can_be_simulated_and_passes_check(call, tmp_path, robot):
+    assert call("--simulated", "--yes", "--robot", robot, "--no-schema")[0] == 0
+    _, data = read(tmp_path)
+    assert data["robots"][0]["model"] == robot
+    assert [link["simulate"]["role"] for link in data["links"]] == ["drive", "monitor"]
+
+
+@pytest.mark.parametrize("mode", [mode for mode in RISK_MODES if mode != "hybrid"])
+def test_every_mode_passes_check(call, tmp_path, mode):
+    assert call("--yes", "--mode", mode, "--no-schema")[0] == 0
+    assert read(tmp_path)[1]["risk"]["mode"] == mode
+
+
+NEEDED = {
+    "mvn": ["source.sees_room=true"],
+    "serial_skeleton": ["source.port=/dev/ttyUSB9"],
+    "zenoh": ["source.cell=hall"],
+}
+
+
+@pytest.mark.parametrize("kind", sorted(set(registry.names("sources")) - {"approach", "recording"}))
+def test_every_live_source_passes_check_with_what_it_needs(call, tmp_path, kind):
+    changes = [part for change in NEEDED.get(kind, []) for part in ("--set", change)]
+    assert call("--yes", "--source", kind, "--no-schema", *changes) == (0, "written: cell.yaml\n")
+    assert read(tmp_path)[1]["source"]["kind"] == kind
+
+
+def test_a_key_that_a_source_needs_is_named_with_the_flag(call, tmp_path):
+    status, err = call("--yes", "--source", "mvn")
+    assert status == 2
+    assert err.startswith("error: source.sees_room: required key is missing; add it (true only if")
+    assert err.endswith("give --set source.sees_room=VALUE\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_answers_by_flags_need_no_terminal(call, tmp_path):
+    flags = ["--robot", "panda", "--source", "udp", "--mode", "iso", "--max-speed", "0.8"]
+    links = ["--link", "can:socketcan:can0", "--link", "serial:/dev/ttyUSB0"]
+    changes = ["--set", "links.0.fd=true", "--set", "risk.latch=[start]", "--set", "rate_hz=20"]
+    assert call("own.yaml", *flags, *links, *changes) == (
+        0,
+        f"written: own.yaml, {SCHEMA_FILE}\n",
+    )
+    text, data = read(tmp_path, "own.yaml")
+    assert text.startswith(f"# yaml-language-server: $schema={SCHEMA_FILE}\n")
+    assert data["rate_hz"] == 20
+    assert data["risk"] | {"mode": "iso", "latch": ["start"]} == data["risk"]
+    assert [(link["name"], link["kind"]) for link in data["links"]] == [
+        ("can", "can"),
+        ("serial", "serial"),
+    ]
+    assert (
+        data["links"][0] | {"interface": "socketcan", "channel": "can0", "fd": True}
+        == (data["links"][0])
+    )
+    assert data["links"][1]["port"] == "/dev/ttyUSB0"
+
+
+def test_every_key_has_a_comment_and_lines_fit_80_columns(call, tmp_path):
+    call("--simulated", "--yes")
+    lines = (tmp_path / "cell.yaml").read_text().splitlines()
+    body = lines[
+        4 : lines.index("# Remove the # before what this cell has, and put in its values:")
+    ]
+    for above, line in zip(["", *body], body, strict=False):
+        if re.match(r" *(- )?[a-z_]+:", line):
+            assert "  # " in line or above.strip().startswith("#"), line
+        if "{" not in line:
+            assert len(line) <= WIDTH, line
+
+
+def test_what_is_written_as_comments_is_right_when_it_is_taken_in(call, tmp_path):
+    call("--yes", "--no-schema")
+    path = tmp_path / "cell.yaml"
+    before, _, after = path.read_text().partition("# Remove the # before")
+    hints = [re.sub("^# ?", "", line) for line in after.splitlines()[1:]]
+    path.write_text(before + "\n".join(hints) + "\n")
+    _, data = read(tmp_path)
+    assert {"zones", "people", "state"} <= set(data)
+
+
+def test_an_existing_file_is_never_replaced_without_force(call, tmp_path):
+    path = tmp_path / "cell.yaml"
+    path.write_text("mine")
+    status, err = call("--yes")
+    assert (status, path.read_text()) == (2, "mine")
+    assert "exists" in err
+    assert "--force" in err
+    assert call("--yes", "--force")[0] == 0
+    read(tmp_path)
+
+
+def test_a_link_to_nowhere_is_not_followed(call, tmp_path):
+    (tmp_path / "cell.yaml").symlink_to(tmp_path / "elsewhere.yaml")
+    assert call("--yes")[0] == 2
+    assert not (tmp_path / "elsewhere.yaml").exists()
+
+
+def test_somebody_elses_schema_is_never_replaced_without_force(call, tmp_path):
+    schema = tmp_path / SCHEMA_FILE
+    schema.write_text("[1]")
+    assert call("--yes")[0] == 2
+    assert schema.read_text() == "[1]"
+    assert list(tmp_path.iterdir()) == [schema]
+    schema.write_text(json.dumps({"title": "Configuration of hri-predict"}))  # an older one
+    assert call("--yes")[0] == 0
+    read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            [],
+            "no terminal to ask in, and not given: --robot, --max-speed, --mode, --source, --link",
+        ),
+        (["--yes", "--robot", "ur5x"], "--robot ur5x: model: unknown robot model 'ur5x'; did you"),
+        (["--yes", "--max-speed", "300"], "--max-speed 300.0: robot: max_speed_m_s: "),
+        (
+            ["--yes", "--source", "udpp"],
+            "--source udpp: unknown source 'udpp'; did you mean 'udp'?",
+        ),
+        (["--yes", "--link", "can:can0"], "--link can:can0: can:can0: write can:INTERFACE:CHANNEL"),
+        (["--yes", "--link", "cann"], "--link cann: unknown link 'cann'; did you mean 'can'?"),
+        (["--yes", "--mode", "bold"], "--mode bold: mode bold: unknown"),
+        (["--yes", "--mode", "hybrid"], "--mode hybrid: hybrid lets the robot touch people"),
+        (["--yes", "--set", "risk.mod=iso"], "cell.yaml:25: risk.mod: unknown key; did you mean"),
+        (["--yes", "--set", "links.0.fd=true"], "--set links.0.fd=true: 'links' has no keys"),
+        (["--yes", "--set", "rate_hz"], "--set rate_hz: write it as key=value"),
+        (["--yes", "--simulated", "--source", "udp"], "--source: has no effect with --simulated"),
+        (["cell.txt", "--yes"], "cell.txt: name a file that ends in .yaml"),
+        (["none/cell.yaml", "--yes"], "none/cell.yaml: no folder none"),
+    ],
+)
+def test_a_wrong_answer_is_one_line_and_nothing_is_written(call, tmp_path, arguments, said):
+    status, err = call(*arguments)
+    assert status == 2
+    assert re.sub(r":\d+:", ":N:", err).startswith(re.sub(r":\d+:", ":N:", f"error: {said}"))
+    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_contact_is_allowed_only_by_name(call, tmp_path):
+    flags = ["--yes", "--no-schema", "--mode", "hybrid", "--set", "robots.0.contact=allowed"]
+    assert call(*flags)[0] == 0
+    assert read(tmp_path)[1]["robots"][0]["contact"] == "allowed"
+
+
+@pytest.mark.realtime
+def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "hri_predict", "init"]
+    talk = [
+        ("without hardware? [y/N]: ", ""),
+        ("Robot [ur5e]: ", "ur5x"),
+        ("did you mean 'ur5'?", None),
+        ("Robot [ur5e]: ", "panda"),
+        ("m/s [1.0]: ", "fast"),
+        ("'fast' is not a number", None),
+        ("m/s [1.0]: ", "0.8"),
+        ("Source [udp]: ", "mvn"),
+        ("source.sees_room: ", "perhaps"),
+        ("got 'perhaps'", None),
+        ("source.sees_room: ", "true"),
+        ("Link 1 ('none' ends) [none]: ", "can:socketcan:can0"),
+        ("Link 2 ('none' ends) [none]: ", ""),
+        ("[predictive]: ", "reactive"),
+        ("hri-predict check cell.yaml", None),
+    ]
+    with subprocess.Popen(
+        command, stdin=theirs, stdout=theirs, stderr=theirs, cwd=tmp_path, start_new_session=True
+    ) as process:
+        os.close(theirs)
+        heard, deadline = "", time.monotonic() + 120
+        for awaited, answer in talk:
+            while awaited not in heard:
+                assert time.monotonic() < deadline, heard
+                if select.select([ours], [], [], 1.0)[0]:
+                    heard += os.read(ours, 4096).decode()
+            heard = heard.partition(awaited)[2]
+            if answer is not None:
+                os.write(ours, f"{answer}\n".encode())
+        assert process.wait(60) == 0
+    os.close(ours)
+    _, data = read(tmp_path)
+    assert data["robots"][0] | {"model": "panda", "max_speed_m_s": 0.8} == data["robots"][0]
+    assert data["source"]["sees_room"] is True
+    assert data["risk"]["mode"] == "reactive"
+    assert len(data["links"]) == 1
+
+
+@pytest.mark.realtime
+def test_a_simulated_cell_moves_its_arm_at_once(call, tmp_path):
+    call("--simulated", "--yes", "--no-schema")
+    command = [sys.executable, "-m", "hri_predict", "run", "cell.yaml", "--duration", "4"]
+    ended = subprocess.run(
+        [*command, "--record", "run.mcap"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert ended.returncode == 0, ended.stderr
+    heard = [taken.message for _, taken in read_mcap(tmp_path / "run.mcap").received]
+    states = [message for message in heard if isinstance(message, RobotState)]
+    turned = [abs(a - b) for a, b in zip(states[0].positions, states[-1].positions, strict=True)]
+    assert max(turned) > 0.1  # rad; it stands at the cycle's start, and swings by 1.4

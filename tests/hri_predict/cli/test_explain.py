@@ -1,0 +1,217 @@
+"""``explain`` and ``report``, as a user types them."""
+
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import pytest
+from typer.testing import CliRunner
+
+from hri_predict.cli.commands import app
+from hri_predict.errors import HriPredictError
+from hri_predict.skeleton import CANONICAL
+from tests.hri_predict.explaining.made_up import advice, told, written
+
+HOSTILE = "<script>alert(1)</script>\"'&\x1b[31m"
+
+
+def run(*words):
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--at", "12:00:00"], "have no UTC"),
+        (["--at", "99"], "not recorded; these recordings are from 0.00 to 5.5"),
+        (["--at", "3", "--robot", "arn"], "did you mean 'arm'"),
+        (["--at", "3", "--picture", "why.gif"], "ends in .png or .svg"),
+        (["--picture", "why.png"], "--picture: has no effect without --at"),
+        (["--next"], "--next: has no effect without --at"),
+    ],
+)
+def test_a_mistake_is_one_line(near, words, says):
+    result = CliRunner().invoke(app, ["explain", str(near), *words])
+    assert isinstance(result.exception, HriPredictError)
+    assert says in str(result.exception)
+    assert "\n" not in str(result.exception)
+
+
+def test_without_a_time_every_slowdown_has_a_line(near):
+    lines = run("explain", near).splitlines()
+    assert [line.split()[5] for line in lines] == ["UNKNOWN", "STOP"]
+    rows = json.loads(run("explain", near, "--json"))["slowdowns"]
+    assert [row["reason"] for row in rows] == ["STARTING", "PERSON_NEAR"]
+    for row in rows:  # what is listed can be asked
+        found = json.loads(run("explain", near, "--at", row["at"], "--json"))
+        assert (found["level"], found["reason"]) == (row["level"], row["reason"])
+
+
+def test_the_text_fits_80_columns_and_begins_with_the_answer(near, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    text = run("explain", near, "--at", "3.5")
+    assert max(map(len, text.splitlines())) <= 80
+    first = " ".join(text.split("\n\n")[0].split())
+    assert re.fullmatch(
+        r"3\.5 s arm STOP because person 1's [a-z ]+ was \d\.\d\d m from the [a-z0-9 ]+; "
+        r"\d\.\d\d m were needed at \d\.\d\d m/s",
+        first,
+    )
+    for heading in ("Asked of the robot", "Seen", "Separation", "Forecast", "History"):
+        assert f"\n{heading}" in text
+
+
+def test_the_terms_sum_up_to_what_is_told(near):
+    found = json.loads(run("explain", near, "--at", "3.5", "--json"))["separation"]
+    assert set(found["terms_m"]) == {"s_h", "s_r", "s_s", "c", "z_d", "z_r"}
+    total = sum(found["terms_m"].values())
+    # seven numbers, each rounded to 0.1 mm
+    assert found["protective_m"] == pytest.approx(total, abs=7 * 5e-5)
+    short_m = found["needed_m"] - found["separation_m"]
+    assert found["short_m"] == pytest.approx(short_m, abs=2e-4)
+    assert found["body_part"] in CANONICAL.segment_names
+
+
+def test_a_forecast_is_compared_with_what_came(near):
+    """They walk at 1.2 m/s: a forecast of their way errs less than standing still would."""
+    errors = json.loads(run("explain", near, "--at", "3.5", "--json"))["forecast"]["errors"]
+    assert [error["ahead_s"] for error in errors] == [0.2, 0.4, 0.8]
+    assert 0 < errors[0]["mean_m"] < 0.24
+    assert errors[0]["mean_m"] < errors[2]["mean_m"]
+
+
+def test_at_a_clear_time_the_nearest_slowdowns_are_named(tmp_path):
+    path = written(tmp_path / "a.mcap", told("CCSSCCCCXXCC", 1.0))
+    text = run("explain", path, "--at", "12:00:05")
+    assert "neither slowed nor stopped" in text.splitlines()[0]
+    assert "--at 2026-03-08T12:00:02.00" in text
+    assert "--at 2026-03-08T12:00:08.00" in text
+    after = json.loads(run("explain", path, "--at", "12:00:05", "--next", "--json"))
+    assert (after["at"], after["level"]) == ("12:00:08.0", "STOP")
+
+
+def test_a_whole_second_is_asked_not_its_beginning(tmp_path):
+    path = written(tmp_path / "a.mcap", told("C" * 13 + "X" * 3 + "C" * 20))
+    assert json.loads(run("explain", path, "--at", "12:00:01", "--json"))["at"] == "12:00:01.3"
+
+
+def test_a_long_stop_is_explained_from_its_beginning(tmp_path):
+    """Latched for twenty minutes: what it was for lies far before what is looked at first."""
+    waits = "before; latch 4: lost"
+    messages = told("CCX") + [
+        (k, "/advice/arm", advice("STOP", "LATCHED", detail=waits)) for k in range(1, 1200)
+    ]
+    path = written(tmp_path / "a.mcap", messages)
+    found = json.loads(run("explain", path, "--at", "12:19:00", "--json"))
+    assert "latch 4" in found["answer"]
+    assert "somebody was" in found["answer"]  # the phase before, of PERSON_NEAR
+    assert found["history"]["from"] == "12:00:00.2"
+
+
+def test_a_picture_is_drawn(near, tmp_path):
+    pytest.importorskip("matplotlib")
+    for name, begins in (("why.png", b"\x89PNG"), ("why.svg", b"<?xml")):
+        run("explain", near, "--at", "3.5", "--picture", tmp_path / name)
+        data = (tmp_path / name).read_bytes()
+        assert data.startswith(begins)
+        assert len(data) > 10_000
+
+
+def test_without_matplotlib_a_picture_is_one_line(near, tmp_path):
+    code = (
+        "import sys; sys.modules['matplotlib'] = None; sys.argv[0] = 'hri-predict'; "
+        "from hri_predict.__main__ import main; sys.exit(main())"
+    )
+    words = [sys.executable, "-c", code, "explain", str(near), "--at", "3.5", "--picture"]
+    done = subprocess.run(
+        [*words, str(tmp_path / "a.png")], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.strip().splitlines() == [
+        "error: --picture needs matplotlib; install it with pip install 'hri-predict[train]'"
+    ]
+
+
+class Page(HTMLParser):
+    """Collects what a browser would load or run."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.loaded: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.loaded += [f"{k}={v}" for k, v in attrs if k in ("src", "href") or k[:2] == "on"]
+
+
+def test_a_report_is_one_page_that_loads_nothing(near, tmp_path):
+    run("report", near, "--out", tmp_path / "shift.html")
+    html = (tmp_path / "shift.html").read_text()
+    page = Page()
+    page.feed(html)
+    assert "svg" in page.tags
+    assert not page.tags & {"script", "img", "link", "iframe"}
+    assert page.loaded == []
+    assert "url(" not in html
+    assert re.search(r"hri-predict explain \S+cell\.mcap --at 3\.\d\d --robot arm", html)
+
+
+def test_what_a_recording_holds_is_only_text(tmp_path):
+    messages = [
+        (at, topic, {**message, "name": HOSTILE, "reason": HOSTILE, "detail": HOSTILE})
+        for at, topic, message in told("CXXC")
+    ]
+    node = {"now_ns": 0, "people": {}, "node": {}, "links": {HOSTILE: {"counters": {HOSTILE: 3}}}}
+    status = {"reasons": [HOSTILE, 7, None], "named_zones": [1], "reason": HOSTILE}
+    messages += [(0.05, "/node", node), (0.05, "/status", status), (0.35, "/node", node)]
+    path = written(tmp_path / "a.mcap", sorted(messages, key=lambda m: m[0]), cell=HOSTILE)
+    run("report", path, "--out", tmp_path / "shift.html")
+    page = Page()
+    page.feed((tmp_path / "shift.html").read_text())
+    assert "script" not in page.tags
+    for words in ([], ["--at", "12:00:00"]):
+        assert "\x1b" not in run("explain", path, *words)
+
+
+def test_messages_that_make_no_sense_are_survived(tmp_path):
+    """Each field of each message in turn is something else."""
+    base = advice("STOP", "PERSON_NEAR", separation_m=0.4, needed_m=0.5, speed_m_s=0.3)
+    base |= {"body_part": 3, "robot_link": 1, "grounds": {"person": 1, "terms_m": {"s_h": 1}}}
+    strange: list[object] = [None, "x", -1, 1e308, [], {}, True, [[1]], 10**30]
+    messages = [(0.0, "/advice/arm", base)]
+    at = 0.0
+    for key in [*base, "latch_id"]:
+        for value in strange:
+            at += 0.04
+            messages.append((at, "/advice/arm", {**base, "name": "arm", key: value}))
+    others = ("/scene", "/forecast", "/zones", "/node", "/status", "/clock", "/view/scene")
+    keys = ("people", "ids", "capture_ns", "positions", "capsules", "steps", "times_s", "links",
+            "reasons", "named_zones", "node", "now_ns", "entities", "utc_moved_s")  # fmt: skip
+    for k, value in enumerate(strange):
+        messages += [(k * 0.3, topic, dict.fromkeys(keys, value)) for topic in others]
+    messages.sort(key=lambda m: m[0])
+    path = written(tmp_path / "a.mcap", messages)
+    run("explain", path)
+    for at in range(0, 8):
+        run("explain", path, "--at", at, "--json")
+        run("explain", path, "--at", at)
+    run("report", path, "--out", tmp_path / "shift.html")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--out", "shift.pdf"], "the page is HTML"),
+        (["--from", "3", "--to", "1"], "is not after"),
+        (["--from", "90"], "no advice was recorded in that time"),
+    ],
+)
+def test_a_mistake_of_report_is_one_line(near, words, says):
+    result = CliRunner().invoke(app, ["report", str(near), *words])
+    assert isinstance(result.exception, HriPredictError)
+    assert says in str(result.exception)

@@ -1,0 +1,75 @@
+"""Where a robot was slowed: from when to when, and what names it."""
+
+import pytest
+
+from hri_predict.explaining.episodes import episodes
+from hri_predict.explaining.recordings import Recordings
+from hri_predict.explaining.shift.tally import tally
+from tests.hri_predict.explaining.made_up import SECOND, advice, told, written
+
+
+def found(tmp_path, messages):
+    recordings = Recordings([written(tmp_path / "a.mcap", messages)])
+    return recordings, list(episodes(recordings.read(["/advice"])))
+
+
+def test_each_slowdown_is_one_with_its_worst_phase(tmp_path):
+    recordings, (first, second) = found(tmp_path, told("CCSSXXXRRSCCUUC"))
+    assert (first.start_ns, first.end_ns) == (
+        recordings.start_ns + 200_000_000,
+        recordings.start_ns + 1_000_000_000,
+    )
+    assert (first.before, first.after) == ("CLEAR", "CLEAR")
+    assert (first.worst.level, first.worst.reason) == ("STOP", "PERSON_NEAR")
+    assert [phase.level for phase in first.phases] == ["SLOW", "STOP", "STOP", "SLOW"]
+    assert second.worst.reason == "INPUT_STALE"
+
+
+def test_what_waits_is_not_what_names_it(tmp_path):
+    _, (episode,) = found(tmp_path, told("CRRXXRRC"))
+    assert episode.worst.reason == "PERSON_NEAR"
+    waiting = episode.cause_before(episode.phases[-1].first.utc_ns)
+    assert waiting is not None
+    assert waiting.reason == "PERSON_NEAR"
+
+
+def test_a_pause_of_the_recording_ends_an_episode(tmp_path):
+    later = [(at + 60.0, topic, message) for at, topic, message in told("XX")]
+    _, both = found(tmp_path, [*told("XX"), *later])
+    assert len(both) == 2
+    assert both[0].end_ns is None
+
+
+def test_a_level_that_nobody_knows_stops(tmp_path):
+    _, (episode,) = found(tmp_path, [(0.0, "/advice/arm", advice("HURRY", "NOTHING"))])
+    assert episode.worst.level == "UNKNOWN"
+
+
+def test_a_shift_counts_what_was_told(tmp_path):
+    """1 s each of clear, slow, stop and unknown, then clear again: counted by hand."""
+    levels = "C" * 10 + "S" * 10 + "X" * 10 + "U" * 10 + "C" * 11
+    path = written(tmp_path / "a.mcap", told(levels, separation_m=0.55), config="robots: []")
+    (robot,) = tally(Recordings([path]), None, None)["robots"]
+    assert robot["seconds_at"] == {
+        "CLEAR": 2.0, "WARN": 0.0, "SLOW": 1.0, "STOP": 1.0, "UNKNOWN": 1.0, "FAULT": 0.0,
+    }  # fmt: skip
+    assert (robot["stops"], robot["stopped_s"]) == (1, 2.0)
+    # 2 s of five at 1 m/s, 1 s at 0.25 m/s
+    assert robot["permitted_share"] == pytest.approx(2.25 / 5.0, abs=1e-4)  # rounded to 4 digits
+    assert robot["full_speed_share"] == pytest.approx(0.4, abs=1e-4)
+    assert dict(map(tuple, robot["separation"]))[0.5] == 5.0
+    assert robot["age_p99_s"] == pytest.approx(0.02, abs=0.0011)  # bins of 1 ms
+
+
+def test_a_shift_says_what_was_not_recorded(tmp_path):
+    later = [(at + 60.0, topic, message) for at, topic, message in told("CC")]
+    path = written(tmp_path / "a.mcap", [*told("CC"), *later])
+    (robot,) = tally(Recordings([path]), None, None)["robots"]
+    assert robot["seconds"] == pytest.approx(0.2)
+    assert robot["not_recorded_s"] == pytest.approx(59.9)
+
+
+def test_a_part_of_a_shift(tmp_path):
+    recordings = Recordings([written(tmp_path / "a.mcap", told("C" * 20 + "X" * 20))])
+    part = tally(recordings, recordings.start_ns + 2 * SECOND, None)
+    assert part["robots"][0]["seconds_at"]["CLEAR"] == 0.0

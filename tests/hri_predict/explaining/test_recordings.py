@@ -1,0 +1,75 @@
+"""Which recordings are meant, in what order, and what is said of those that are damaged."""
+
+import pytest
+
+from hri_predict.errors import RecordingError
+from hri_predict.explaining.recordings import Recordings
+from tests.hri_predict.explaining.made_up import NOON, SECOND, told, written
+
+
+def test_a_folder_is_read_in_the_order_of_time(tmp_path):
+    written(tmp_path / "b.mcap", told("CC"))
+    written(tmp_path / "a.mcap", told("SS"), utc_ns=NOON + 60 * SECOND)
+    found = Recordings([tmp_path])
+    assert [file.path.name for file in found.files] == ["b.mcap", "a.mcap"]
+    levels = [message.data["level"] for message in found.read(["/advice"])]
+    assert levels == ["CLEAR", "CLEAR", "SLOW", "SLOW"]
+    late = found.read(["/advice"], start_ns=NOON + 30 * SECOND)
+    assert [message.data["level"] for message in late] == ["SLOW", "SLOW"]
+
+
+def test_a_cut_file_gives_what_came_before_and_a_note(tmp_path, near):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(near.read_bytes()[: near.stat().st_size // 2])
+    found = Recordings([cut])
+    assert 10 < sum(1 for _ in found.read(["/advice"])) < 141
+    assert len(found.notes) == 1
+    assert "has no end" in found.notes[0]
+
+
+def test_a_whole_file_has_no_note(near):
+    found = Recordings([near])
+    assert sum(1 for _ in found.read(["/advice"])) == 142  # 5.6 s at 25 Hz, starting and stopping
+    assert found.notes == []
+
+
+def test_damage_anywhere_is_told_or_costs_nothing(tmp_path, near):
+    """Only the index may be damaged unnoticed: nothing is read from it."""
+    whole, notes = [told.data for told in Recordings([near]).read()], 0
+    for at in (0.2, 0.35, 0.5, 0.65, 0.8, 0.95):
+        data = bytearray(near.read_bytes())
+        place = int(len(data) * at)
+        data[place : place + 64] = bytes(64)
+        (tmp_path / "damaged.mcap").write_bytes(data)
+        found = Recordings([tmp_path / "damaged.mcap"])
+        read = [told.data for told in found.read()]
+        assert found.notes or read == whole
+        assert read == whole[: len(read)]
+        notes += bool(found.notes)
+    assert notes >= 3
+
+
+def test_what_is_no_recording_in_a_folder_is_left_out_and_told(tmp_path):
+    written(tmp_path / "a.mcap", told("CC"))
+    (tmp_path / "b.mcap").write_bytes(b"no recording")
+    found = Recordings([tmp_path])
+    assert len(found.files) == 1
+    assert "b.mcap" in found.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("none.mcap", "no such file"), ("empty", "has no .mcap"), ("text.mcap", "not recorded by")],
+)
+def test_what_cannot_be_read_is_one_line(tmp_path, name, words):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "text.mcap").write_text("hello")
+    with pytest.raises(RecordingError, match=words):
+        Recordings([tmp_path / name])
+
+
+def test_files_of_two_cells_are_refused(tmp_path):
+    written(tmp_path / "a.mcap", told("CC"), cell="press")
+    written(tmp_path / "b.mcap", told("CC"), cell="weld")
+    with pytest.raises(RecordingError, match="several cells"):
+        Recordings([tmp_path])

@@ -1,0 +1,263 @@
+"""UR3e, UR20, Franka FR3 and KUKA LBR iiwa against their published tables, by pinocchio."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hri_predict.arrays import Floats
+from hri_predict.files import data_path
+from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.settings import Pose
+
+HALF = np.pi / 2
+UR_ALPHA = (HALF, 0, 0, HALF, -HALF, 0)
+IIWA_ALPHA = (-HALF, HALF, HALF, -HALF, -HALF, HALF, 0)
+
+# Rows of Denavit and Hartenberg, classic: a, alpha, d. The iiwas' files have origins
+# instead, with upright frames; the FR3's table is Craig's, modified (Franka's, as for the Panda).
+CLASSIC: dict[str, list[tuple[float, float, float]]] = {
+    "ur3e": list(
+        zip(
+            (0, -0.24355, -0.2132, 0, 0, 0),
+            UR_ALPHA,
+            (0.15185, 0, 0, 0.13105, 0.08535, 0.0921),
+            strict=True,
+        )
+    ),
+    "ur20": list(
+        zip(
+            (0, -0.8620, -0.7287, 0, 0, 0),
+            UR_ALPHA,
+            (0.2363, 0, 0, 0.2010, 0.1593, 0.1543),
+            strict=True,
+        )
+    ),
+    "iiwa14_r820": list(zip((0,) * 7, IIWA_ALPHA, (0.36, 0, 0.42, 0, 0.4, 0, 0.126), strict=True)),
+    "iiwa7_r800": list(zip((0,) * 7, IIWA_ALPHA, (0.34, 0, 0.4, 0, 0.4, 0, 0.126), strict=True)),
+}
+MODIFIED: dict[str, list[tuple[float, float, float]]] = {
+    "fr3": [
+        (0, 0, 0.333),
+        (0, -HALF, 0),
+        (0, HALF, 0.316),
+        (0.0825, HALF, 0),
+        (-0.0825, -HALF, 0.384),
+        (0, HALF, 0),
+        (0.088, HALF, 0),
+    ]
+}
+ARMS = [*CLASSIC, *MODIFIED]
+
+# Degrees and degrees a second, from the makers' manuals as the robot files cite them.
+LIMITS = {
+    "ur3e": ([360] * 6, [180, 180, 180, 360, 360, 360]),
+    "ur20": ([360] * 6, [120, 120, 150, 210, 210, 210]),
+    "iiwa14_r820": ([170, 120, 170, 120, 170, 120, 175], [85, 85, 100, 75, 130, 135, 135]),
+    "iiwa7_r800": ([170, 120, 170, 120, 170, 120, 175], [98, 98, 100, 130, 140, 180, 180]),
+}
+
+
+def arm(name: str, payload_kg: float | None = None) -> RobotModel:
+    return load_robot(
+        RobotSettings(
+            name="arm",
+            model=name,
+            room_from_robot=Pose(),
+            payload_kg=payload_kg,
+            max_speed_m_s=1.0,
+        ),
+        None,
+    )
+
+
+MODELS = {name: arm(name) for name in ARMS}
+FILES: dict[str, dict[str, Any]] = {
+    name: yaml.safe_load(data_path("robots", f"{name}.yaml").read_text()) for name in ARMS
+}
+
+
+def translation(x: float, z: float) -> Any:
+    return pinocchio.SE3(np.eye(3), np.array([x, 0.0, z]))
+
+
+def turn(alpha: float) -> Any:
+    return pinocchio.SE3(pinocchio.utils.rotate("x", alpha), np.zeros(3))
+
+
+def oracle(name: str, q: Floats) -> Any:
+    """Pose of the frame at the end of the published rows."""
+    model, parent, after = pinocchio.Model(), 0, pinocchio.SE3.Identity()
+    for i, (a, alpha, d) in enumerate(CLASSIC.get(name) or MODIFIED[name]):
+        if name in MODIFIED:
+            before, rest = after * turn(alpha) * translation(a, d), pinocchio.SE3.Identity()
+        else:
+            before, rest = after, translation(a, d) * turn(alpha)
+        parent = model.addJoint(parent, pinocchio.JointModelRZ(), before, f"j{i}")
+        after = rest
+    data = model.createData()
+    pinocchio.forwardKinematics(model, data, q)
+    return data.oMi[parent] * after
+
+
+def start_of_tool(name: str, q: Floats) -> Floats:
+    model = MODELS[name]
+    tool = FILES[name]["tool"][0]["name"]
+    return np.asarray(model.capsules(q).a[model.capsule_names.index(tool)])
+
+
+@pytest.mark.parametrize("name", ARMS)
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(-2.9, 2.9), min_size=7, max_size=7))
+def test_the_chain_is_the_published_table(name: str, angles: list[float]) -> None:
+    q = np.array(angles[: MODELS[name].dof])
+    # The classic tables end at the flange, whose gripper begins 30 mm beyond it.
+    local = [0, 0, 0.03] if name in CLASSIC else FILES[name]["tool"][0]["a"]
+    # Metre-sized sums of some ten products of doubles: 1e-15 each.
+    np.testing.assert_allclose(
+        start_of_tool(name, q), oracle(name, q).act(np.array(local, float)), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "at"),
+    [
+        # Stretched along -x: a2 + a3, -(d4 + d6), d1 - d5, as in the maker's figure.
+        ("ur3e", [-0.45675, -0.22315 - 0.03, 0.0665]),
+        ("ur20", [-1.5907, -0.3553 - 0.03, 0.077]),
+        # Upright: 0.36 + 0.42 + 0.4 + 0.126 = 1.306 m, the flange's height; 1.266 m for the 7.
+        ("iiwa14_r820", [0, 0, 1.306 + 0.03]),
+        ("iiwa7_r800", [0, 0, 1.266 + 0.03]),
+        # The flange at 0.926 m looks down; link 7's frame is 0.107 m above it.
+        ("fr3", [0.088 - 0.042, 0.042, 1.033 - 0.148]),
+    ],
+)
+def test_zero_pose_is_the_published_one(name: str, at: list[float]) -> None:
+    np.testing.assert_allclose(start_of_tool(name, np.zeros(MODELS[name].dof)), at, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "reach_m", "slack_m"),
+    [
+        # To the centre of the wrist, as KUKA counts; Universal Robots count the UR20's to the far
+        # side of wrist 2 (a2 + a3 + d5). The UR3e's 0.5 m lies between a2 + a3 and a2 + a3 + d5.
+        ("iiwa14_r820", 0.82, 1e-9),
+        ("iiwa7_r800", 0.80, 1e-9),
+        ("ur20", 1.75, 1e-9),
+        ("ur3e", 0.5, 0.0435),
+    ],
+)
+def test_the_reach_is_the_published_one(name: str, reach_m: float, slack_m: float) -> None:
+    joints = FILES[name]["joints"]
+    if name.startswith("ur"):
+        rows = [joint["dh"] for joint in joints]
+        reach = -rows[1]["a"] - rows[2]["a"] + rows[4]["d"]
+    else:
+        reach = joints[3]["origin"]["xyz"][2] + joints[5]["origin"]["xyz"][2]
+    assert reach == pytest.approx(reach_m, abs=slack_m)
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_limits_are_the_published_ones(name: str) -> None:
+    position, velocity = (np.radians(values) for values in LIMITS[name])
+    np.testing.assert_allclose(MODELS[name].position_max, position, atol=1e-12)
+    np.testing.assert_allclose(MODELS[name].position_min, -position, atol=1e-12)
+    np.testing.assert_allclose(MODELS[name].velocity_max, velocity, atol=1e-12)
+
+
+def test_limits_of_the_fr3_hold_every_published_range() -> None:
+    """The older, narrower ranges of franka_description lie within: no pose of it is refused."""
+    low = [-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159]
+    high = [2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159]
+    assert np.all(MODELS["fr3"].position_min <= low)
+    assert np.all(MODELS["fr3"].position_max >= high)
+    assert MODELS["fr3"].velocity_max.tolist() == [2.62] * 4 + [5.26, 4.18, 5.26]
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_first_joint_at_full_speed_moves_the_tip_as_far_as_it_reaches(name: str) -> None:
+    model = MODELS[name]
+    q = np.zeros(model.dof)
+    if name == "fr3":
+        q[1], q[3] = HALF, -0.12
+    elif name.startswith("iiwa"):
+        q[1] = HALF
+    qd = np.zeros(model.dof)
+    qd[0] = model.velocity_max[0]
+    placed = model.capsules(q)
+    ends = np.concatenate([placed.a, placed.b])
+    radii = np.concatenate([placed.radius, placed.radius])
+    reach = (np.linalg.norm(ends[:, :2], axis=1) + radii).max()
+    assert float(model.tip_speed(q, qd)) == pytest.approx(reach * qd[0], rel=1e-9)
+    assert 1.5 < reach * qd[0] < 5.0
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_capsules_of_neighbouring_links_leave_no_gap(name: str) -> None:
+    model = MODELS[name]
+    links = [FILES[name]["base"], *(j["child"] for j in FILES[name]["joints"])]
+    of = {
+        link: [
+            model.capsule_names.index(c["name"])
+            for c in FILES[name]["capsules"]
+            if c["link"] == link
+        ]
+        for link in links
+    }
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        placed = model.capsules(rng.uniform(model.position_min, model.position_max))
+        part = [
+            Capsules(*(x[k] for x in (placed.a, placed.b, placed.radius)))
+            for k in range(len(placed.a))
+        ]
+        for one, other in pairwise(links):
+            assert (
+                min(float(capsule_distance(part[i], part[j])) for i in of[one] for j in of[other])
+                <= 0.0
+            ), (one, other)
+
+
+@pytest.mark.parametrize("name", ["fr3", "iiwa7_r800"])
+def test_estimated_capsules_are_not_thinner_than_those_they_come_from(name: str) -> None:
+    origin = {"fr3": "panda", "iiwa7_r800": "iiwa14_r820"}[name]
+    fitted = yaml.safe_load(data_path("robots", f"{origin}.yaml").read_text())["capsules"]
+    added = {"fr3": 0.01, "iiwa7_r800": 0.0}[name]
+    for ours, theirs in zip(FILES[name]["capsules"], fitted, strict=True):
+        assert ours["radius"] == pytest.approx(theirs["radius"] + added, abs=1e-12)
+
+
+def test_the_ur20_is_at_least_a_larger_ur10e() -> None:
+    """Every capsule of the UR10e, 1.33 times as thick: the ratio of the published wrists."""
+    smaller = yaml.safe_load(data_path("robots", "ur10e.yaml").read_text())["capsules"]
+    for ours, theirs in zip(FILES["ur20"]["capsules"], smaller, strict=True):
+        assert ours["name"] == theirs["name"]
+        # Rounded to whole millimetres.
+        assert ours["radius"] >= 0.1593 / 0.11985 * theirs["radius"] - 0.0005
+
+
+def test_the_ur3e_stops_no_sooner_than_the_worst_published_for_its_predecessor() -> None:
+    """UR3/CB3, User Manual 3.10, appendix A.1: shoulder, 183 deg/s, 3 kg: 0.20 rad, 154 ms."""
+    reach_m = 0.5
+    time_s, distance_m = arm("ur3e", 3.0).stopping(float(np.radians(183)) * reach_m)
+    assert time_s >= 0.154
+    assert distance_m >= 0.20 * reach_m
+
+
+@pytest.mark.parametrize(
+    ("name", "payload_kg"),
+    [("ur3e", 3.0), ("ur20", 20.0), ("fr3", 3.0), ("iiwa14_r820", 14.0), ("iiwa7_r800", 7.0)],
+)
+def test_the_rated_payload_is_taken_and_the_table_says_that_it_is_a_model(
+    name: str, payload_kg: float
+) -> None:
+    assert arm(name, payload_kg).stopping(1.0)[1] > arm(name, 0.0).stopping(1.0)[1]
+    source = FILES[name]["stopping"]["source"]
+    assert "MODEL, NOT MEASURED" in source
+    assert "hri-predict commission" in source

@@ -1,0 +1,135 @@
+"""What a reload takes, what it leaves, and that it never takes a half."""
+
+import copy
+import logging
+from typing import Any
+
+import pytest
+
+from hri_predict.errors import ConfigError
+from hri_predict.recording.folder.folder import Folder
+from hri_predict.run import config as configuration
+from hri_predict.run.reload import Reload, differences
+from hri_predict.run.serving import RECORD_LIMITS, _takes_limits
+from tests.hri_predict.service.cells import cell, written
+
+
+class Parts:
+    """Takers that note what is put in force; ``refuse`` makes metrics refuse."""
+
+    def __init__(self):
+        self.in_force, self.refuse = [], False
+
+    def log(self, node):
+        return lambda: self.in_force.append(("log", node.log.level))
+
+    def metrics(self, node):
+        if self.refuse:
+            raise ConfigError("metrics: port 1: in use; choose another port")
+        return lambda: self.in_force.append(("metrics", node.metrics))
+
+
+@pytest.fixture
+def parts():
+    return Parts()
+
+
+@pytest.fixture
+def reload(tmp_path, parts):
+    path = written(tmp_path, cell())
+    config = configuration.load(path)
+    return Reload(
+        config, lambda: configuration.load(path), {"log": parts.log, "metrics": parts.metrics}
+    )
+
+
+@pytest.fixture
+def said(caplog):
+    def lines():
+        return [r.getMessage().removeprefix("reload: ") for r in caplog.records]
+
+    caplog.set_level(logging.WARNING)
+    return lines
+
+
+def test_a_file_that_says_the_same_changes_nothing(reload, parts, said):
+    reload.now()
+    assert said() == ["nothing differs"]
+    assert parts.in_force == []
+
+
+def test_safe_keys_are_taken_and_the_others_named_one_a_line(tmp_path, reload, parts, said):
+    data = cell(log={"level": "info"}, rate_hz=50)
+    data["robots"][0]["max_speed_m_s"] = 0.5
+    written(tmp_path, data)
+    reload.now()
+    assert parts.in_force == [("log", "info")]
+    assert said() == [
+        "log.level: changed",
+        "rate_hz: needs a restart",
+        "robots.0.max_speed_m_s: needs a restart",
+    ]
+
+
+def test_what_waits_for_a_restart_is_named_again_and_what_was_taken_is_not(
+    tmp_path, reload, parts, said
+):
+    written(tmp_path, cell(log={"level": "info"}, rate_hz=50))
+    reload.now()
+    reload.now()
+    assert said()[2:] == ["rate_hz: needs a restart"]
+    assert len(parts.in_force) == 1
+
+
+@pytest.mark.parametrize(
+    "text", ["rate_hz: [", "rate_hz: 25\n", "nonsense: 1\n", "\x00", ""], ids=repr
+)
+def test_a_wrong_file_changes_nothing_and_is_told_in_one_line(tmp_path, reload, parts, said, text):
+    (tmp_path / "cell.yaml").write_text(text, encoding="utf-8")
+    reload.now()
+    (line,) = said()
+    assert line.startswith("nothing changed: ")
+    assert "\n" not in line
+    assert (reload.failures, parts.in_force) == (1, [])
+
+
+def test_a_file_that_is_gone_changes_nothing(tmp_path, reload, said):
+    (tmp_path / "cell.yaml").unlink()
+    reload.now()
+    assert said()[0].startswith("nothing changed: ")
+
+
+def test_where_one_part_refuses_no_part_changes(tmp_path, reload, parts, said):
+    written(tmp_path, cell(log={"level": "info"}, metrics={"port": 1}))
+    parts.refuse = True
+    reload.now()
+    assert said() == ["nothing changed: metrics: port 1: in use; choose another port"]
+    assert parts.in_force == []
+    parts.refuse = False
+    reload.now()  # it was not noted as taken
+    assert [name for name, _ in parts.in_force] == ["log", "metrics"]
+
+
+def test_a_folder_of_recordings_keeps_to_new_limits_but_never_moves(tmp_path, said):
+    record = {"folder": str(tmp_path / "recordings"), "keep_days": 9, "max_mb": 10}
+    path = written(tmp_path, cell(record=record))
+    config = configuration.load(path)
+    assert config.node.record is not None
+    folder = Folder(tmp_path / "recordings", "cell", config.node.record)
+    parts = {f"record.{key}": _takes_limits(folder) for key in RECORD_LIMITS}
+    reload = Reload(config, lambda: configuration.load(path), parts)
+    written(tmp_path, cell(record={**record, "keep_days": 2, "zones_hz": 1}))
+    reload.now()
+    folder.close()
+    assert said() == ["record.keep_days: changed", "record.zones_hz: needs a restart"]
+    assert folder._settings.keep_days == 2
+
+
+def test_differences_name_the_deepest_key():
+    old: dict[str, Any] = {"a": {"b": [1, {"c": 2}]}, "d": [1], "e": None}
+    new = copy.deepcopy(old)
+    new["a"]["b"][1]["c"] = 3
+    new["d"].append(2)
+    new["e"] = {"f": 1}
+    assert list(differences(old, new)) == ["a.b.1.c", "d", "e"]
+    assert list(differences(old, copy.deepcopy(old))) == []
