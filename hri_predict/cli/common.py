@@ -54,6 +54,14 @@ ClusterOption = Annotated[
         "Connect only to a scheduler of your own: whoever reaches it can run any code.",
     ),
 ]
+CalibrationsOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--calibration",
+        help="Calibration of a predictor: it is used for the one that it was made for. Repeatable.",
+        show_default="the shipped ones",
+    ),
+]
 _RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".csv", ".mcap")
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hri_predict.cli.common import (
+    CalibrationsOption,
     ClusterOption,
     JobsOption,
     JointMapOption,
@@ -34,8 +35,10 @@ if TYPE_CHECKING:  # torch takes seconds to import, which the other commands nee
     from hri_predict.evaluation.benchmark import Forecaster, Protocol
     from hri_predict.evaluation.windows import Motion
     from hri_predict.joint_map import JointMap
+    from hri_predict.peers.zone_basis import ZoneBasis
     from hri_predict.predictors.base import PredictorSettings
     from hri_predict.predictors.neural.weights import LoadedWeights
+    from hri_predict.run.asked import Asked
 
 
 def evaluate(
@@ -43,11 +46,18 @@ def evaluate(
     data: Annotated[
         list[Path], typer.Option(help="Folder of the data pack, or recordings. Repeatable.")
     ],
-    predictor: Annotated[list[str], typer.Option(help="Name of a predictor. Repeatable.")],
+    predictor: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME[=WEIGHTS]",
+            help="Predictor, or with your own weights: mixer=best.safetensors. Repeatable.",
+        ),
+    ],
     weights: Annotated[
         list[Path] | None,
         typer.Option(help="Weights, *.safetensors; one for each --predictor, in the same order."),
     ] = None,
+    calibration: CalibrationsOption = None,
     benchmark: Annotated[
         str | None, typer.Option(help="cmu or human36m: evaluate as the papers do.")
     ] = None,
@@ -108,6 +118,7 @@ def evaluate(
             split=split,
             joint_map=joint_map,
             disturb=disturb,
+            calibrations=calibration or (),
             jobs=processes(jobs, cluster),
             cluster=cluster,
             out=out,
@@ -118,6 +129,7 @@ def evaluate(
             {
                 "--split": split,
                 "--joint-map": joint_map,
+                "--calibration": calibration,
                 "--disturb": True if disturb else None,
                 "--jobs": jobs,
                 "--cluster": cluster,
@@ -138,25 +150,30 @@ def evaluate(
         )
 
 
-def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> dict[str, Path | None]:
-    """Each predictor with its weights; ``None`` where it finds its own or needs none."""
-    for name in predictors:
-        if predictors.count(name) > 1:
-            raise ConfigError(f"--predictor {name}: given twice; name each predictor once")
+def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> "dict[str, Asked]":
+    """Label -> predictor with its weights."""
+    from hri_predict.run.asked import asked_predictors
+
     if not weights:
-        return dict.fromkeys(predictors)
+        return {asked.label: asked for asked in asked_predictors(predictors)}
+    for text in predictors:
+        if "=" in text:
+            raise ConfigError(
+                f"--predictor {text}: names its weights, and so does --weights; leave that out"
+            )
     if len(weights) != len(predictors):
         raise ConfigError(
             f"--weights: {len(weights)} given for {len(predictors)} --predictor; give one for each "
             f"in the same order, or none (baselines have none, and are always evaluated)"
         )
-    return dict(zip(predictors, weights, strict=True))
+    pairs = [f"{name}={file}" for name, file in zip(predictors, weights, strict=True)]
+    return {asked.label: asked for asked in asked_predictors(pairs)}
 
 
 def _benchmark(
     *,
     data: list[Path],
-    asked: Mapping[str, Path | None],
+    asked: "Mapping[str, Asked]",
     options: tuple[str, str, int, str | None],
     out: Path | None,
     as_json: bool,
@@ -170,7 +187,7 @@ def _benchmark(
         raise ConfigError("--data: a benchmark reads one folder; give it once")
     if n_out not in (10, 25):
         raise ConfigError(f"--n-out {n_out}: the benchmark predicts 10 or 25 frames")
-    loaded = {name: _load(name, weights) for name, weights in asked.items()}
+    loaded = {label: _load(each.name, each.weights) for label, each in asked.items()}
     protocol = Protocol(
         benchmark=one_of("--benchmark", benchmark, ("cmu", "human36m")),
         windows=one_of("--windows", windows, ("all", "8-seeds", "80-seeds")),
@@ -260,10 +277,11 @@ def _forecasters(
 def _real(
     *,
     data: list[Path],
-    asked: Mapping[str, Path | None],
+    asked: "Mapping[str, Asked]",
     split: str | None,
     joint_map: str | None,
     disturb: bool,
+    calibrations: Sequence[Path],
     jobs: int,
     cluster: str | None,
     out: Path | None,
@@ -274,11 +292,12 @@ def _real(
     from hri_predict.evaluation.recordings import baselines, built, judge_by
     from hri_predict.machine.hiring import workers_for
 
-    own = {name: _settings(name, weights) for name, weights in asked.items()}
+    own = {label: _settings(each.name, each.weights) for label, each in asked.items()}
     predictors = {name: built(settings) for name, settings in own.items()}  # errors before the work
+    bases = _bases(asked, own, calibrations)
     motions = _motions(files(data, split), own_map(joint_map))
     conditions = (None, *(standard() if disturb else ()))
-    weighed = [Path(w) for w in asked.values() if w is not None]
+    weighed = [each.weights for each in asked.values() if each.weights is not None]
     with workers_for(jobs, cluster, weighed) as workers, progress() as bar:
         task = bar.add_task("judging", total=len(motions) * len(conditions))
         results = []
@@ -293,18 +312,36 @@ def _real(
                 on_motion=lambda: bar.advance(task),
             )
     if out is not None:
-        written = report.write_report(results, out)
+        written = report.write_report(results, out, bases)
         # imported after the tables are written, because it needs matplotlib
         from hri_predict.evaluation.filmstrip import write_filmstrips
 
         tell([*written, *write_filmstrips(predictors, motions, out, results[0].averaged)])
     if as_json:
-        print(json.dumps(report.as_json(results)))
+        print(json.dumps(report.as_json(results, bases)))
         return
     tables = [report.judge_table(results), *report.action_tables(results)]
     if disturb:
         tables.append(report.corruption_table(results))
-    show(tables, [])
+    show(tables, [basis.line for basis in bases])
+
+
+def _bases(
+    asked: "Mapping[str, Asked]",
+    settings: "Mapping[str, PredictorSettings]",
+    calibrations: Sequence[Path],
+) -> "list[ZoneBasis]":
+    """What the zones of each predictor rest on; errors are forecasts' alone and do not tell."""
+    from hri_predict.risk.settings import CoverageSettings
+    from hri_predict.run.asked import basis_of, demand_use, fitting
+
+    demand_use(calibrations, settings)
+    bases = []
+    for label, each in asked.items():
+        found = fitting(calibrations, settings[label])
+        coverage = CoverageSettings(calibration=None if found is None else str(found))
+        bases.append(basis_of(each, settings[label], coverage, Path()))
+    return bases
 
 
 def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motion]":

@@ -171,7 +171,8 @@ def write_report(result: BenchmarkResult, out: Path, command: str) -> list[Path]
 
     protocol = result.protocol
     lengths = f"{protocol.n_in}to{protocol.n_out}"
-    stem = f"{'_'.join(result.asked)}_{protocol.benchmark}_{protocol.windows}_{lengths}"
+    asked = "_".join(result.asked).replace("/", "_")  # labels may hold parts of paths
+    stem = f"{asked}_{protocol.benchmark}_{protocol.windows}_{lengths}"
     texts = {
         ".md": as_markdown(result, command),
         ".csv": as_csv(result),

@@ -114,7 +114,7 @@ def write_filmstrips(
     scenes = [scene for scene in found if scene is not None]
     if not scenes:
         return []
-    files = [out_dir / f"filmstrip_{name}.png" for name in predictors]
+    files = [out_dir / f"filmstrip_{name.replace('/', '_')}.png" for name in predictors]
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
         for (name, predictor), file in zip(predictors.items(), files, strict=True):

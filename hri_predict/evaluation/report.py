@@ -15,6 +15,7 @@ from hri_predict.evaluation.recordings import MEAN_ACTIONS, RecordingResult, rel
 from hri_predict.evaluation.table import Table
 from hri_predict.evaluation.windows import HORIZON_STEPS, HORIZONS_MS, scored_joints
 from hri_predict.files import atomic_write
+from hri_predict.peers.zone_basis import ZoneBasis
 from hri_predict.predictors.neural.body import BODY
 
 _MS = tuple(f"{ms} ms" for ms in HORIZONS_MS)
@@ -69,15 +70,17 @@ def undisturbed(results: Sequence[RecordingResult]) -> list[RecordingResult]:
     return [r for r in results if r.corruption is None]
 
 
-def as_json(results: Sequence[RecordingResult]) -> dict[str, Any]:
+def as_json(results: Sequence[RecordingResult], zones: Sequence[ZoneBasis] = ()) -> dict[str, Any]:
     """All numbers of the tables, for programs; millimetres, ``null`` where nothing is known.
 
     ``results``: per predictor and disturbance the mean and every action by horizon, and the mean
-    by joint; ``losses``: as a share of the undisturbed error, at each horizon and over them all.
+    by joint; ``losses``: as a share of the undisturbed error, at each horizon and over them all;
+    ``zones``: what each asked predictor's zones rest on.
     """
     clean = {r.predictor: r for r in undisturbed(results)}
     return {
         "horizons_ms": list(HORIZONS_MS),
+        "zones": [basis.as_json() for basis in zones],
         "results": [_result_json(r) for r in results],
         "losses": [
             {
@@ -129,7 +132,7 @@ def as_csv(results: Sequence[RecordingResult]) -> str:
     return out.getvalue()
 
 
-def as_markdown(results: Sequence[RecordingResult]) -> str:
+def as_markdown(results: Sequence[RecordingResult], zones: Sequence[ZoneBasis] = ()) -> str:
     """Every table, and what was measured."""
     tables = [judge_table(results), *action_tables(results)]
     tables += [joint_table(results, ms) for ms in (400, 1000)]
@@ -144,19 +147,22 @@ def as_markdown(results: Sequence[RecordingResult]) -> str:
         "each action the same weight. A dash: the recording or the predictor does not reach that "
         "far.\n"
     )
-    return "\n".join([head, *(t.markdown() for t in tables)])
+    notes = ["".join(f"- {basis.line}\n" for basis in zones)] if zones else []
+    return "\n".join([head, *notes, *(t.markdown() for t in tables)])
 
 
-def write_report(results: Sequence[RecordingResult], out_dir: Path) -> list[Path]:
+def write_report(
+    results: Sequence[RecordingResult], out_dir: Path, zones: Sequence[ZoneBasis] = ()
+) -> list[Path]:
     """Write ``real.md``, ``real.csv``, ``real.json`` and the plots; returns the files written.
 
     Raises:
         ConfigError: the folder cannot be written, or matplotlib is missing.
     """
     texts = {
-        "real.md": as_markdown(results),
+        "real.md": as_markdown(results, zones),
         "real.csv": as_csv(results),
-        "real.json": json.dumps(as_json(results), indent=1) + "\n",
+        "real.json": json.dumps(as_json(results, zones), indent=1) + "\n",
     }
     try:
         for name, text in texts.items():

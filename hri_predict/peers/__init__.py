@@ -275,10 +275,15 @@ class Soak(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationRequest:
-    """The settings of a simulation; see ``hri-predict simulate``."""
+    """The settings of a simulation; see ``hri-predict simulate``.
+
+    Predictors are ``NAME`` or ``NAME=WEIGHTS``. A calibration is that of the predictor that it was
+    made for.
+    """
 
     config: Path
     predictors: tuple[str, ...] = ()
+    calibrations: tuple[Path, ...] = ()
     modes: tuple[str, ...] = ()
     coverages: tuple[float, ...] = ()
     motions: tuple[str, ...] = ()

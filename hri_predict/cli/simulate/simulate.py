@@ -11,6 +11,7 @@ from rich.table import Table
 
 from hri_predict import registry
 from hri_predict.cli.common import (
+    CalibrationsOption,
     ClusterOption,
     JointMapOption,
     files,
@@ -27,6 +28,7 @@ from hri_predict.errors import ConfigError
 from hri_predict.peers import OcclusionRequest, SimulationReport, SimulationRequest
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
+from hri_predict.run.asked import asked_predictors
 
 _PROCEDURAL = "procedural"
 _SCRIPTS = 24  # procedural motions stand for as many recordings
@@ -38,8 +40,14 @@ def simulate(
         Path, typer.Argument(help="Configuration with a source of kind: approach.")
     ] = Path("simulate.yaml"),
     predictor: Annotated[
-        list[str] | None, typer.Option(help="Predictor; default: the configuration's. Repeatable.")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[=WEIGHTS]",
+            help="Predictor, or with your own weights: mixer=best.safetensors; default: the "
+            "configuration's. Repeatable.",
+        ),
     ] = None,
+    calibration: CalibrationsOption = None,
     mode: Annotated[
         list[str] | None,
         typer.Option(
@@ -150,6 +158,7 @@ def simulate(
         without_effect(
             {
                 "--coverage": coverage,
+                "--calibration": calibration,
                 "--people": people,
                 "--data": data,
                 "--split": split,
@@ -198,7 +207,8 @@ def simulate(
         raise ConfigError("--resume: needs the folder of the run; give --out as well")
     request = SimulationRequest(
         config=configuration.find(config),
-        predictors=_each_once("--predictor", predictor),
+        predictors=_predictors(predictor or []),
+        calibrations=tuple(path.absolute() for path in calibration or ()),
         modes=_each_once("--mode", mode),
         coverages=tuple(coverage or ()),
         motions=_motions(data or [Path("../shared/data")], split),
@@ -235,9 +245,19 @@ def _each_once(flag: str, names: list[str] | None) -> tuple[str, ...]:
     return tuple(names or ())
 
 
+def _predictors(texts: list[str]) -> tuple[str, ...]:
+    """``NAME`` or ``NAME=WEIGHTS`` by its whole path, so that every process finds the file."""
+    asked = asked_predictors(texts)
+    return tuple(a.name if a.weights is None else f"{a.name}={a.weights.absolute()}" for a in asked)
+
+
 def _one(flag: str, names: list[str] | None) -> str | None:
     if names and len(names) > 1:
         raise ConfigError(f"{flag}: --occlude takes one; name one")
+    if names and "=" in names[0]:
+        raise ConfigError(
+            f"{flag} {names[0]}: --occlude takes no weights; name them in the configuration"
+        )
     return names[0] if names else None
 
 

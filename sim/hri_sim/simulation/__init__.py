@@ -15,11 +15,16 @@ from hri_predict.joint_map import MAP_ENDINGS
 from hri_predict.machine.hiring import workers_for
 from hri_predict.machine.identity import code_digest
 from hri_predict.peers import SimulationReport, SimulationRequest
+from hri_predict.peers.zone_basis import ZoneBasis
+from hri_predict.predictors.base import PredictorSettings
 from hri_predict.recording.recording import names_of
+from hri_predict.risk.zones.calibration import identity
+from hri_predict.run.asked import basis_of, demand_use
+from hri_predict.run.config import Config
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_sim.simulation.approach import ApproachSource, map_of, together
 from hri_sim.simulation.bodies import engines_of
-from hri_sim.simulation.cell import Cell, Variant, variants
+from hri_sim.simulation.cell import Cell, Variant, variants, with_risk
 from hri_sim.simulation.motion import PROCEDURAL, Motion, load_motion
 from hri_sim.simulation.results.publish import Result, report
 from hri_sim.simulation.results.report import Judged, Row, judged
@@ -55,6 +60,8 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
         config = plan.loaded(name)
         cell = Cell(config)
         modes = variants(config, plan.modes, plan.coverages)
+    settings = {plan.asked(name).label: _settings(plan.loaded(name)) for name in plan.predictors}
+    demand_use(request.calibrations, settings)
     plan, left_out = _usable(plan, cell, modes)
     store = Store(request.out, _decided_by(plan), request.resume)
     todo = [block for block in blocks(plan) if block.key not in store.done]
@@ -88,6 +95,7 @@ def _plan(request: SimulationRequest) -> Plan:
         episodes=request.episodes,
         seed=request.seed,
         people=request.people,
+        calibrations=tuple(map(str, request.calibrations)),
         checked=frozenset((name, int(index)) for name in names for index in chosen),
     )
 
@@ -96,7 +104,7 @@ def _decided_by(plan: Plan) -> dict[str, Any]:
     """Return everything that decides the results; recordings by name, not by folder."""
     return {
         "config": plan.loaded(None).text,
-        "predictors": plan.predictors,
+        "predictors": [_decides(plan, name) for name in plan.predictors],
         "modes": plan.modes,
         "coverages": plan.coverages,
         "motions": names_of([Path(name) for name in plan.motions]),
@@ -107,6 +115,25 @@ def _decided_by(plan: Plan) -> dict[str, Any]:
         "people": plan.people,
         "code": code_digest(),
     }
+
+
+def _settings(config: Config) -> PredictorSettings:
+    return config.predictor.resolved(config.base_dir)
+
+
+def _decides(plan: Plan, predictor: str | None) -> list[Any]:
+    """What decides the results of one predictor: its name, settings, weights and calibration."""
+    config = plan.loaded(predictor)
+    beside = config.node.risk.coverage.calibration
+    text = None if beside is None else read_text(config.base_dir / beside, "calibration")
+    return [plan.asked(predictor).label, config.predictor.name, identity(_settings(config)), text]
+
+
+def _basis(plan: Plan, predictor: str | None) -> ZoneBasis:
+    """What the zones of one predictor rest on."""
+    config = plan.loaded(predictor)
+    coverage = config.node.risk.coverage
+    return basis_of(plan.asked(predictor), _settings(config), coverage, config.base_dir)
 
 
 def _seen(request: SimulationRequest) -> tuple[tuple[str, str | float], ...]:
@@ -132,7 +159,9 @@ def _reads(plan: Plan) -> list[Path]:
     named = [name for name in beside if isinstance(name, str) and Path(name).suffix]
     recorded = [name for name in plan.motions if not name.startswith(PROCEDURAL + ":")]
     paths = [Path(plan.config), *((config.base_dir or Path()) / name for name in named)]
-    return [*paths, *map(Path, recorded)]
+    asked = [plan.asked(name) for name in plan.predictors if name is not None]
+    weights = [each.weights for each in asked if each.weights is not None]
+    return [*paths, *map(Path, recorded), *weights, *map(Path, plan.calibrations)]
 
 
 def _usable(plan: Plan, cell: Cell, modes: Sequence[Variant]) -> tuple[Plan, list[str]]:
@@ -207,10 +236,11 @@ def _result(plan: Plan, store: Store, left_out: Sequence[str]) -> Result:
     alone: Judged | None = None
     for number, predictor in enumerate(plan.predictors):
         config = plan.loaded(predictor)
-        name = config.predictor.name
+        name = plan.asked(predictor).label
         mine = [store.done[b.key] for b in blocks(plan) if b.predictor == number]
         outcomes = [row for rows in mine for row in rows["outcomes"]]
-        for variant in variants(config, plan.modes, plan.coverages):
+        modes = variants(config, plan.modes, plan.coverages)
+        for variant in modes:
             chosen = [row for row in outcomes if row["variant"] == variant.name]
             results.append(judged(name, variant.name, _sorted(chosen)))
         if alone is None:
@@ -224,6 +254,8 @@ def _result(plan: Plan, store: Store, left_out: Sequence[str]) -> Result:
                     f"{name}, {check['variant']}, episode {check['index']}: {check['disagreement']}"
                 )
     assert alone is not None
+    risks = [with_risk(config, each).node.risk for each in modes]
+    forecasts = any(risk.uses_forecasts for risk in risks)  # otherwise no zone rests on them
     asked = {
         "configuration": Path(plan.config).name,
         "episodes": plan.episodes,
@@ -241,6 +273,7 @@ def _result(plan: Plan, store: Store, left_out: Sequence[str]) -> Result:
         disagreements=disagreements,
         asked=asked,
         left_out=left_out,
+        bases=[_basis(plan, name) for name in plan.predictors] if forecasts else [],
     )
 
 

@@ -1,13 +1,15 @@
 """Blocks of episodes: one process runs one block at a time; finished blocks are not repeated."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hri_predict.run import config as configuration
+from hri_predict.run.asked import Asked, asked_predictors, demand_weights, fitting
 from hri_predict.run.config import Config
 from hri_sim.simulation import bodies as stages
 from hri_sim.simulation.approach import over_floor
@@ -30,7 +32,8 @@ class Plan:
 
     Attributes:
         config: path of the configuration.
-        predictors: names, in order; ``None``: the configuration's own.
+        predictors: names or ``NAME=WEIGHTS``, in order; ``None``: the configuration's own.
+        calibrations: files; each is that of the predictor that it was made for.
         modes, coverages: see ``cell.variants``.
         motions: names of the recordings, or procedural scripts.
         joint_map: of the recordings; ``None``: the configuration's, or found by names.
@@ -52,20 +55,59 @@ class Plan:
     seed: int
     people: int
     checked: frozenset[tuple[str | None, int]]
+    calibrations: tuple[str, ...] = ()
 
     def loaded(self, predictor: str | None) -> Config:
         """Return the configuration with one of the predictors."""
-        from pathlib import Path
-
         config = configuration.load(Path(self.config)).quiet()
         changes = dict(self.seen)
         if self.joint_map is not None:
             changes["joint_map"] = self.joint_map
         if changes:
             config = config.with_source(config.source.model_dump() | changes)
-        if predictor is None or predictor == config.predictor.name:
+        own = predictor is None or predictor == config.predictor.name
+        if predictor is not None and not own:
+            config = _with_predictor(config, predictor)
+        return self._with_calibration(config, own=own)
+
+    def asked(self, predictor: str | None) -> Asked:
+        """Return one of the predictors with its label in tables."""
+        if predictor is None:
+            name = configuration.load(Path(self.config)).predictor.name
+            return Asked(name=name, weights=None, label=name)
+        named = [text for text in self.predictors if text is not None]
+        return asked_predictors(named)[named.index(predictor)]
+
+    def _with_calibration(self, config: Config, *, own: bool) -> Config:
+        """Give a predictor the calibration that was made for it.
+
+        The configuration's file is for its own predictor: another one uses it if it fits, and
+        otherwise the shipped one or none.
+        """
+        coverage = config.node.risk.coverage
+        base_dir = config.base_dir or Path()
+        given = [Path(name) for name in self.calibrations]
+        beside = coverage.calibration
+        if not own and beside is not None:
+            given.append(base_dir / beside)
+        found = fitting(given, config.predictor.resolved(base_dir))
+        if found is None and (own or beside is None):
             return config
-        return config.with_predictor(predictor, horizon_s=config.predictor.horizon_s)
+        changed = {"calibration": None if found is None else str(found)}
+        risk = config.node.risk.model_copy(update={"coverage": coverage.model_copy(update=changed)})
+        return replace(config, node=config.node.model_copy(update={"risk": risk}))
+
+
+def _with_predictor(config: Config, text: str) -> Config:
+    """The configuration with ``NAME`` or ``NAME=WEIGHTS`` as its predictor."""
+    (asked,) = asked_predictors([text])
+    settings: dict[str, Any] = {"horizon_s": config.predictor.horizon_s}
+    if asked.name == config.predictor.name:  # its other weights: everything else stays
+        settings = config.predictor.model_dump(exclude={"name"})
+    if asked.weights is not None:
+        demand_weights(asked)
+        settings["weights"] = str(asked.weights)
+    return config.with_predictor(asked.name, **settings)
 
 
 @dataclass(frozen=True, order=True)

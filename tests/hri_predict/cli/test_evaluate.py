@@ -341,6 +341,9 @@ def test_real_recordings_beside_the_baselines(cli, walk):
     assert (status, told) == (0, "")
     found = {r["predictor"]: r for r in json.loads(text)["results"]}
     assert {"constant_velocity", "zero_velocity", "kalman"} <= set(found)
+    (zones,) = json.loads(text)["zones"]
+    assert zones["calibrated"]
+    assert zones["calibration"] == "constant_velocity.calibration.json"
     walking = found["zero_velocity"]["actions"]["walking"]["mm"]
     assert walking[-1] == pytest.approx(500.0, abs=1.0)  # half a metre in the last horizon's second
     assert found["constant_velocity"]["actions"]["walking"]["mm"][-1] == pytest.approx(0, abs=1.0)

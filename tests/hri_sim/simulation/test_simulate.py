@@ -9,6 +9,7 @@ import pytest
 
 from hri_predict.errors import ConfigError
 from hri_predict.peers import SimulationRequest
+from hri_predict.risk.zones.calibration import shipped_calibration
 from hri_predict.run import config as configuration
 from hri_sim.simulation import report, simulate
 from hri_sim.simulation.work import BLOCK, Plan, blocks, episodes
@@ -183,3 +184,13 @@ def test_two_workers_of_a_cluster_give_the_same_table_as_this_process(request_of
     with scheduler(tmp_path) as address, worker(address, tmp_path / "a"):  # noqa: SIM117
         with worker(address, tmp_path / "b"):
             assert text(simulate(request_of(cluster=address), lambda *_: None)) == alone
+
+
+def test_a_calibration_is_used_by_the_predictor_that_it_was_made_for(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_bytes(shipped_calibration("constant_velocity").read_bytes())
+    path = str(configuration.shipped("simulate.yaml"))
+    made = replace(plan(1, 1), config=path, calibrations=(str(file),))
+    used = made.loaded("constant_velocity").node.risk.coverage.calibration
+    assert used == str(file)
+    assert made.loaded("zero_velocity").node.risk.coverage.calibration is None

@@ -9,6 +9,7 @@ from typing import Any
 from hri_predict.errors import ConfigError
 from hri_predict.files import atomic_write
 from hri_predict.peers import SimulationReport
+from hri_predict.peers.zone_basis import ZoneBasis
 from hri_sim.simulation.results.report import (
     Judged,
     Row,
@@ -36,6 +37,7 @@ class Result:
         disagreements: one line for each of them with another result.
         asked: everything that decides the results, by name.
         left_out: one line for each recording that could not be played.
+        bases: what each predictor's zones rest on.
     """
 
     results: Sequence[Judged]
@@ -45,6 +47,7 @@ class Result:
     disagreements: Sequence[str]
     asked: Mapping[str, Any]
     left_out: Sequence[str] = ()
+    bases: Sequence[ZoneBasis] = ()
 
 
 def report(result: Result, out: Path | None) -> SimulationReport:
@@ -54,7 +57,7 @@ def report(result: Result, out: Path | None) -> SimulationReport:
         ConfigError: the folder cannot be written.
     """
     shown = tables(result.results, result.alone, result.predictions)
-    said = notes(result.results)
+    said = [*(basis.line for basis in result.bases), *notes(result.results)]
     agree = result.checks - len(result.disagreements)
     said.append(
         f"Repeated through the whole node: {result.checks} episodes, {agree} agree (same contacts, "
@@ -103,6 +106,7 @@ def asked_for(asked: Mapping[str, Any]) -> str:
 def _data(result: Result, said: Sequence[str]) -> dict[str, Any]:
     return {
         "asked": dict(result.asked),
+        "zones": [basis.as_json() for basis in result.bases],
         "results": [_judged(r) for r in (*result.results, result.alone)],
         "touch_within_1s": {
             name: as_json(predicted(rows)) for name, rows in result.predictions.items()

@@ -1,0 +1,45 @@
+"""What the zones of a predictor rest on, as every comparison tells it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZoneBasis:
+    """What the zones of a predictor rest on.
+
+    Attributes:
+        label, name: of the predictor.
+        weights: name of its own file; ``None``: the shipped one, or none.
+        calibration: the file; ``None``: it has none, and zones are those of the physical limits.
+        shipped: whether the calibration came with the node.
+    """
+
+    label: str
+    name: str
+    weights: str | None
+    calibration: Path | None
+    shipped: bool
+
+    @property
+    def line(self) -> str:
+        """The same for a person, with the remedy."""
+        if self.calibration is not None:
+            where = ", shipped" if self.shipped else ""
+            return f"Zones of {self.label}: calibrated by {self.calibration.name}{where}."
+        weights = "" if self.weights is None else f" --weights {self.weights}"
+        return (
+            f"Zones of {self.label}: not calibrated: physical limits alone, which costs work; "
+            f"hri-predict calibrate --predictor {self.name}{weights}"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """The same for programs; files by name, because folders are one machine's."""
+        return {
+            "label": self.label,
+            "predictor": self.name,
+            "weights": self.weights,
+            "calibrated": self.calibration is not None,
+            "calibration": None if self.calibration is None else self.calibration.name,
+        }

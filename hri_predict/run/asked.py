@@ -1,0 +1,129 @@
+"""Predictors that a command compares: ``--predictor NAME`` or ``NAME=WEIGHTS``, side by side.
+
+What their zones rest on is told beside every comparison: a predictor without a calibration has
+zones of the physical limits alone, and looks worse at work than it is at forecasting.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hri_predict import registry
+from hri_predict.errors import ConfigError
+from hri_predict.peers.zone_basis import ZoneBasis
+from hri_predict.predictors.base import PredictorSettings
+from hri_predict.recording.recording import names_of
+from hri_predict.risk.settings import CoverageSettings
+from hri_predict.risk.zones.calibration import (
+    calibration_for,
+    load_calibration,
+    mismatch,
+    shipped_calibration,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """One predictor of a comparison.
+
+    Attributes:
+        name: as it is registered.
+        weights: its file; ``None``: the shipped one, or none.
+        label: its name in tables; with the weights' where the same predictor occurs twice.
+    """
+
+    name: str
+    weights: Path | None
+    label: str
+
+
+def asked_predictors(texts: Sequence[str]) -> list[Asked]:
+    """Read ``NAME`` or ``NAME=WEIGHTS`` of each; the same name may occur with other weights.
+
+    Raises:
+        ConfigError: a predictor is given twice, or a text is incomplete.
+    """
+    pairs: list[tuple[str, Path | None]] = []
+    for text in texts:
+        name, equals, file = text.partition("=")
+        if not name or (equals and not file):
+            raise ConfigError(f"--predictor {text}: write NAME or NAME=WEIGHTS.safetensors")
+        pair = (name, Path(file) if equals else None)
+        if pair in pairs:
+            raise ConfigError(
+                f"--predictor {text}: given twice; name each once, or give other weights: "
+                f"{name}=WEIGHTS.safetensors"
+            )
+        pairs.append(pair)
+    labels = iter(names_of([weights for _, weights in pairs if weights is not None]))
+    asked = []
+    for name, weights in pairs:
+        label = name
+        if weights is not None:
+            own = next(labels).removesuffix(weights.suffix)
+            if [other for other, _ in pairs].count(name) > 1:
+                label = f"{name}={own}"
+        asked.append(Asked(name=name, weights=weights, label=label))
+    return asked
+
+
+def demand_weights(asked: Asked) -> None:
+    """Check that a predictor takes the weights that it is given.
+
+    Raises:
+        ConfigError: there is no such predictor, or it takes none.
+    """
+    model = registry.predictor_settings(asked.name)
+    if asked.weights is not None and "weights" not in model.model_fields:
+        raise ConfigError(f"--predictor {asked.name}={asked.weights}: takes no weights")
+
+
+def fitting(calibrations: Sequence[Path], settings: PredictorSettings) -> Path | None:
+    """The first of these files that was made for a predictor, its settings and weights.
+
+    Raises:
+        ConfigError: a file cannot be read or is no calibration.
+    """
+    for path in calibrations:
+        if not mismatch(load_calibration(path), settings):
+            return path
+    return None
+
+
+def demand_use(calibrations: Sequence[Path], asked: Mapping[str, PredictorSettings]) -> None:
+    """Check that each ``--calibration`` belongs to one of the predictors (by label).
+
+    Raises:
+        ConfigError: one does not, and would be left out silently.
+    """
+    for path in calibrations:
+        made = load_calibration(path)
+        why = {label: mismatch(made, settings) for label, settings in asked.items()}
+        if all(why.values()):
+            same = [label for label, each in asked.items() if each.name == made.predictor]
+            said = f"is of predictor {made.predictor}" if not same else why[same[0]]
+            told = ", ".join(asked) if not same else same[0]
+            raise ConfigError(
+                f"--calibration {path}: {said}, and fits none of --predictor {told}; name its "
+                f"predictor, or calibrate what you run: hri-predict calibrate"
+            )
+
+
+def basis_of(
+    asked: Asked, settings: PredictorSettings, coverage: CoverageSettings, base_dir: Path
+) -> ZoneBasis:
+    """What the zones of a predictor with these settings rest on.
+
+    Raises:
+        ConfigError: see ``calibration_for``.
+    """
+    found = calibration_for(settings, coverage, base_dir)
+    shipped = coverage.calibration is None
+    path = shipped_calibration(settings.name) if shipped else base_dir / str(coverage.calibration)
+    return ZoneBasis(
+        label=asked.label,
+        name=asked.name,
+        weights=None if asked.weights is None else asked.weights.name,
+        calibration=None if found is None else path,
+        shipped=shipped,
+    )

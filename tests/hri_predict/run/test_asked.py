@@ -1,0 +1,83 @@
+"""Predictors side by side: their names in tables, their calibrations, one line for a mistake."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from hri_predict.errors import ConfigError
+from hri_predict.predictors.baselines import ConstantVelocitySettings, ZeroVelocitySettings
+from hri_predict.risk.settings import CoverageSettings
+from hri_predict.risk.zones.calibration import shipped_calibration
+from hri_predict.run.asked import asked_predictors, basis_of, demand_use, demand_weights, fitting
+
+CV = ConstantVelocitySettings(name="constant_velocity", rate_hz=25.0, horizon_s=1.2)
+ZERO = ZeroVelocitySettings(name="zero_velocity", rate_hz=25.0, horizon_s=1.2)
+
+
+def labels(*texts):
+    return [asked.label for asked in asked_predictors(texts)]
+
+
+def test_a_name_that_occurs_once_is_its_own_label():
+    assert labels("sinn", "mixer=runs/best.safetensors") == ["sinn", "mixer"]
+
+
+def test_the_same_predictor_with_other_weights_is_told_apart():
+    assert labels("sinn", "sinn=runs/best.safetensors") == ["sinn", "sinn=best"]
+    twice = labels("sinn=a/best.safetensors", "sinn=b/best.safetensors")
+    assert twice == ["sinn=a/best", "sinn=b/best"]
+
+
+@pytest.mark.parametrize(
+    ("texts", "told"),
+    [
+        (["sinn", "sinn"], "--predictor sinn: given twice"),
+        (["sinn=w", "sinn=w"], "--predictor sinn=w: given twice"),
+        (["sinn="], "--predictor sinn=: write NAME or NAME=WEIGHTS"),
+        (["=w"], "--predictor =w: write NAME or NAME=WEIGHTS"),
+    ],
+)
+def test_a_mistake_is_one_line(texts, told):
+    with pytest.raises(ConfigError) as raised:
+        asked_predictors(texts)
+    assert str(raised.value).startswith(told)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_predictor_without_weights_refuses_them():
+    (asked,) = asked_predictors(["kalman=w.safetensors"])
+    with pytest.raises(ConfigError, match="takes no weights"):
+        demand_weights(asked)
+
+
+def test_a_calibration_goes_to_the_predictor_that_it_was_made_for(tmp_path):
+    own = tmp_path / "mine.json"
+    shutil.copy(shipped_calibration("constant_velocity"), own)
+    assert fitting([own], CV) == own
+    assert fitting([own], ZERO) is None
+    demand_use([own], {"constant_velocity": CV, "zero_velocity": ZERO})
+    with pytest.raises(ConfigError, match="is of predictor constant_velocity, and fits none of"):
+        demand_use([own], {"zero_velocity": ZERO})
+    faster = CV.model_copy(update={"span_s": 0.2})
+    with pytest.raises(ConfigError, match=r"was made with span_s .* hri-predict calibrate"):
+        demand_use([own], {"constant_velocity": faster})
+
+
+def test_zones_say_what_they_rest_on(tmp_path):
+    (asked,) = asked_predictors(["constant_velocity"])
+    shipped = basis_of(asked, CV, CoverageSettings(), Path())
+    assert shipped.line == (
+        "Zones of constant_velocity: calibrated by constant_velocity.calibration.json, shipped."
+    )
+    own = tmp_path / "mine.json"
+    shutil.copy(shipped_calibration("constant_velocity"), own)
+    mine = basis_of(asked, CV, CoverageSettings(calibration=str(own)), Path())
+    assert mine.line == "Zones of constant_velocity: calibrated by mine.json."
+    faster = CV.model_copy(update={"span_s": 0.2})
+    none = basis_of(asked, faster, CoverageSettings(), Path())
+    assert none.as_json()["calibrated"] is False
+    assert none.line.endswith(
+        "not calibrated: physical limits alone, which costs work; "
+        "hri-predict calibrate --predictor constant_velocity"
+    )
