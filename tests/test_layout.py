@@ -55,7 +55,7 @@ MAY_IMPORT = {  # from the bottom to the top
     "library": EVERYTHING,
     "commissioning": f"{NODE} node recording evidence run library",
     "conformance": "core protocol contracts people predictors",
-    "cli": f"{EVERYTHING} explaining library commissioning conformance",
+    "cli": f"{EVERYTHING} viewing explaining library commissioning conformance",
     "hri_drivers.wires": "core protocol contracts",
     "hri_drivers.links": "core protocol contracts hri_drivers.wires",
     "hri_drivers.sources": "core protocol discovery hri_drivers.wires",

@@ -39,6 +39,7 @@ SHARED = ROOT.parent / "shared" / "data"
 README = ROOT / "README.md"
 COMMANDS = pages.commands()
 LANGUAGES = {"console", "yaml", "python", "toml", "sh", "json", "json5", "hex", "c", "text"}
+LANGUAGES |= {"iecst", "ini"}  # structured text, which its own tests run; a unit of systemd
 SENDER = ROOT / "drivers" / "python" / "hri_sender.py"
 RUN_BY_CI = {"make demo", "make test"}  # .ci/run runs both, from a clean clone
 LONG = {"demo", "train", "calibrate", "evaluate", "simulate", "bench", "explain", "report"}
@@ -141,7 +142,8 @@ def missing(words: list[str]) -> str | None:
             return word
         elif word.startswith("--"):
             option = word.partition("=")[0]
-            if option not in {o for p in command.params for o in (*p.opts, "--help")}:
+            known = {o for p in command.params for o in (*p.opts, *p.secondary_opts)}
+            if option not in {*known, "--help"}:
                 return option
     return None
 

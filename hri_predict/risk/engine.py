@@ -244,9 +244,8 @@ class RiskEngine:
         said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *modes, *drift]
         reasons = dict.fromkeys(said)
         near = near_misses(findings, bodies)
-        grounds = tuple(
-            grounds_of(robot, found, bodies, self._settings)
-            for robot, found in zip(self._constants, findings.robots, strict=True)
+        grounds = partial(
+            grounds_of, tuple(self._constants), findings.robots, bodies, self._settings
         )
         return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near, grounds)
 

@@ -1,5 +1,6 @@
 """What the risk stage works on, and its result."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from hri_predict.arrays import Floats
@@ -37,7 +38,7 @@ class Assessment:
         named_zones: the state of each of the user's named zones.
         reasons: why the zones are no better than they are; empty if nothing is wrong.
         near_misses: where a moving robot was nearly too close, one per robot at most.
-        grounds: what each robot's advice rests on; empty if it is not known.
+        ask_grounds: gives ``grounds``: a tick does not pay for what only a recorder reads.
     """
 
     advices: tuple[Advice, ...]
@@ -45,7 +46,12 @@ class Assessment:
     named_zones: tuple["NamedZoneState", ...]
     reasons: tuple[Reason, ...] = ()
     near_misses: tuple["NearMiss", ...] = ()
-    grounds: tuple["Grounds", ...] = ()
+    ask_grounds: Callable[[], tuple["Grounds", ...]] = tuple
+
+    @property
+    def grounds(self) -> tuple["Grounds", ...]:
+        """What each robot's advice rests on; empty if it is not known. Any thread may ask."""
+        return self.ask_grounds()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -1,5 +1,9 @@
 """What a robot's advice rests on, taken from the findings: for recordings, never for the advice."""
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from hri_predict.geometry import Capsules, capsule_distance
 from hri_predict.risk.levels.advice import asked_of
 from hri_predict.risk.robot_constants import RobotConstants
@@ -8,6 +12,7 @@ from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Grounds
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.motion import RobotMotion
 
 
 def mildest(found: RobotFindings) -> tuple[str, Finding | None]:
@@ -19,6 +24,18 @@ def mildest(found: RobotFindings) -> tuple[str, Finding | None]:
 
 
 def grounds_of(
+    robots: Sequence[RobotConstants],
+    found: Sequence[RobotFindings],
+    bodies: BodyZones,
+    settings: RiskSettings,
+) -> tuple[Grounds, ...]:
+    """The grounds of each robot's advice."""
+    return tuple(
+        _of_one(robot, each, bodies, settings) for robot, each in zip(robots, found, strict=True)
+    )
+
+
+def _of_one(
     robot: RobotConstants, found: RobotFindings, bodies: BodyZones, settings: RiskSettings
 ) -> Grounds:
     """The grounds of one robot's advice: the same finding as it names.
@@ -39,7 +56,7 @@ def grounds_of(
         person=None if people is None else bodies.zones.ids[people.person],
         segment="" if people is None else bodies.zones.segments[people.segment],
         link=None if people is None else people.link,
-        pair_m=None if people is None else _pair_m(people, bodies, motion.capsules),
+        pair_m=None if people is None else _pair_m(people, bodies, motion),
         separation_m=None if people is None else people.separation_m,
         slack_m=None if people is None else people.slack_m,
         reaction_s=bodies.age_s + motion.until_braking_s,
@@ -56,12 +73,18 @@ def _ways(found: RobotFindings) -> dict[str, Finding | None]:
     return {"zones": found.people, "standard": found.standard, "contact": found.contact}
 
 
-def _pair_m(people: Finding, bodies: BodyZones, robot: Capsules) -> float:
-    """The distance now of the deciding pair."""
+def _pair_m(people: Finding, bodies: BodyZones, motion: RobotMotion) -> float | None:
+    """The distance now of the deciding pair; ``None`` if no capsule of the robot decides."""
+    link, numbering = people.link, motion.model.numbering
+    if numbering is not None:  # findings count the capsules of all tools
+        own = np.flatnonzero(numbering == link)
+        link = int(own[0]) if own.size else -1
+    if link < 0:
+        return None
     zones, pair = bodies.zones.capsules, (people.person, 0, people.segment)
     body = Capsules(zones.a[pair], zones.b[pair], zones.radius[pair])
-    link = Capsules(robot.a[people.link], robot.b[people.link], robot.radius[people.link])
-    return float(capsule_distance(body, link))
+    robot = motion.capsules
+    return float(capsule_distance(body, Capsules(robot.a[link], robot.b[link], robot.radius[link])))
 
 
 def _human_m_s(people: Finding | None, bodies: BodyZones) -> float:

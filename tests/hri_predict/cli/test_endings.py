@@ -107,8 +107,8 @@ def test_a_failure_of_ours_keeps_its_trace(monkeypatch):
         (0, {"simulate": {"role": "drive", "perod_s": 0.01}}, "did you mean 'period_s'"),
         (0, {"simulate": {"role": "monitor"}}, "0 simulated drives"),
         (0, {"faults": [{"kind": "dropp"}]}, "did you mean 'drop'"),
-        (0, {"simulate": None, "port": ""}, "links.0: port: "),
-        (1, {"simulate": None, "channel": ""}, "links.1: channel: "),
+        (0, {"simulate": None, "port": ""}, "links.0.port: "),
+        (1, {"simulate": None, "channel": ""}, "links.1.channel: "),
     ],
 )
 def test_check_refuses_what_a_run_would_refuse(monkeypatch, capsys, tmp_path, link, changes, said):

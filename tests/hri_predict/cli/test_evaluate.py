@@ -329,7 +329,10 @@ def test_weights_go_to_the_predictor_in_the_same_place(cli, walk):
     both = ["--data", walk, "--predictor", "trajectorycnn", "--predictor", "sinn"]
     status, text, _ = cli(*both, "--weights", other, "--weights", sinn, "--json")
     assert status == 0
-    assert json.loads(text) == json.loads(cli(*both, "--json")[1])
+    named, shipped = json.loads(text), json.loads(cli(*both, "--json")[1])
+    assert [zones.pop("weights") for zones in named.pop("zones")] == [other.name, sinn.name]
+    del shipped["zones"]
+    assert named == shipped
     status, _, error = cli(*both, "--weights", sinn, "--weights", other)
     assert status == 2
     assert len(error.splitlines()) == 1

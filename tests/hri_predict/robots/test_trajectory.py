@@ -21,6 +21,7 @@ FILE: dict[str, Any] = yaml.safe_load(data_path("trajectories", "pick_and_place.
 SHIPPED = {
     "pick_and_place": ["ur5e", "ur5"],
     "panda_pick_and_place": ["panda", "fr3"],
+    "iiwa_pick_and_place": ["iiwa14_r820", "iiwa7_r800"],
     "ur10e_pick_and_place": ["ur10e"],
     "rail_pick_and_place": ["ur10e_rail"],
     "drive_and_pick": ["mobile"],
@@ -111,7 +112,7 @@ def test_shipped_trajectories_are_what_they_say(name: str, arm: str) -> None:
     q, _ = path.at(np.linspace(0, path.duration_s, 500))
     placed = model.capsules(q)
     lowest = np.minimum(placed.a[..., 2], placed.b[..., 2]) - placed.radius
-    fixed = ("base", "panda_link0", "fr3_link0")
+    fixed = ("base", "panda_link0", "fr3_link0", "base_link")
     moving = [i for i, name in enumerate(model.capsule_names) if name not in fixed]
     assert lowest[:, moving].min() > -0.1  # above the floor of a cell with the arm on a pedestal
 
