@@ -19,6 +19,7 @@ from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, remembered
 from hri_predict.risk.levels.machine import Advised, LevelMachine
 from hri_predict.risk.levels.modes import Decision, Modes, Situation
+from hri_predict.risk.levels.pair import pair_m
 from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.permitted import NEAR_M
@@ -331,8 +332,10 @@ def _detail(
     if demand.reason not in (Reason.NONE, reason):
         parts.append(demand.reason.text)
     if who is not None:
-        segment = bodies.zones.segments[who.segment]
-        parts.append(f"person {ids[who.person]}, {segment}, {where(robot, who)}")
+        segment, apart_m = bodies.zones.segments[who.segment], who.pair_m
+        if apart_m is None and found.motion is not None:
+            apart_m = pair_m(who, bodies, found.motion)
+        parts.append(f"person {ids[who.person]}, {segment}, {where(robot, who, apart_m)}")
         if who.slack_m < 0:
             stands = found.speed_m_s < STANDS_M_S
             parts.append(f"{-who.slack_m:.2f} m {_TOO_NEAR_TO_START if stands else _TOO_CLOSE}")
@@ -351,10 +354,12 @@ def _detail(
     return "; ".join(parts if is_clear else [*parts, f"clears when {reason.clears_when}"])
 
 
-def where(robot: RobotConstants, people: Finding) -> str:
-    """The deciding person's distance, and from what it is measured, in words."""
+def where(robot: RobotConstants, people: Finding, apart_m: float | None = None) -> str:
+    """The deciding pair's distance, and from what it is measured, in words.
+
+    ``apart_m``: that distance; by default the least distance of all pairs.
+    """
     if robot.risk.mode == "fixed":
         return f"{max(people.slack_m + robot.fixed_radius_m, 0.0):.2f} m from the base's axis"
     link = robot.model.capsule_names[people.link]
-    distance_m = people.separation_m if people.pair_m is None else people.pair_m
-    return f"{max(distance_m, 0.0):.2f} m from {link}"
+    return f"{max(people.separation_m if apart_m is None else apart_m, 0.0):.2f} m from {link}"

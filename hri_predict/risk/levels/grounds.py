@@ -2,17 +2,14 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from hri_predict.geometry import Capsules, capsule_distance
 from hri_predict.risk.levels.advice import asked_of
+from hri_predict.risk.levels.pair import pair_m
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Grounds
 from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.robots.motion import RobotMotion
 
 
 def mildest(found: RobotFindings) -> tuple[str, Finding | None]:
@@ -56,7 +53,7 @@ def _of_one(
         person=None if people is None else bodies.zones.ids[people.person],
         segment="" if people is None else bodies.zones.segments[people.segment],
         link=None if people is None else people.link,
-        pair_m=None if people is None else _pair_m(people, bodies, motion),
+        pair_m=None if people is None else pair_m(people, bodies, motion),
         separation_m=None if people is None else people.separation_m,
         slack_m=None if people is None else people.slack_m,
         reaction_s=bodies.age_s + motion.until_braking_s,
@@ -71,20 +68,6 @@ def _of_one(
 
 def _ways(found: RobotFindings) -> dict[str, Finding | None]:
     return {"zones": found.people, "standard": found.standard, "contact": found.contact}
-
-
-def _pair_m(people: Finding, bodies: BodyZones, motion: RobotMotion) -> float | None:
-    """The distance now of the deciding pair; ``None`` if no capsule of the robot decides."""
-    link, numbering = people.link, motion.model.numbering
-    if numbering is not None:  # findings count the capsules of all tools
-        own = np.flatnonzero(numbering == link)
-        link = int(own[0]) if own.size else -1
-    if link < 0:
-        return None
-    zones, pair = bodies.zones.capsules, (people.person, 0, people.segment)
-    body = Capsules(zones.a[pair], zones.b[pair], zones.radius[pair])
-    robot = motion.capsules
-    return float(capsule_distance(body, Capsules(robot.a[link], robot.b[link], robot.radius[link])))
 
 
 def _human_m_s(people: Finding | None, bodies: BodyZones) -> float:

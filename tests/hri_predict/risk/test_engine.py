@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hri_predict.errors import ConfigError
+from hri_predict.geometry import Capsules, capsule_distance
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import Advice, Level, RobotMode
 from hri_predict.protocol.reasons import Reason
@@ -172,6 +173,24 @@ def test_how_much_too_close_is_said_of_the_robot_as_it_moves(turn, words):
     cell.turn = turn
     detail = cell.settle(0.6).detail
     assert re.search(rf"\d m too close for {words}", detail)
+
+
+def test_the_distance_that_is_told_is_that_of_the_pair_that_is_named():
+    cell = Cell(SETTINGS.model_copy(update={"mode": "predictive"}))
+    cell.settle(3.0)
+    for x in np.arange(3.0, 1.2, -0.04):  # somebody walks up: not the nearest part decides
+        advice = cell.step(x)
+    told = re.search(r"person 10, (\w+), ([\d.]+) m from (\w+)", advice.detail)
+    assert told is not None
+    zones, (robot,) = cell.assessment.zones, cell.assessment.grounds
+    segment, link = zones.segments.index(told[1]), MODEL.capsule_names.index(told[3])
+    body, arm = zones.capsules, robot.capsules
+    assert arm is not None
+    apart = capsule_distance(
+        Capsules(body.a[0, 0, segment], body.b[0, 0, segment], body.radius[0, 0, segment]),
+        Capsules(arm.a[link], arm.b[link], arm.radius[link]),
+    )
+    assert float(told[2]) == pytest.approx(max(float(apart), 0.0), abs=0.0051)  # two decimals
 
 
 def test_a_forecast_that_is_no_forecast_is_not_used():

@@ -1,0 +1,22 @@
+"""The pair that decides: one segment of a body, one capsule of a robot."""
+
+import numpy as np
+
+from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.robots.motion import RobotMotion
+
+
+def pair_m(people: Finding, bodies: BodyZones, motion: RobotMotion) -> float | None:
+    """The distance now of the deciding pair; ``None`` if no capsule of the robot decides."""
+    link, numbering = people.link, motion.model.numbering
+    if numbering is not None:  # findings count the capsules of all tools
+        own = np.flatnonzero(numbering == link)
+        link = int(own[0]) if own.size else -1
+    if link < 0:
+        return None
+    zones, pair = bodies.zones.capsules, (people.person, 0, people.segment)
+    body = Capsules(zones.a[pair], zones.b[pair], zones.radius[pair])
+    robot = motion.capsules
+    return float(capsule_distance(body, Capsules(robot.a[link], robot.b[link], robot.radius[link])))
