@@ -55,11 +55,14 @@ class Mistakes:
             self.add((*keys, name_key), f"missing; use one of: {there}")
             return None
         try:
-            cls = registry.load(kind, name)
+            if kind == "predictors":  # its settings alone: a network's module imports torch
+                model: Any = registry.predictor_settings(name)
+            else:
+                model = registry.load(kind, name).settings_model
         except ConfigError as error:
             self.add((*keys, name_key), str(error))
             return None
-        return self.settings(cls.settings_model, data, keys)
+        return self.settings(model, data, keys)
 
     def tell(self) -> None:
         """Raise what was found.
