@@ -13,6 +13,7 @@ STOPS = ("STOP", "UNKNOWN", "FAULT")
 LEVELS = ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN", "FAULT")
 WAITING = ("RELEASE_PENDING", "LATCHED")
 """Reasons that only say that what came before is not over."""
+_OF_NODE = ("STARTING", "STOPPING")
 GAP_NS = 2_000_000_000
 """After so long without advice nobody knows what was advised: an episode ends there."""
 
@@ -61,10 +62,17 @@ class Episode:
 
     @property
     def worst(self) -> Phase:
-        """The phase that names it: the severest, of these the first that says more than wait."""
-        top = max(SEVERITY[phase.level] for phase in self.phases)
-        worst = [phase for phase in self.phases if SEVERITY[phase.level] == top]
-        return next((phase for phase in worst if phase.reason not in WAITING), worst[0])
+        """The phase that names it: of the severest that say more than wait, the longest.
+
+        That the node starts or stops names an episode only if nothing else does.
+        """
+
+        def telling(phase: Phase) -> tuple[bool, int, bool, int]:
+            lasted_ns = phase.last_ns - phase.first.utc_ns
+            says_more = phase.reason not in WAITING
+            return phase.reason not in _OF_NODE, SEVERITY[phase.level], says_more, lasted_ns
+
+        return max(self.phases, key=telling)
 
     @property
     def stopped_ns(self) -> int:

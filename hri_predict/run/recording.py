@@ -21,13 +21,14 @@ log = logging.getLogger(__name__)
 def record_settings(config: Config, asked: Path | None) -> RecordSettings | None:
     """What the user asks for: ``--record FILE``, ``--record FOLDER``, or the configuration.
 
-    ``--record`` with the folder of a configuration that has one changes only the place.
+    A path without an ending is a folder, which is made. ``--record`` with the folder of a
+    configuration that has one changes only the place.
     """
     configured = config.node.record
     if asked is None:
         return configured
     given = {} if configured is None else configured.model_dump(exclude_unset=True)
-    if os.path.isdir(asked):  # takes names that are too long
+    if os.path.isdir(asked) or not asked.suffix:  # os.path takes names that are too long
         given.pop("file", None)
         return RecordSettings.model_validate({**given, "folder": str(asked.absolute())})
     rates = {key: given[key] for key in ("zones_hz", "poses_hz", "view_hz", "sent") if key in given}

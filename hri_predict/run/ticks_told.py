@@ -44,9 +44,13 @@ def ticks_line(facts: dict[str, Any]) -> str:
 
 def race_notes(node: NodeSettings, source_rate_hz: float) -> list[str]:
     """Return a note where ticks without a capture come just before captures."""
-    near = RACE * source_rate_hz < node.rate_hz <= source_rate_hz / RACE
-    if node.ticks == "fixed" or not near:
+    if node.ticks == "fixed" or node.rate_hz <= RACE * source_rate_hz:
         return []
+    if node.rate_hz > source_rate_hz / RACE:
+        return [
+            f"rate_hz {node.rate_hz:g} is above the source's {source_rate_hz:.4g}: many ticks judge "
+            f"no new capture; with ticks: capture, {RACE * source_rate_hz:.3g} is enough"
+        ]
     return [
         f"rate_hz {node.rate_hz:g} is about the source's {source_rate_hz:.4g}: a capture that "
         "comes a little late just misses a tick, and waits for 1 / max_rate_hz; rate_hz up to "
