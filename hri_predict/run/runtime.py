@@ -22,6 +22,7 @@ from hri_predict.monitoring.pace import Pace
 from hri_predict.protocol.messages import NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.run.assemble import Assembly
+from hri_predict.run.starting import ended_by_signals
 from hri_predict.run.ticks import Ticks, ticks_of
 from hri_predict.source import NOT_KNOWN_NS, live_part, wait_for
 
@@ -62,7 +63,8 @@ def run_real_time(
     """
     clock, node = assembly.clock, assembly.node
     pace = pace or Pace()
-    node.warm_up()  # before anybody hears of the node: it may take long
+    with ended_by_signals(stop):
+        node.warm_up()  # before anybody hears of the node: it may take long
     started: list[Link] = []
     try:
         for link in assembly.links:

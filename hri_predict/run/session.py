@@ -33,6 +33,7 @@ from hri_predict.run.config import Config
 from hri_predict.run.recording import clocks_of, info_of, place_of, record_settings
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 from hri_predict.run.serving import Serving
+from hri_predict.run.starting import ended_by_signals
 from hri_predict.service.notify import Notifier
 from hri_predict.source import live_part
 
@@ -256,8 +257,9 @@ class _Session:
 
     def run_real_time(self, stop: threading.Event) -> Summary:
         self.prediction = assemble.build_prediction(self.config)  # gets ready beside what follows
-        ports = self.cell.start() if self.cell is not None else {}
-        assembly = self.build(ports=ports)
+        with ended_by_signals(stop):
+            ports = self.cell.start() if self.cell is not None else {}
+            assembly = self.build(ports=ports)
         self.alerts.start()
         if self.config.node.discovery is not None:
             said = node_properties(

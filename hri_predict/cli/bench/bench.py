@@ -80,6 +80,9 @@ def bench(
         one_of("--only", name, tuple(SECTIONS))
     if plot is not None:
         plots.check(plot)
+    for flag, path in (("--save", save), ("--plot", plot)):
+        if path is not None:
+            saved.check(flag, path)
     before = None if baseline is None else saved.read(baseline)
     machine = host.machine()
     if busy := host.busy(machine["load_average"]):

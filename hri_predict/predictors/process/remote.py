@@ -116,7 +116,11 @@ class Worker:
             self._windows = shared.SharedWindows(self._memory, sizes)
             self._link.send(b"begin")
         except OSError as error:
-            raise WorkerEndedError(f"its process: {error.strerror}") from error
+            raise WorkerEndedError(
+                f"predictor '{self._job.settings.name}': its own process ended before it was ready "
+                f"({error.strerror}); see what it printed above, see that there is memory enough, "
+                f"or set predictor.process to false"
+            ) from error
         finally:
             os.close(self._memory)
         self._link.setblocking(False)

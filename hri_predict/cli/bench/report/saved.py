@@ -1,6 +1,9 @@
 """A finished bench as JSON, and its comparison with an earlier one: by ratios alone."""
 
+import errno
 import json
+import os
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -36,6 +39,23 @@ def as_json(machine: Mapping[str, Any], sections: Sections) -> dict[str, Any]:
     """All figures, as plain data."""
     rows = {name: [asdict(row) for row in found] for name, found in sections.items()}
     return {"format": FORMAT, "machine": dict(machine), "sections": rows}
+
+
+def check(flag: str, path: Path) -> None:
+    """Refuse a file that cannot be written before anything is measured, not after.
+
+    Raises:
+        ConfigError: it is a folder, or its folder cannot be written.
+    """
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise ConfigError(
+            f"{flag} {path}: cannot be written: {error.strerror}; name another file"
+        ) from error
 
 
 def save(path: Path, told: Mapping[str, Any]) -> None:

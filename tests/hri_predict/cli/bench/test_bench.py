@@ -98,3 +98,16 @@ def test_a_factor_out_of_range_is_refused(tmp_path):
     run("--only", "fast", "--save", path)
     done = run("--baseline", path, "--worse-than", "0.5")
     assert "give 1 to 100" in str(done.exception)
+
+
+@pytest.mark.parametrize(("flag", "name"), [("--save", "a.json"), ("--plot", "a.png")])
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(
+    flag, name, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(bench.SECTIONS, "fast", Section(about="no", rows=pytest.fail))
+    (tmp_path / "file").touch()
+    (tmp_path / name).mkdir()
+    for path in (tmp_path / "file" / name, tmp_path / name):
+        result = run("--only", "fast", flag, path)
+        assert isinstance(result.exception, ConfigError)
+        assert "name another file" in str(result.exception)

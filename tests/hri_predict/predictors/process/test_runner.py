@@ -156,7 +156,8 @@ def test_what_the_predictor_logs_and_prints_does_not_get_lost_or_in_the_way(star
 
 
 @pytest.mark.parametrize(
-    ("does", "said"), [("no start", "there is no sky"), ("no process", "ended")]
+    ("does", "said"),
+    [("no start", "there is no sky"), ("no process", "set predictor.process to false")],
 )
 def test_a_predictor_that_cannot_be_built_is_one_line(odd, does, said):
     runner = ProcessRunner(Job(settings=settings_of(does=does), people=1), 0.1)
