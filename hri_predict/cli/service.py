@@ -13,6 +13,7 @@ from hri_predict.run.config import Config
 
 UNIT = "hri-predict@.service"
 _PROGRAM = "/opt/hri-predict/bin/hri-predict"  # as in the shipped unit
+_HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")  # by ProtectHome, PrivateTmp
 _WRITABLE = ("/var/lib/hri-predict", "/var/log/hri-predict", "/var/cache/hri-predict")
 
 
@@ -29,9 +30,10 @@ def service(
     """
     loaded = configuration.load(config)
     cell = loaded.path.stem
-    for line in unwritable(loaded, cell):
+    program = Path(sys.argv[0])
+    for line in [*unwritable(loaded, cell), *hidden(program)]:
         print(f"warning: {line}", file=sys.stderr)
-    text = unit_text(Path(sys.argv[0]), loaded)
+    text = unit_text(program, loaded)
     if folder is None:
         print(text, end="")
         return
@@ -78,4 +80,14 @@ def unwritable(config: Config, cell: str) -> list[str]:
         for key, (path, kind) in wanted.items()
         if path is not None
         and not any(Path(path).is_relative_to(f"{place}/{cell}") for place in _WRITABLE)
+    ]
+
+
+def hidden(program: Path) -> list[str]:
+    """A line with the remedy if the unit hides the program itself from the service."""
+    if not any(program.absolute().is_relative_to(place) for place in _HIDDEN):
+        return []
+    return [
+        f"ExecStart: the unit hides {program.absolute()} (ProtectHome, PrivateTmp); install the "
+        f"node where a service may read it, such as /opt/hri-predict"
     ]

@@ -48,8 +48,8 @@ def race_notes(node: NodeSettings, source_rate_hz: float) -> list[str]:
         return []
     if node.rate_hz > source_rate_hz / RACE:
         return [
-            f"rate_hz {node.rate_hz:g} is above the source's {source_rate_hz:.4g}: many ticks judge "
-            f"no new capture; with ticks: capture, {RACE * source_rate_hz:.3g} is enough"
+            f"rate_hz {node.rate_hz:g} is above the source's {source_rate_hz:.4g}: many ticks "
+            f"judge no new capture; with ticks: capture, {RACE * source_rate_hz:.3g} is enough"
         ]
     return [
         f"rate_hz {node.rate_hz:g} is about the source's {source_rate_hz:.4g}: a capture that "

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.cli.service import UNIT, service, unit_text, unwritable
+from hri_predict.cli.service import UNIT, hidden, service, unit_text, unwritable
 from hri_predict.files import data_path
 from hri_predict.run import config as configuration
 from tests.hri_predict.service.cells import cell, written
@@ -68,3 +68,9 @@ def test_the_unit_is_written_where_it_is_asked_for(tmp_path, capsys):
     service(config, tmp_path)
     assert "[Service]" in (tmp_path / UNIT).read_text(encoding="utf-8")
     assert f"{tmp_path / UNIT}: written" in capsys.readouterr().out
+
+
+def test_a_program_that_the_unit_hides_is_told():
+    (line,) = hidden(Path("/home/robot/hri-predict/.venv/bin/hri-predict"))
+    assert "/opt/hri-predict" in line
+    assert not hidden(Path("/opt/hri-predict/bin/hri-predict"))

@@ -27,6 +27,7 @@ def look(config: Config, seconds: float = MEASURED_S) -> dict[str, Any]:
         busy = wake_ups(settings, seconds)
     return {
         "path": str(config.path),
+        "asked": config.node.realtime != RealtimeSettings(),
         "machine": [asdict(finding) for finding in findings],
         "lateness": {"idle": asdict(idle), "busy": asdict(busy)},
         "refused": refused,
@@ -49,8 +50,10 @@ def show(found: dict[str, Any], as_json: bool) -> bool:
     for key in found["refused"]:
         console.print(f"realtime.{key}: cannot be had on this machine; see above", soft_wrap=True)
     ok = not found["refused"]
-    said = "has" if ok else "lacks some of"
-    console.print(f"{found['path']}: the machine {said} what realtime: asks for", soft_wrap=True)
+    said = f"the machine {'has' if ok else 'lacks some of'} what realtime: asks for"
+    if not found["asked"]:
+        said = "it has no realtime:, so it asks the machine for nothing"
+    console.print(f"{found['path']}: {said}", soft_wrap=True)
     return ok
 
 
