@@ -17,18 +17,22 @@ from hri_predict.source import Source
 
 log = logging.getLogger(__name__)
 
+_LONGEST_NAME = 200  # of a folder; longer ones are refused as files are
+
 
 def record_settings(config: Config, asked: Path | None) -> RecordSettings | None:
     """What the user asks for: ``--record FILE``, ``--record FOLDER``, or the configuration.
 
-    A path without an ending is a folder, which is made. ``--record`` with the folder of a
+    A new path without an ending is a folder, which is made. ``--record`` with the folder of a
     configuration that has one changes only the place.
     """
     configured = config.node.record
     if asked is None:
         return configured
     given = {} if configured is None else configured.model_dump(exclude_unset=True)
-    if os.path.isdir(asked) or not asked.suffix:  # os.path takes names that are too long
+    # os.path takes names that are too long
+    is_new = not os.path.exists(asked) and len(asked.name) <= _LONGEST_NAME
+    if os.path.isdir(asked) or (is_new and not asked.suffix):
         given.pop("file", None)
         return RecordSettings.model_validate({**given, "folder": str(asked.absolute())})
     rates = {key: given[key] for key in ("zones_hz", "poses_hz", "view_hz", "sent") if key in given}

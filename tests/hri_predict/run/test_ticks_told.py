@@ -45,13 +45,14 @@ def test_the_line_says_the_rates():
 
 @pytest.mark.parametrize(
     ("ticks", "rate_hz", "told"),
-    [("capture", 25, True), ("capture", 28, True), ("capture", 20, False), ("capture", 50, False),
+    [("capture", 25, True), ("capture", 28, True), ("capture", 20, False), ("capture", 50, True),
      ("fixed", 25, False)],
 )  # fmt: skip
 def test_a_floor_that_races_with_captures_is_told(ticks, rate_hz, told):
     notes = race_notes(settings(ticks=ticks, rate_hz=rate_hz), 26.0)
     assert bool(notes) is told
-    assert all("rate_hz up to 23.4 avoids it" in note for note in notes)
+    remedy = "23.4 is enough" if rate_hz > 26 / 0.9 else "rate_hz up to 23.4 avoids it"
+    assert all(remedy in note for note in notes)
 
 
 def with_capture(**node):
