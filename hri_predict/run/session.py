@@ -257,8 +257,8 @@ class _Session:
 
     def run_real_time(self, stop: threading.Event) -> Summary:
         self.prediction = assemble.build_prediction(self.config)  # gets ready beside what follows
+        ports = self.cell.start() if self.cell is not None else {}
         with ended_by_signals(stop):
-            ports = self.cell.start() if self.cell is not None else {}
             assembly = self.build(ports=ports)
         self.alerts.start()
         if self.config.node.discovery is not None:
