@@ -64,7 +64,9 @@ def page(shift: Mapping[str, Any], recordings: Sequence[str]) -> str:
 
 def _about(shift: Mapping[str, Any]) -> Markup:
     clock = "UTC" if shift["has_utc"] else "seconds since the start: these have no UTC"
-    words = f"{_time(shift['seconds'])}, {shift['files']} file(s); times are {clock}"
+    files = shift["files"]
+    count = f"{files} {'file' if files == 1 else 'files'}"
+    words = f"{_time(shift['seconds'])}, {count}; times are {clock}"
     notes = [tag("p", f"Note: {note}", class_="note") for note in shift["notes"]]
     if shift["dropped"]:
         lost = f"The recorder lost {shift['dropped']} messages: what follows is incomplete."
