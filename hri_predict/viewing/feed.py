@@ -135,6 +135,7 @@ class Feed(View):
             self._rated = (self._ticks, tick.now_ns, rate_hz)
         picture.facts.update(
             utc_s=time.time(),
+            made_s=time.monotonic(),
             rate_hz=rate_hz or None,
             dropped=self.dropped,
             changes=list(self._changes.copy()),
