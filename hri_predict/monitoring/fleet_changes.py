@@ -11,8 +11,8 @@ from hri_predict.monitoring.fleet_levels import findings
 
 KEPT = 512
 """Changes that wait for a page; a page that takes none for longer counts what it missed."""
-SCHEMA_S = 2.0
-"""A cell that joins, or comes again, sends its schema within a second: till then it is no alert."""
+JOINS_S = 2.0
+"""A cell that joins, or comes again, sends all messages within a second: till then no alert."""
 
 
 class FleetChanges:
@@ -37,7 +37,7 @@ class FleetChanges:
         self._fleet = fleet
         self._now_ns, self._utc_s = now_ns, utc_s
         self._levels: dict[str, dict[int | None, str]] = {}
-        self._without_schema_ns: dict[str, int] = {}
+        self._joining_ns: dict[str, int] = {}
         self._kept: deque[dict[str, Any]] = deque(maxlen=KEPT)
         self._lock = threading.Lock()
 
@@ -63,12 +63,12 @@ class FleetChanges:
 
     def _look_at(self, row: CellRow, now_ns: int) -> None:
         name = f"{row.site}/{row.cell}"
-        if row.why == NO_SCHEMA:
-            since_ns = self._without_schema_ns.setdefault(name, now_ns)
-            if now_ns - since_ns < SCHEMA_S * 1e9:
+        if row.why == NO_SCHEMA or row.heard_s is None:
+            since_ns = self._joining_ns.setdefault(name, now_ns)
+            if now_ns - since_ns < JOINS_S * 1e9:
                 return
         else:
-            self._without_schema_ns.pop(name, None)
+            self._joining_ns.pop(name, None)
         before = self._levels.get(name)
         found = findings(row)
         for each in found:

@@ -14,8 +14,9 @@ def seen(cells: Cells) -> list[tuple[str, int | None, str]]:
 
 def test_a_cell_that_joins_clear_is_no_alert() -> None:
     cells = Cells()
-    cells.say("press", RUNNING, CLEAR)  # the schema comes within a second
-    cells.changes.look()
+    for message in (CLEAR, RUNNING):  # the schema comes within a second
+        cells.say("press", message)
+        cells.changes.look()
     cells.pass_s(0.4)
     cells.say("press", SCHEMA, RUNNING, CLEAR)
     cells.changes.look()
@@ -29,6 +30,15 @@ def test_a_cell_that_never_sends_its_schema_is_an_alert() -> None:
         cells.changes.look()
         cells.pass_s(0.41)
     assert seen(cells) == [("plant/press", None, "UNKNOWN")]
+
+
+def test_a_cell_of_which_only_advice_comes_is_an_alert() -> None:
+    cells = Cells()
+    for _ in range(6):
+        cells.say("press", CLEAR)
+        cells.changes.look()
+        cells.pass_s(0.41)
+    assert seen(cells) == [("plant/press", None, "GONE")]
 
 
 def test_a_cell_that_joins_stopped_is_an_alert_at_once() -> None:
