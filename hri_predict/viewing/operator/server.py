@@ -20,10 +20,8 @@ from urllib.parse import urlsplit
 from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import read
 
-TOLD_S = 0.2
-"""Browsers are told at most so often,"""
 SOONEST_S = 0.05
-"""or so often while alerts come and are marked as read,"""
+"""Browsers are told at most so often while alerts come, or are marked as read,"""
 QUIET_S = 0.5
 """and at least so often: a page that hears nothing for longer turns grey."""
 FAREWELL_S = 1.0
@@ -114,7 +112,7 @@ class _Handler(BaseHTTPRequestHandler):
             while not state.ended:
                 alerts = self._tell(alerts)
                 time.sleep(SOONEST_S)
-                state.wait_for_alerts(alerts, TOLD_S - SOONEST_S)
+                state.wait_for_alerts(alerts, state.told_s - SOONEST_S)
                 seen = state.wait(seen, QUIET_S)
             self._tell(alerts)
         except OSError:

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from hri_predict.viewing.feed import OPERATOR
-from hri_predict.viewing.operator.server import TOLD_S, Server
+from hri_predict.viewing.operator.server import Server
 from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import Picture, empty_shapes
 from tests.browser import CHROMIUM, Browser
@@ -141,7 +141,7 @@ def test_an_alert_is_told_sooner_than_a_number(server):
     since = time.monotonic()
     server.state.take(picture("STOP", number=2), time.monotonic())
     assert next(told)["levels"][0]["level"] == "STOP"
-    assert time.monotonic() - since < TOLD_S  # 0.05 s, and 0.15 s for a busy machine
+    assert time.monotonic() - since < State.told_s  # 0.05 s, and 0.15 s for a busy machine
 
 
 def test_a_picture_that_waited_in_the_pipe_is_as_old_as_it_is():
