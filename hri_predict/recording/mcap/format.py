@@ -25,12 +25,28 @@ MAX_COUNT = 2**64  # limit of every clock's nanoseconds and every sequence
 
 
 def to_json(data: Any) -> bytes:
-    """Compact JSON; a number that is not finite becomes ``null``: JSON cannot express it."""
+    """Compact JSON, without what is not known.
+
+    A number that is not finite is not known: JSON cannot express it. Within a list it is ``null``.
+    """
     try:
-        text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+        text = json.dumps(_known(data), separators=(",", ":"), allow_nan=False)
     except ValueError:
-        text = json.dumps(_finite(data), separators=(",", ":"), allow_nan=False)
+        text = json.dumps(_known(_finite(data)), separators=(",", ":"), allow_nan=False)
     return text.encode()
+
+
+def _known(data: Any) -> Any:
+    """A message, and what stands right in it, without keys whose value is ``None``."""
+    if not isinstance(data, dict):
+        return data
+    found = {}
+    for key, value in data.items():
+        if isinstance(value, dict):
+            found[key] = {k: v for k, v in value.items() if v is not None}
+        elif value is not None:
+            found[key] = value
+    return found
 
 
 def _finite(data: Any) -> Any:
