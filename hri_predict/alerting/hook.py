@@ -34,8 +34,9 @@ class Hook:
         self._thread = threading.Thread(target=self._work, name="alert hook", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
+        """Start the thread, if it did not start yet."""
+        if self._thread.ident is None:
+            self._thread.start()
 
     def put(self, alert: AnyAlert) -> None:
         """Queue an alert; the newest of each robot and zone wins. Never waits for the receiver."""

@@ -10,7 +10,7 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,8 +20,8 @@ from pydantic import Field
 
 from hri_predict.alerting.alert import Alert, AnyAlert, ZoneAlert
 from hri_predict.alerting.command import CommandHook
-from hri_predict.alerting.hook import Hook
-from hri_predict.alerting.kinds import AnyHook, hooks_of
+from hri_predict.alerting.hooks import Hooks
+from hri_predict.alerting.kinds import AnyHook
 from hri_predict.alerting.sender import Place
 from hri_predict.alerting.settings import HookSettings
 from hri_predict.clock import Clock
@@ -104,24 +104,39 @@ class Alerts:
         self._file = alert_file(settings, base_dir)
         self._thread: threading.Thread | None = None
         place = Place(base_dir=base_dir, cell=cell)
-        self._hooks: list[Hook] = hooks_of(settings.hooks, place) if threaded else []
+        self._base_dir = base_dir
+        self._hooks = Hooks(settings.hooks if threaded else [], place)
         self.count = self.dropped = self._file_failures = 0
 
     @property
     def failures(self) -> int:
         """What could not be written, and failed attempts of hooks."""
-        return self._file_failures + sum(hook.failures for hook in self._hooks)
+        return self._file_failures + self._hooks.failures
 
     def report(self) -> list[dict[str, Any]]:
         """The hooks' rows in the summary."""
-        return [hook.report() for hook in self._hooks]
+        return self._hooks.report()
+
+    def take(self, settings: AlertSettings) -> Callable[[], None]:
+        """Check new settings, and return what puts them in force while the node runs.
+
+        Raises:
+            ConfigError: as the constructor; nothing has changed.
+        """
+        file = alert_file(settings, self._base_dir)
+        exchange = self._hooks.exchange(settings.hooks)
+
+        def put_in_force() -> None:
+            self._settings, self._file = settings, file
+            exchange()
+
+        return put_in_force
 
     def start(self) -> None:
         """Start the threads that write alerts and deliver them."""
         self._thread = threading.Thread(target=self._work, name="alerts", daemon=True)
         self._thread.start()
-        for hook in self._hooks:
-            hook.start()
+        self._hooks.start()
 
     def observe(self, advices: tuple[Advice, ...]) -> None:
         """Take the advices of one tick; queue an alert for each changed level. Never blocks."""
@@ -180,8 +195,7 @@ class Alerts:
         if not self._threaded:
             self._tell(alert)
             return
-        for hook in self._hooks:
-            hook.put(alert)
+        self._hooks.put(alert)
         try:
             self._queue.put_nowait(alert)
         except queue.Full:
@@ -192,15 +206,13 @@ class Alerts:
         if self._thread is None:
             return
         begun = time.monotonic()
-        for hook in self._hooks:
-            hook.stop()
+        self._hooks.stop()
         try:
             self._queue.put(None, timeout=_WRITE_S)
         except queue.Full:
             self.dropped += 1
         self._thread.join(timeout=_WRITE_S)
-        for hook in self._hooks:
-            hook.join(max(begun + hook.settings.stop_s - time.monotonic(), 0.0))
+        self._hooks.join(begun)
         self._thread = None
 
     def _work(self) -> None:
