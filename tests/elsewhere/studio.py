@@ -3,6 +3,7 @@
 ``python -m tests.elsewhere.studio RECORDING PICTURE`` makes a picture.
 """
 
+import contextlib
 import re
 import shutil
 import sys
@@ -10,7 +11,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -40,24 +40,26 @@ class _Pages(SimpleHTTPRequestHandler):
         if not path.is_file():
             self.send_error(404)
             return
-        content = path.read_bytes()
+        size = path.stat().st_size
         asked = re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
         first = int(asked[1]) if asked else 0
-        last = min(int(asked[2]), len(content) - 1) if asked and asked[2] else len(content) - 1
+        last = min(int(asked[2]), size - 1) if asked and asked[2] else size - 1
         self.send_response(206 if asked else 200)
         self.send_header("Content-Type", self.guess_type(path))
         self.send_header("Content-Length", str(last - first + 1))
         self.send_header("Accept-Ranges", "bytes")
         if asked:
-            self.send_header("Content-Range", f"bytes {first}-{last}/{len(content)}")
+            self.send_header("Content-Range", f"bytes {first}-{last}/{size}")
         self.end_headers()
-        self.wfile.write(content[first : last + 1])
+        with path.open("rb") as file, contextlib.suppress(ConnectionError):  # it asks anew
+            file.seek(first)
+            self.wfile.write(file.read(last + 1 - first))
 
     def log_message(self, *_: Any) -> None:
         """Say nothing."""
 
 
-@contextmanager
+@contextlib.contextmanager
 def studio(recording: Path, at: str) -> Iterator[Browser]:
     """A browser that shows Studio with this recording at this moment, and our layout."""
     with tempfile.TemporaryDirectory() as name:

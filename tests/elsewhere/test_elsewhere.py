@@ -70,6 +70,16 @@ def test_foxglove_studio_shows_every_topic_and_names_no_problem(recorded):
     assert {"level", "reason", "separation", "needed", "limit"} <= set(told.split())
 
 
+@fetched
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
+def test_foxglove_studio_opens_a_file_that_was_cut(recorded, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recorded.read_bytes()[:-4000])  # a killed node writes no summary
+    with studio(cut, "1970-01-01T00:00:05.000000000Z") as browser:
+        browser.wait_for_text("hri_predict.Advice @ 5.0", 120)
+        assert "/view/scene" in browser.text()
+
+
 def _red_pixels(browser: Any) -> int:
     """Pixels of the 3D view in the red of *stop*, lit or in shadow."""
     image = pytest.importorskip("PIL.Image")
