@@ -19,8 +19,9 @@ from typing import Any
 
 import yaml
 
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, nearest
 
+YAML_ENDINGS = (".yaml", ".yml")
 MAX_CHARACTERS = 1_000_000  # of a file; the longest shipped file has 8000
 MAX_VALUES = 100_000  # with all aliases expanded
 MAX_SCALAR = 2000  # characters of one value; half of the longest path
@@ -32,6 +33,30 @@ def data_path(*parts: str) -> Path:
     packaged = here.joinpath("configs", *parts)
     # os.path: returns False for a name that is too long, where Path.exists would raise
     return packaged if os.path.exists(packaged) else here.parent.joinpath("configs", *parts)
+
+
+def shipped_path(what: str, folder: str, name: str, base_dir: Path | None) -> Path:
+    """The file of a shipped name, or of a path ending in .yaml, which need not be there.
+
+    Args:
+        what: of the file, for the message.
+        folder: under ``configs/``.
+        name: shipped name, or a path.
+        base_dir: what a relative path starts from; ``None``: the current folder.
+
+    Raises:
+        ConfigError: nothing of this name is shipped.
+    """
+    if Path(name).suffix in YAML_ENDINGS:
+        return (base_dir or Path()) / name
+    path = data_path(folder, f"{name}.yaml")
+    if not os.path.isfile(path):  # does not raise if the name is too long
+        shipped = sorted(p.stem for p in data_path(folder).glob("*.yaml"))
+        raise ConfigError(
+            f"unknown {what} '{name}'{nearest(name, shipped)}; "
+            f"there are: {', '.join(shipped)}; or give the path of a .yaml file"
+        )
+    return path
 
 
 def package_path(*parts: str) -> Path:

@@ -29,12 +29,11 @@ from pydantic import Field, field_validator, model_validator
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, nearest
-from hri_predict.files import data_path, read_yaml
+from hri_predict.files import YAML_ENDINGS, data_path, read_yaml
 from hri_predict.settings import Settings, validated
 from hri_predict.skeleton import CANONICAL
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048}
-MAP_ENDINGS = (".yaml", ".yml")
 _EXAMPLE = "such as l_wrist: LeftHand or neck: {LShoulder: 0.5, RShoulder: 0.5}"
 DERIVED = ("waist", "neck", "head")
 
@@ -290,7 +289,7 @@ def _find_map(name_or_path: str) -> Path:
     if name_or_path in names:
         return data_path("skeletons", f"{name_or_path}.yaml")
     path = Path(name_or_path)
-    if path.suffix not in MAP_ENDINGS:
+    if path.suffix not in YAML_ENDINGS:
         raise ConfigError(
             f"no joint map '{name_or_path}'{nearest(name_or_path, names)} "
             f"(known: {', '.join(names)}; or give a .yaml file)"

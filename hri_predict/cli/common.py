@@ -25,7 +25,8 @@ from rich.table import Table as ScreenTable
 from hri_predict import registry
 from hri_predict.datasets.splits import in_pack, is_pack, split
 from hri_predict.errors import ConfigError, RecordingError, nearest
-from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
+from hri_predict.files import YAML_ENDINGS
+from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.recording.formats.csv_table import is_recording
 from hri_predict.settings import validated
 
@@ -110,7 +111,7 @@ def own_map(joint_map: str | None) -> JointMap | None:
 def map_path(joint_map: str) -> str:
     """A joint map's name or file for a configuration: by its whole path, from whatever folder."""
     own_map(joint_map)  # tell a mistake in the flag's own words
-    return str(Path(joint_map).absolute()) if joint_map.endswith(MAP_ENDINGS) else joint_map
+    return str(Path(joint_map).absolute()) if joint_map.endswith(YAML_ENDINGS) else joint_map
 
 
 def check_writable(out: Path) -> None:

@@ -87,6 +87,7 @@ class NodeBench(Protocol):
         rate_hz: float,
         seconds: float,
         cache: Path | None = None,
+        watched: bool = False,
     ) -> dict[str, Any]:
         """A node in a process of its own, as another process hears it; figures by name.
 

@@ -71,11 +71,11 @@ _TEXT = {
     Reason.NONE: ("nothing is near", ""),
     Reason.PERSON_NEAR: (
         "a person is too close",
-        "the separation exceeds its limit by risk.band_m",
+        "the person is farther away: the separation exceeds its limit by risk.band_m",
     ),
     Reason.PERSON_APPROACHING: (
         "a person may get too close before the robot stops",
-        "the predicted separation exceeds its limit by risk.band_m",
+        "the person is farther away: the predicted separation exceeds its limit by risk.band_m",
     ),
     Reason.ZONE_OCCUPIED: ("a person is in a named zone", "the zone is seen empty"),
     Reason.ZONE_ENTRY_PREDICTED: (
@@ -108,7 +108,7 @@ _TEXT = {
     ),
     Reason.CONTACT_POSSIBLE: (
         "the robot may touch a person; the speed limit is what that part of the body bears",
-        "the separation exceeds its limit by risk.band_m",
+        "the person is farther away: the separation exceeds its limit by risk.band_m",
     ),
     Reason.NO_INPUT: ("no scene received yet", "the source delivers scenes"),
     Reason.INPUT_STALE: ("the newest scene is too old", "fresh scenes arrive"),

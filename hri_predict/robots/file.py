@@ -3,7 +3,6 @@
 ``configs/robots/ur5e.yaml`` is the example to copy.
 """
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -12,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from hri_predict.errors import ConfigError, RobotError, nearest
-from hri_predict.files import data_path, read_yaml
+from hri_predict.files import read_yaml, shipped_path
 from hri_predict.robots.kinematics import Joint, dh_joint, origin_joint
 from hri_predict.settings import Metres, Settings, Vector3, validated
 
@@ -241,16 +240,10 @@ def robot_path(model: str, base_dir: Path | None) -> Path:
     Raises:
         RobotError: no robot of this name is shipped.
     """
-    if Path(model).suffix in (".yaml", ".yml"):
-        return (base_dir or Path()) / model
-    path = data_path("robots", f"{model}.yaml")
-    if not os.path.isfile(path):  # does not raise if the name is too long
-        shipped = sorted(p.stem for p in data_path("robots").glob("*.yaml"))
-        raise RobotError(
-            f"unknown robot model '{model}'{nearest(model, shipped)}; "
-            f"there are: {', '.join(shipped)}; or give the path of a .yaml file"
-        )
-    return path
+    try:
+        return shipped_path("robot model", "robots", model, base_dir)
+    except ConfigError as error:
+        raise RobotError(str(error)) from error
 
 
 def _chain_problem(robot: RobotFile) -> str:

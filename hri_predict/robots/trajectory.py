@@ -6,7 +6,6 @@ acceleration are continuous and the arm rests at each waypoint. Within a move, p
 between its ends and the greatest velocity is 15/8 of the mean, so limits are checked exactly.
 """
 
-import os
 from bisect import bisect_right
 from pathlib import Path
 from typing import Annotated
@@ -15,8 +14,8 @@ import numpy as np
 from pydantic import Field
 
 from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, RobotError, nearest
-from hri_predict.files import data_path, read_yaml
+from hri_predict.errors import ConfigError, RobotError
+from hri_predict.files import read_yaml, shipped_path
 from hri_predict.machine.compiled import plain
 from hri_predict.robots.body.ahead import Moves, at_phases
 from hri_predict.robots.model import RobotModel
@@ -134,16 +133,10 @@ def trajectory_path(file: str, base_dir: Path | None) -> Path:
     Raises:
         RobotError: no trajectory of this name is shipped.
     """
-    if Path(file).suffix in (".yaml", ".yml"):
-        return (base_dir or Path()) / file
-    path = data_path("trajectories", f"{file}.yaml")
-    if not os.path.isfile(path):  # does not raise if the name is too long
-        shipped = sorted(p.stem for p in data_path("trajectories").glob("*.yaml"))
-        raise RobotError(
-            f"unknown trajectory '{file}'{nearest(file, shipped)}; "
-            f"there are: {', '.join(shipped)}; or give the path of a .yaml file"
-        )
-    return path
+    try:
+        return shipped_path("trajectory", "trajectories", file, base_dir)
+    except ConfigError as error:
+        raise RobotError(str(error)) from error
 
 
 def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:

@@ -18,7 +18,8 @@ from pydantic import Field
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
+from hri_predict.files import YAML_ENDINGS
+from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.link import Received
 from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.recording.cutting import between, decimated
@@ -217,7 +218,7 @@ def _own_map(name: str | None, base_dir: Path | None) -> JointMap | None:
     """The configured joint map; a file's relative path starts at ``base_dir``."""
     if name is None:
         return None
-    return load_joint_map(str(_find(name, base_dir)) if name.endswith(MAP_ENDINGS) else name)
+    return load_joint_map(str(_find(name, base_dir)) if name.endswith(YAML_ENDINGS) else name)
 
 
 def _find(path: str, base_dir: Path | None) -> Path:

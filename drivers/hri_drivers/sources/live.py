@@ -22,7 +22,8 @@ from hri_drivers.wires.transport import READ_TIMEOUT_S
 from hri_predict.arrays import Floats
 from hri_predict.clock import Clock, MonotonicClock
 from hri_predict.errors import HriPredictError, SourceError
-from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
+from hri_predict.files import YAML_ENDINGS
+from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.scene import Scene
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 from hri_predict.source import SourceCounters, SourceSettings
@@ -286,6 +287,6 @@ def sender_joints(settings: LiveSettings, base_dir: Path | None) -> JointMap:
         ConfigError: there is no such map, or its file is wrong.
     """
     name = settings.joint_map
-    if base_dir is not None and name.endswith(MAP_ENDINGS) and (base_dir / name).exists():
+    if base_dir is not None and name.endswith(YAML_ENDINGS) and (base_dir / name).exists():
         name = str(base_dir / name)
     return load_joint_map(name)

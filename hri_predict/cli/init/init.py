@@ -11,7 +11,7 @@ from hri_predict.cli.generated.config import write
 from hri_predict.cli.init.cell import DOORS_M, HORIZONS_S, Answers, cell, hints
 from hri_predict.cli.init.questions import Asker, ask_all
 from hri_predict.errors import ConfigError
-from hri_predict.files import load_yaml
+from hri_predict.files import YAML_ENDINGS, load_yaml
 from hri_predict.settings import set_key
 
 SCHEMA_FILE = "hri-predict.schema.json"
@@ -98,7 +98,7 @@ def _refuse_existing(path: Path, beside: Path | None, force: bool) -> None:
     Raises:
         ConfigError: a file would be overwritten that the user may need.
     """
-    if path.is_dir() or path.suffix not in (".yaml", ".yml"):
+    if path.is_dir() or path.suffix not in YAML_ENDINGS:
         raise ConfigError(f"{path}: name a file that ends in .yaml")
     if not path.parent.is_dir():
         raise ConfigError(f"{path}: no folder {path.parent}; make it, or name another")

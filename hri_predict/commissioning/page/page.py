@@ -15,7 +15,7 @@ from hri_predict.commissioning.report import (
     Walk,
 )
 from hri_predict.commissioning.stopping import worst
-from hri_predict.markup import Content, Markup, join, table, tag, text
+from hri_predict.markup import Content, Markup, document, join, table, tag
 
 _STYLE = """
 @page { size: A4; margin: 16mm 14mm; }
@@ -61,24 +61,15 @@ _TITLES = {
 def page_of(report: Report, digest: str) -> str:
     """The whole page; it loads nothing, and no script runs in it."""
     title = f"Commissioning of {report.cell}"
-    policy = "default-src 'none'; style-src 'unsafe-inline'"
-    head = tag(
-        "head",
-        Markup('<meta charset="utf-8">'),
-        Markup(f'<meta http-equiv="Content-Security-Policy" content="{text(policy)}">'),
-        Markup('<meta name="viewport" content="width=device-width, initial-scale=1">'),
-        tag("title", title),
-        tag("style", Markup(_STYLE)),
-    )
-    body = tag(
-        "body",
+    return document(
+        title,
+        _STYLE,
         _top(report, digest, title),
         *(_step(report, name, step) for name, step in report.steps.named()),
         _notes(report),
         _signatures(report.signatures),
         _identity(report, digest),
     )
-    return f"<!DOCTYPE html>\n{tag('html', head, body, lang='en')}\n"
 
 
 def _badge(outcome: Outcome) -> Markup:

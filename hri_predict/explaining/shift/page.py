@@ -7,7 +7,7 @@ from typing import Any
 from hri_predict.explaining.because import worded
 from hri_predict.explaining.episodes import LEVELS
 from hri_predict.explaining.shift.charts import COLOURS, histogram, legend, level_bars
-from hri_predict.markup import Content, Markup, join, table, tag, text
+from hri_predict.markup import Content, Markup, document, join, table, tag
 
 _STYLE = """
 * { box-sizing: border-box; }
@@ -41,17 +41,9 @@ def page(shift: Mapping[str, Any], recordings: Sequence[str]) -> str:
         recordings: the files and folders as the user named them, for the commands to type.
     """
     title = f"Shift of {shift['cell']}, {shift['from']} to {shift['to']}"
-    policy = "default-src 'none'; style-src 'unsafe-inline'"
-    head = tag(
-        "head",
-        Markup('<meta charset="utf-8">'),
-        Markup(f'<meta http-equiv="Content-Security-Policy" content="{text(policy)}">'),
-        Markup('<meta name="viewport" content="width=device-width, initial-scale=1">'),
-        tag("title", title),
-        tag("style", Markup(_STYLE)),
-    )
-    body = tag(
-        "body",
+    return document(
+        title,
+        _STYLE,
         tag("h1", title),
         _about(shift),
         *(_robot(robot) for robot in shift["robots"]),
@@ -59,12 +51,13 @@ def page(shift: Mapping[str, Any], recordings: Sequence[str]) -> str:
         _forecast(shift["forecast"], shift["predictor"]),
         _trouble(shift),
     )
-    return f"<!DOCTYPE html>\n{tag('html', head, body, lang='en')}\n"
 
 
 def _about(shift: Mapping[str, Any]) -> Markup:
     clock = "UTC" if shift["has_utc"] else "seconds since the start: these have no UTC"
-    words = f"{_time(shift['seconds'])}, {shift['files']} file(s); times are {clock}"
+    files = shift["files"]
+    count = f"{files} {'file' if files == 1 else 'files'}"
+    words = f"{_time(shift['seconds'])}, {count}; times are {clock}"
     notes = [tag("p", f"Note: {note}", class_="note") for note in shift["notes"]]
     if shift["dropped"]:
         lost = f"The recorder lost {shift['dropped']} messages: what follows is incomplete."

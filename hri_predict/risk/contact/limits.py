@@ -20,7 +20,7 @@ from pydantic import Field, field_validator
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError
-from hri_predict.files import data_path, read_yaml
+from hri_predict.files import YAML_ENDINGS, data_path, read_yaml
 from hri_predict.settings import Settings, validated
 
 Region = Literal[
@@ -140,6 +140,6 @@ def load_table(path: str | None, base_dir: Path | None) -> ContactTable:
     file = data_path("contact", "iso_ts_15066.yaml")
     if path is not None:
         file = (base_dir or Path()) / path
-        if file.suffix not in (".yaml", ".yml"):
+        if file.suffix not in YAML_ENDINGS:
             raise ConfigError(f"risk.contact.table: {path} is no .yaml file")
     return validated(ContactTable, read_yaml(file, "contact table"), f"contact table {file}")

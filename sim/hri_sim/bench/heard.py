@@ -26,6 +26,7 @@ import yaml
 
 from hri_predict.errors import LinkError
 from hri_sim.bench import cell
+from hri_sim.bench.onlookers import onlookers
 from hri_sim.bench.processes import cores_busy, processor_time, resident_mib
 from hri_sim.wires.pty import open_pty
 
@@ -37,7 +38,13 @@ WIRES = ("serial pty 921600", "CAN FD udp_multicast", "CAN FD slcan pty")
 
 
 def heard(
-    *, wire: str, predictor: str, rate_hz: float, seconds: float, cache: Path | None = None
+    *,
+    wire: str,
+    predictor: str,
+    rate_hz: float,
+    seconds: float,
+    cache: Path | None = None,
+    watched: bool = False,
 ) -> dict[str, Any]:
     """Start a node on a wire, hear it for some seconds, and stop it.
 
@@ -47,6 +54,7 @@ def heard(
         rate_hz: the node's rate.
         seconds: to hear it, after it has warmed up; 0: only its start.
         cache: the folder that the node keeps things in; ``None``: the user's own.
+        watched: with both screens, somebody before each, and three alert hooks that fail slowly.
 
     Returns:
         ``first_advice_s``: from starting the process to the first Advice of a running node;
@@ -59,24 +67,34 @@ def heard(
     Raises:
         LinkError: this machine has no such wire, or the node did not start; says why.
     """
-    with tempfile.TemporaryDirectory() as folder, _far_end(wire) as (link, arguments, fds):
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        link, arguments, fds = stack.enter_context(_far_end(wire))
+        looking = stack.enter_context(onlookers()) if watched else None
         path = Path(folder) / "cell.yaml"
         settings = cell.settings(
             predictor=predictor, rate_hz=rate_hz, captures_hz=rate_hz + 5.0, links=[link]
         )
+        flags: list[str] = []
+        if looking is not None:
+            settings["alerts"], flags = looking.alerts, looking.flags
         path.write_text(yaml.safe_dump(settings), encoding="utf-8")
-        with _processes(path=path, arguments=arguments, fds=fds, rate_hz=rate_hz, cache=cache) as (
-            node,
-            receiver,
-            began_ns,
-        ):
-            first_ns = _line(receiver, node)["first_ns"]
-            result: dict[str, Any] = {"first_advice_s": (first_ns - began_ns) * 1e-9}
-            time.sleep(WARM_UP_S)
-            if seconds > 0:
-                result |= _watched(node.pid, seconds)
-            result["resident_mib"] = resident_mib(node.pid)
-            told = _ended(node, receiver)
+        command = [sys.executable, "-m", "hri_predict", "run", str(path), "--json", *flags]
+        node, receiver, began_ns = stack.enter_context(
+            _processes(command, arguments=arguments, fds=fds, rate_hz=rate_hz, cache=cache)
+        )
+        first_ns = _line(receiver, node)["first_ns"]
+        result: dict[str, Any] = {"first_advice_s": (first_ns - began_ns) * 1e-9}
+        if looking is not None:
+            _line(looking.process, node)  # both screens were seen
+        time.sleep(WARM_UP_S)
+        if seconds > 0:
+            result |= _used(node.pid, seconds)
+        result["resident_mib"] = resident_mib(node.pid)
+        if looking is not None:
+            result["seen_bytes"] = looking.seen()
+        told, summary = _ended(node, receiver)
+        result["alerts"] = summary.get("alerts", {})
     if seconds > 0:
         begin_ns, end_ns = result.pop("window_ns")
         result |= _figures(told, begin_ns, end_ns, rate_hz)
@@ -115,7 +133,12 @@ def _free_port() -> int:
 
 @contextlib.contextmanager
 def _processes(
-    *, path: Path, arguments: Sequence[str], fds: Sequence[int], rate_hz: float, cache: Path | None
+    command: Sequence[str],
+    *,
+    arguments: Sequence[str],
+    fds: Sequence[int],
+    rate_hz: float,
+    cache: Path | None,
 ) -> Iterator[tuple[Any, Any, int]]:
     """Start the receiver, the bare loop, and then the node; yield node, receiver, and when."""
     reading, writing = os.pipe()
@@ -133,8 +156,8 @@ def _processes(
         _line(receiver, receiver)
         began_ns = time.monotonic_ns()
         node = subprocess.Popen(
-            [sys.executable, "-m", "hri_predict", "run", str(path), "--json"],
-            stdout=subprocess.DEVNULL,
+            command,
+            stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             env=environment,
@@ -177,7 +200,7 @@ def _line(receiver: Any, awaited: Any) -> dict[str, Any]:
     raise LinkError(f"the node sent no advice in {START_S:g} s")
 
 
-def _watched(pid: int, seconds: float) -> dict[str, Any]:
+def _used(pid: int, seconds: float) -> dict[str, Any]:
     """Let the node run; what it used meanwhile."""
     before, cores, begin_ns = processor_time(pid), cores_busy(), time.monotonic_ns()
     time.sleep(seconds)
@@ -191,12 +214,12 @@ def _watched(pid: int, seconds: float) -> dict[str, Any]:
     return {"cpu_percent": used, "cores_percent": busy, "window_ns": (begin_ns, end_ns)}
 
 
-def _ended(node: Any, receiver: Any) -> dict[str, Any]:
-    """Stop the node, then the receiver; what the receiver tells."""
+def _ended(node: Any, receiver: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Stop the node, then the receiver; what the receiver tells, and the node's summary."""
     node.send_signal(signal.SIGTERM)
-    node.communicate(timeout=30.0)
+    summary, _ = node.communicate(timeout=30.0)
     told, _ = receiver.communicate(timeout=30.0)  # closes its standard input
-    return dict(json.loads(told.splitlines()[-1]))
+    return dict(json.loads(told.splitlines()[-1])), dict(json.loads(summary))
 
 
 def _figures(told: dict[str, Any], begin_ns: int, end_ns: int, rate_hz: float) -> dict[str, Any]:

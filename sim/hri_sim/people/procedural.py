@@ -13,8 +13,9 @@ from pydantic import Field, model_validator
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError
+from hri_predict.files import YAML_ENDINGS
 from hri_predict.geometry import transform
-from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
+from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import MIN_RATE_HZ, Pose, Region, validated
 from hri_predict.source import SourceSettings
@@ -232,7 +233,7 @@ def _joint_map(name: str | None, base_dir: Path | None) -> JointMap:
     if name is None:
         return load_joint_map("canonical")
     beside = base_dir / name if base_dir is not None else Path(name)
-    is_file = name.endswith(MAP_ENDINGS) and beside.is_file()
+    is_file = name.endswith(YAML_ENDINGS) and beside.is_file()
     return delivered_by(load_joint_map(str(beside) if is_file else name))
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from hri_predict.clock import VirtualClock
 from hri_predict.errors import ConfigError, UnusableRecordingError
-from hri_predict.files import read_text
-from hri_predict.joint_map import MAP_ENDINGS
+from hri_predict.files import YAML_ENDINGS, read_text
 from hri_predict.machine.hiring import workers_for
 from hri_predict.machine.identity import code_digest
 from hri_predict.peers import SimulationReport, SimulationRequest
@@ -148,7 +147,7 @@ def _seen(request: SimulationRequest) -> tuple[tuple[str, str | float], ...]:
 
 def _text(joint_map: str | None) -> str | None:
     """What a joint map says, or its shipped name."""
-    own = joint_map is not None and joint_map.endswith(MAP_ENDINGS)
+    own = joint_map is not None and joint_map.endswith(YAML_ENDINGS)
     return read_text(Path(joint_map), "joint map") if own and joint_map else joint_map
 
 

@@ -17,8 +17,9 @@ from pydantic import Field
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError
+from hri_predict.files import YAML_ENDINGS
 from hri_predict.geometry import transform
-from hri_predict.joint_map import MAP_ENDINGS, JointMap, load_joint_map
+from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import MIN_RATE_HZ, Pose, Vector3
 from hri_predict.source import SourceSettings
@@ -178,7 +179,7 @@ def map_of(motions: Sequence[Motion], tracker: str | None, base_dir: Path | None
     if tracker is not None:
         beside = (base_dir or Path()) / tracker
         whole = delivered_by(
-            load_joint_map(str(beside) if tracker.endswith(MAP_ENDINGS) else tracker)
+            load_joint_map(str(beside) if tracker.endswith(YAML_ENDINGS) else tracker)
         )
     recorded = np.any([motion.observed.any(axis=0) for motion in motions], axis=0)
     lacks = (whole.weights[:, ~recorded] != 0).any(axis=1)

@@ -10,11 +10,15 @@ RATE_HZ = 25.0
 
 
 @lru_cache(maxsize=32)
-def heard(wire: str, predictor: str, seconds: float) -> dict[str, Any] | str:
+def heard(
+    wire: str, predictor: str, seconds: float, *, watched: bool = False
+) -> dict[str, Any] | str:
     """See ``NodeBench.heard``; one line if this machine has no such wire."""
     bench = registry.load("simulations", "node")
     try:
-        return bench.heard(wire=wire, predictor=predictor, rate_hz=RATE_HZ, seconds=seconds)
+        return bench.heard(
+            wire=wire, predictor=predictor, rate_hz=RATE_HZ, seconds=seconds, watched=watched
+        )
     except LinkError as error:
         return str(error)
 

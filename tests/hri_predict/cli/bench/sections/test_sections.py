@@ -83,6 +83,11 @@ def test_a_node_is_heard_in_another_process():
     assert node.p50 is not None
     assert bare.p50 is not None
     assert over.p50 == pytest.approx(node.p50 / bare.p50)
+    looked_at = found["serial 921600, looked at"]
+    assert min(looked_at.more["seen_bytes"].values()) > 0
+    hooks = looked_at.more["alerts"]
+    assert len(hooks) == 3
+    assert not any(hook["delivered"] for hook in hooks)
     load = rows_of("load")
     groups = ("loop", "busiest other thread", "other threads", "helper processes")
     parts = sum(load[f"zero_velocity: {group}"].p50 or 0.0 for group in groups)
@@ -94,9 +99,9 @@ def test_a_node_is_heard_in_another_process():
 
 
 def test_a_wire_that_is_not_here_is_a_note(monkeypatch):
-    monkeypatch.setattr(runs, "heard", lambda *_: "no multicast here")
-    (idle, busy) = jitter.rows(TINY)
-    assert idle.note == busy.note == "no multicast here"
+    monkeypatch.setattr(runs, "heard", lambda *_, watched=False: "no multicast here")
+    rows = list(jitter.rows(TINY))
+    assert [row.note for row in rows] == ["no multicast here"] * 3
 
 
 @pytest.mark.realtime
