@@ -51,12 +51,16 @@ class Hook:
             self._changed.notify()
 
     def join(self, timeout_s: float) -> None:
-        """Wait for the end of the thread, no longer than this; what is not out by then is lost."""
+        """Wait for the end of the thread, no longer than this; what is not out by then is lost.
+
+        Safe to call twice.
+        """
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
         with self._changed:
+            if not self._abandoned:
+                self._outbox.give_up(int(self._under_way))
             self._abandoned = True
-            self._outbox.give_up(int(self._under_way))
         self._sender.abort()
 
     @property

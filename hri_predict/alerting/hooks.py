@@ -44,7 +44,8 @@ class Hooks:
         """Make the hooks of new settings, and return what puts them in force.
 
         A hook with the same settings as before goes on, with all that waits in it. New ones start
-        before those that are left out end; these try once more what waits in them.
+        before those that are left out end; these try once more what waits in them, and nobody waits
+        for that.
 
         Raises:
             ConfigError: a hook cannot be used; nothing has changed.
@@ -70,7 +71,9 @@ class Hooks:
 
     def join(self, begun_s: float) -> None:
         """Wait for their end, each within its bound since ``begun_s`` (``time.monotonic``)."""
-        _join(self._live, begun_s)
+        with self._lock:
+            hooks = [*self._live, *self._ending]
+        _join(hooks, begun_s)
 
     @property
     def failures(self) -> int:
@@ -95,15 +98,20 @@ class Hooks:
                 return
             for hook in wanted:
                 hook.start()
-            self._live, self._ending = wanted, left
-        begun_s = time.monotonic()
+            self._live = wanted
+            self._ending += left
         for hook in left:
             hook.stop()
-        _join(left, begun_s)
+        name = "alert hooks ending"  # a command may take long
+        threading.Thread(target=self._see_off, args=(left,), name=name, daemon=True).start()
+
+    def _see_off(self, left: list[Hook]) -> None:
+        """Wait for the end of hooks that were left out, and keep what they counted."""
+        _join(left, time.monotonic())
         with self._lock:
             for hook in left:
                 self._ended = _with(self._ended, hook.report())
-            self._ending = []
+                self._ending.remove(hook)
 
 
 def _join(hooks: Sequence[Hook], begun_s: float) -> None:

@@ -49,7 +49,7 @@ def test_one_that_is_left_out_sends_what_waits_and_its_counts_stay(tmp_path):
         eventually(lambda: len(server.got) == 1)
         hooks.put(alert("clear"))
         hooks.exchange([settings(other.url)])()
-        assert len(server.got) == 2
+        eventually(lambda: len(server.got) == 2)
         hooks.put(alert("stop"))
         eventually(lambda: len(other.got) == 1)
         assert len(server.got) == 2
@@ -82,6 +82,27 @@ def test_failures_never_go_down(tmp_path):
         hooks.exchange([])()
         assert hooks.failures == 1
         assert hooks.report()[0]["dropped"] == 1
+        eventually(lambda: not hooks._ending)
+        assert hooks.failures == 1
+
+
+def test_nobody_waits_for_one_that_is_left_out_and_hangs(tmp_path):
+    with silent_server() as port, web_server() as server:
+        hanging = settings(f"http://127.0.0.1:{port}", timeout_s=30)
+        hooks = Hooks([hanging], place(tmp_path))
+        hooks.start()
+        hooks.put(alert())
+        put_in_force = hooks.exchange([settings(server.url)])
+        begun_s = time.monotonic()
+        put_in_force()
+        took_s = time.monotonic() - begun_s
+        hooks.put(alert())
+        eventually(lambda: len(server.got) == 1)
+        ended(hooks)
+        eventually(lambda: not hooks._ending)  # two waited for its end
+        rows = {row["name"]: row for row in hooks.report()}
+    assert took_s < 1.0  # its bound is 2.5 s
+    assert rows[hanging.label]["dropped"] == 1
 
 
 def test_after_the_end_nothing_starts(tmp_path):
