@@ -5,7 +5,9 @@ import time
 
 import pytest
 
+from hri_predict.alerting.hook import Hook
 from hri_predict.alerting.hooks import Hooks
+from hri_predict.alerting.sender import Sender
 from hri_predict.alerting.webhook import WebhookHook
 from hri_predict.errors import ConfigError
 from tests.hri_predict.alerting.servers import alert, eventually, place, silent_server, web_server
@@ -143,3 +145,22 @@ def test_every_alert_is_counted_while_hooks_come_and_go(tmp_path):
     assert exchanges > 3
     assert sum(row["delivered"] + row["left_out"] + row["dropped"] for row in rows) == count
     assert sum(row["delivered"] for row in rows) == len(server.got)
+
+
+def test_one_whose_end_two_wait_for_loses_its_alert_once(tmp_path):
+    release = threading.Event()
+
+    class Hanging(Sender):
+        def send(self, alert, more_changes):
+            release.wait(30)
+            return ""
+
+    hook = Hook(settings("http://127.0.0.1:1"), Hanging())
+    hook.start()
+    hook.put(alert())
+    eventually(lambda: hook._under_way)
+    hook.stop()
+    hook.join(0.01)
+    hook.join(0.01)
+    assert hook.report()["dropped"] == 1
+    release.set()
