@@ -6,6 +6,7 @@ of its own (``hri_predict.alerting``).
 
 import errno
 import json
+import os
 import queue
 import sys
 import threading
@@ -74,8 +75,8 @@ class Alerts:
     On the virtual clock there is no thread: alerts are written at once and no hook sends.
 
     ``dropped`` counts alerts that were not written because the thread could not keep up.
-    ``failures`` counts alerts that could not be written to the file, and attempts of hooks that
-    failed.
+    ``failures`` counts lines that could not be written to file or terminal, and attempts of hooks
+    that failed.
 
     Raises:
         ConfigError: the alert file cannot be written, or a hook cannot be used.
@@ -106,12 +107,12 @@ class Alerts:
         place = Place(base_dir=base_dir, cell=cell)
         self._base_dir = base_dir
         self._hooks = Hooks(settings.hooks if threaded else [], place)
-        self.count = self.dropped = self._file_failures = 0
+        self.count = self.dropped = self._write_failures = 0
 
     @property
     def failures(self) -> int:
         """What could not be written, and failed attempts of hooks."""
-        return self._file_failures + self._hooks.failures
+        return self._write_failures + self._hooks.failures
 
     def report(self) -> list[dict[str, Any]]:
         """The hooks' rows in the summary."""
@@ -220,15 +221,34 @@ class Alerts:
             self._tell(alert)
 
     def _tell(self, alert: AnyAlert) -> None:
-        if self._settings.terminal:
-            print(alert.line(), file=self._terminal, flush=True)
         if self._file is not None:
             try:
-                with self._file.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(alert)) + "\n")
+                _append(self._file, json.dumps(asdict(alert)).encode() + b"\n")
             except OSError as error:
-                self._file_failures += 1
-                print(f"alert file {self._file}: {error.strerror}", file=sys.stderr)
+                self._write_failures += 1
+                self._print(f"alert file {self._file}: {error.strerror}", sys.stderr)
+        if self._settings.terminal:
+            self._print(alert.line(), self._terminal)
+
+    def _print(self, line: str, stream: TextIO) -> None:
+        """Print, or count: a log on a full disk must not end the alerts."""
+        try:
+            print(line, file=stream, flush=True)
+        except (OSError, ValueError):  # ValueError: it was closed
+            self._write_failures += 1
+
+
+def _append(path: Path, line: bytes) -> None:
+    """Append a line, on a line of its own: a full disk or a kill may have cut the last one short.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with path.open("a+b") as file:
+        if file.seek(0, os.SEEK_END):
+            file.seek(-1, os.SEEK_END)
+            line = line if file.read(1) == b"\n" else b"\n" + line
+        file.write(line)
 
 
 def alert_file(settings: AlertSettings, base_dir: Path) -> Path | None:

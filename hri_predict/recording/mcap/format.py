@@ -156,7 +156,9 @@ def _since_version_2(data: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _numbers(data: dict[str, Any]) -> dict[str, float]:
+def _numbers(data: Any) -> dict[str, float]:
+    if not isinstance(data, dict):
+        raise TypeError("a base's motion is no mapping")
     return dict(zip(data, _floats(data.values()), strict=True))
 
 

@@ -1,7 +1,7 @@
 // Shows what the server says. All text goes in as text, never as HTML. A page that hears nothing
 // turns grey: an old green must never stand.
 "use strict";
-const GONE_MS = 1500;
+const GONE_MS = 1500, AGAIN_MS = 2000;
 const SHAPES = { // points of a 100 x 100 field; the shape alone says the level
   CLEAR: "circle", WARN: "50,6 96,90 4,90", SLOW: "50,2 98,50 50,98 2,50",
   STOP: "30,2 70,2 98,30 98,70 70,98 30,98 2,70 2,30",
@@ -145,8 +145,14 @@ function take(event) {
   drawHistory();
 }
 
-const events = new EventSource("/events");
-events.addEventListener("message", take);
-events.addEventListener("open", () => { lagMs = Infinity; alarmed = 0; });
+function listen() { // a browser asks again by itself, but not after a refusal: too many, say
+  const events = new EventSource("/events");
+  events.addEventListener("message", take);
+  events.addEventListener("open", () => { lagMs = Infinity; alarmed = 0; });
+  events.addEventListener("error", () => {
+    if (events.readyState === EventSource.CLOSED) setTimeout(listen, AGAIN_MS);
+  });
+}
+listen();
 setInterval(draw, 250);
 draw();

@@ -5,6 +5,7 @@ when its input does. Run by ``feed``: ``python -m hri_predict.viewing.operator.p
 """
 
 import argparse
+import contextlib
 import json
 import os
 import signal
@@ -26,6 +27,12 @@ QUIET_S = 0.5
 """and at least so often: a page that hears nothing for longer turns grey."""
 FAREWELL_S = 1.0
 MAX_BROWSERS = 32
+MAX_CONNECTIONS = 96
+"""Browsers that listen, and whoever asks beside them; each has a thread and a file."""
+REQUEST_S = 5.0
+"""A request must be whole by then: a time limit of a socket begins anew with every byte."""
+SENDS_BYTES = 65_536
+"""What may wait for a browser that does not read, before it is let go."""
 MAX_BODY = 1024
 _FILES = {
     "/": ("page.html", "text/html"),
@@ -40,13 +47,29 @@ class Server(ThreadingHTTPServer):
     """Serves one state to all browsers."""
 
     daemon_threads = True
+    request_queue_size = 64
 
-    def __init__(self, host: str, port: int, state: State) -> None:
+    def __init__(self, host: str, port: int, state: State, request_s: float = REQUEST_S) -> None:
         if ":" in host:
             self.address_family = socket.AF_INET6
         super().__init__((host, port), _Handler)
-        self.state = state
+        self.state, self.request_s = state, request_s
         self.browsers = threading.BoundedSemaphore(MAX_BROWSERS)
+        self._connections = threading.BoundedSemaphore(MAX_CONNECTIONS)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread, if there are not too many already."""
+        if self._connections.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer one connection."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._connections.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that went away is no error."""
@@ -57,7 +80,23 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 10.0
     server_version, sys_version = "hri-predict", ""
 
+    def setup(self) -> None:
+        super().setup()
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDS_BYTES)
+        self._slow = threading.Timer(self.server.request_s, self._cut)
+        self._slow.daemon = True
+        self._slow.start()
+
+    def finish(self) -> None:
+        self._slow.cancel()
+        super().finish()
+
+    def _cut(self) -> None:
+        with contextlib.suppress(OSError):
+            self.connection.shutdown(socket.SHUT_RDWR)
+
     def do_GET(self) -> None:
+        self._slow.cancel()
         if not self._is_ours():
             return
         if self.path == "/events":
@@ -91,11 +130,13 @@ class _Handler(BaseHTTPRequestHandler):
 
         A name that somebody else's server resolves to this address must not read the page.
         """
-        host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
-        origin = self.headers.get("Origin")
-        is_own = origin is None or urlsplit(origin).netloc == self.headers.get("Host")
-        if is_own and (_is_address(host) or host in ("localhost", socket.gethostname().lower())):
-            return True
+        with contextlib.suppress(ValueError):  # neither name nor address
+            host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
+            origin = self.headers.get("Origin")
+            is_own = origin is None or urlsplit(origin).netloc == self.headers.get("Host")
+            names = ("localhost", socket.gethostname().lower())
+            if is_own and (_is_address(host) or host in names):
+                return True
         self._answer(403, b"ask for this page by its address")
         return False
 
