@@ -6,8 +6,9 @@ import sys
 import threading
 import time
 from bisect import bisect_right
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -18,13 +19,18 @@ from rich.text import Text
 
 from hri_predict import registry
 from hri_predict.cli.common import wrapped_widths
+from hri_predict.cli.screens.options import Host, Operator
 from hri_predict.cli.terminal.view import COLOURS
 from hri_predict.errors import ConfigError, HriPredictError, LinkError
 from hri_predict.link import ObservesFleet, Transport
 from hri_predict.monitoring.fleet import SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
-from hri_predict.protocol.keyed import Keyed
+from hri_predict.monitoring.fleet_changes import FleetChanges
+from hri_predict.monitoring.fleet_levels import tile
+from hri_predict.protocol.keyed import ROOT, Keyed, split_key
 from hri_predict.protocol.messages import Level
 from hri_predict.settings import validated
+from hri_predict.viewing.fleet_feed import FLEET, FleetFeed
+from hri_predict.viewing.screen import LOOPBACK, ScreenSettings
 
 MAX_S, MAX_SILENT_S = 1e9, 3600.0
 READ_S = 0.1
@@ -57,26 +63,31 @@ def fleet(
         float, typer.Option(help="Call a cell silent after this many seconds without a message.")
     ] = SILENT_S,
     seconds: Annotated[float | None, typer.Option(help="Stop after this many seconds.")] = None,
+    operator: Operator = None,
+    viewer_host: Host = LOOPBACK,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print a JSON line each second and one at the end.")
     ] = False,
 ) -> None:
     """Show all cells live: node, level of each robot, people, age. Needs the extra 'fleet'.
 
+    With --operator also on a page in the browser, with the alerts of all cells.
+
     Example: hri-predict fleet --connect tcp/127.0.0.1:7447
     """
     for flag, value, most in (("--seconds", seconds, MAX_S), ("--silent", silent, MAX_SILENT_S)):
         if value is not None and not 0 < value <= most:
             raise ConfigError(f"{flag} {value}: give a number above 0, up to {most:.0f}")
-    watch = _Watch(_observer(site, connect, listen, zenoh_config), Fleet(silent))
-    watch.start()
-    try:
-        if as_json:
-            watch.print_lines(seconds)
-        else:
-            watch.show(seconds)
-    finally:
-        watch.stop()
+    watch = _Watch(_observer(site, connect, listen, zenoh_config), Fleet(silent), silent)
+    with watch.page(operator, viewer_host):
+        watch.start()
+        try:
+            if as_json:
+                watch.print_lines(seconds)
+            else:
+                watch.show(seconds)
+        finally:
+            watch.stop()
     if not watch.ever_connected:
         raise LinkError(f"fleet: {watch.trouble}")
 
@@ -99,13 +110,35 @@ def _observer(
 class _Watch:
     """Receives messages in a thread of its own; the display may ask for the rows at any time."""
 
-    def __init__(self, observer: Transport[Keyed], fleet: Fleet) -> None:
+    def __init__(
+        self, observer: Transport[Keyed], fleet: Fleet, silent_s: float = SILENT_S
+    ) -> None:
         self.ever_connected = False
         self.trouble = ""
         self._observer = observer
         self._fleet = fleet
+        self._silent_s = silent_s
+        self._changes = FleetChanges(fleet)
+        self._page_feed: FleetFeed | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._hear, name="fleet", daemon=True)
+
+    def page(self, port: int | None, host: str) -> AbstractContextManager[FleetFeed | None]:
+        """What feeds a page in the browser; nothing without a port."""
+        if port is None:
+            return nullcontext()
+        self._page_feed = FleetFeed(ScreenSettings("operator", FLEET, port, host), self._facts)
+        return self._page_feed
+
+    def _facts(self, after: int) -> dict[str, Any]:
+        """What the page shows: all cells, and the changes after this one."""
+        return {
+            "cells": [tile(row) for row in self._changes.look()],
+            "changes": self._changes.after(after),
+            "trouble": self.trouble,
+            "left_out": self._fleet.left_out,
+            "silent_s": self._silent_s,
+        }
 
     def start(self) -> None:
         """Connect, so that a wrong setting ends the command; then start to receive.
@@ -140,9 +173,16 @@ class _Watch:
                     self._connect()
                     continue
                 for unit in self._observer.read(READ_S):
-                    self._fleet.take(replace(unit, key=f"hri/{unit.key}"), time.monotonic_ns())
+                    self._take(replace(unit, key=f"{ROOT}/{unit.key}"))
             except Exception as error:  # the cells turn silent by themselves
                 self.trouble = str(error).splitlines()[0] if str(error) else type(error).__name__
+
+    def _take(self, unit: Keyed) -> None:
+        is_news, feed = self._fleet.take(unit, time.monotonic_ns()), self._page_feed
+        key = split_key(unit.key)
+        if is_news and feed is not None and key is not None:
+            self._changes.look_at(key.site, key.cell)
+            feed.wake()
 
     def rows(self) -> list[CellRow]:
         """Return the rows of all cells as they are now."""

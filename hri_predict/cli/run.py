@@ -31,7 +31,8 @@ from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session
 from hri_predict.service import logs
 from hri_predict.service.notify import Notifier, has_terminal
-from hri_predict.viewing.feed import LOOPBACK, Feed
+from hri_predict.viewing.feed import Feed
+from hri_predict.viewing.screen import LOOPBACK
 
 Json = Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")]
 Record = Annotated[

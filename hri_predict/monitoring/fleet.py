@@ -22,6 +22,7 @@ DISPUTE = 3  # refused Status messages within DISPUTE_S; a restarted node causes
 
 SILENT = "silent"
 UNKNOWN = "unknown"
+NO_SCHEMA = "no schema received yet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +86,17 @@ class _Cell:
     refused: int = 0
     out_of_order: int = 0
 
-    def take(self, unit: Keyed, now_ns: int) -> None:
+    def take(self, unit: Keyed, now_ns: int) -> bool:
+        """Return whether a level or the node's state changed."""
+        before = self._said()
+        self._take(unit, now_ns)
+        return self._said() != before
+
+    def _said(self) -> list[Any]:
+        state = self.status and self.status.node_state
+        return [state, self.schema.open, *(a.level for a, _ in self.advices.values())]
+
+    def _take(self, unit: Keyed, now_ns: int) -> None:
         if now_ns - self.heard_ns > FORGET_S * 1e9:
             self.schema.reset()  # another node may send now, even with another version
         before = self.receiver.counters.counter_errors
@@ -125,20 +136,29 @@ class Fleet:
         self._cells: dict[tuple[str, str], _Cell] = {}
         self._lock = threading.Lock()
 
-    def take(self, unit: Keyed, now_ns: int) -> None:
-        """Take a payload with its full key, received at ``now_ns``; no payload makes it fail."""
+    def take(self, unit: Keyed, now_ns: int) -> bool:
+        """Take a payload with its full key, received at ``now_ns``; no payload makes it fail.
+
+        Returns:
+            Whether a level or the state of a node changed.
+        """
         key = split_key(unit.key)
         with self._lock:
             if key is None or (key[:2] not in self._cells and len(self._cells) >= MAX_CELLS):
                 self.left_out += 1
-                return
+                return False
             cell = self._cells.setdefault((key.site, key.cell), _Cell())
-            cell.take(Keyed(key.what, unit.data), now_ns)
+            return cell.take(Keyed(key.what, unit.data), now_ns)
 
     def rows(self, now_ns: int) -> list[CellRow]:
         """Return the rows of all cells at ``now_ns``, sorted by site and cell."""
         with self._lock:
             return [self._row(*name, cell, now_ns) for name, cell in sorted(self._cells.items())]
+
+    def row(self, site: str, cell: str, now_ns: int) -> CellRow:
+        """Return the row of a cell that sent something, at ``now_ns``."""
+        with self._lock:
+            return self._row(site, cell, self._cells[site, cell], now_ns)
 
     def _row(self, site: str, name: str, cell: _Cell, now_ns: int) -> CellRow:
         status, since_ns = cell.status, now_ns - cell.status_ns
@@ -167,7 +187,7 @@ class Fleet:
             stopped = cell.status is not None and cell.status.node_state is NodeState.STOPPING
             return "the node was stopped" if stopped else "no messages"
         if cell.schema.heard is None:
-            return "no schema received yet"
+            return NO_SCHEMA
         if not cell.schema.open:
             return "the node uses another version of the protocol"
         first_ns = cell.disputed_ns[0] if len(cell.disputed_ns) == DISPUTE else None

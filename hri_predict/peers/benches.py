@@ -50,6 +50,13 @@ class FleetBench(Protocol):
         """Seconds until a cell is heard after it joins, and after the router returns."""
 
 
+class FleetPageBench(Protocol):
+    """Measures the page of many cells in real time: entry point ``fleet_page``, a module."""
+
+    def page(self, cells: int, seconds: float, /) -> dict[str, Any]:
+        """A row of figures: processor time and delays."""
+
+
 class TrackerBench(Protocol):
     """Measures trackers in closed loop: entry point ``trackers``, a module."""
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict import registry
-from hri_predict.cli.common import progress
+from hri_predict.cli.common import progress, without_effect
 from hri_predict.errors import ConfigError
 
 
@@ -24,17 +24,31 @@ def fleet(
             help="Measure instead, this many times each, how soon a cell joins and recovers.",
         ),
     ] = None,
+    cells: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=256,
+            help="Measure instead the page of 'fleet --operator' with this many cells at 25 Hz.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
     """Measure the zenoh link: time from posting a message to its decoding in another process.
 
     The table also shows processor time and payload. This runs in real time, so other programs
-    disturb it. With --recovery: the seconds until messages of a cell arrive.
+    disturb it. With --recovery: the seconds until messages of a cell arrive. With --cells:
+    processor time of 'fleet --operator' and of its page, and the delay from posting a message until
+    a browser has it.
 
     Example: hri-predict bench fleet --seconds 5
     """
     if not 1.0 <= seconds <= 3600.0:
         raise ConfigError(f"--seconds {seconds:g}: give 1 to 3600")
+    if cells is not None:
+        without_effect({"--recovery": recovery}, "with --cells")
+        _page(cells, seconds, as_json)
+        return
     bench = registry.load("simulations", "fleet")
     if recovery is not None:
         print(json.dumps(bench.recovery(recovery)))
@@ -46,6 +60,32 @@ def fleet(
         print(json.dumps(rows))
     else:
         Console(width=None if sys.stdout.isatty() else 120).print(_table(rows))
+
+
+def _page(cells: int, seconds: float, as_json: bool) -> None:
+    with progress() as bar:
+        bar.add_task(f"{cells} cells on one page", total=None)
+        row = registry.load("simulations", "fleet_page").page(cells, seconds)
+    if as_json:
+        print(json.dumps(row))
+        return
+    cpu = row["cpu_s_per_s"]
+    print(f"{cells} cells at {row['rate_hz']} Hz; load average before: {row['load']}")
+    print(
+        f"processor time, s/s: hri-predict fleet {cpu['fleet']}, its page {cpu['page']}; "
+        f"the cells {cpu['cells']}; memory {row['memory_mib']} MiB"
+    )
+    for name, what in (("change_ms", "a change of level"), ("number_ms", "another message")):
+        ms = row[name]
+        figures = (
+            f"p50 {ms['p50']}, p99 {ms['p99']}, max {ms['max']} ms" if ms else "there was none"
+        )
+        print(f"delay of {what}: {figures}")
+    print(
+        f"{row['events_per_s']} events/s of {row['bytes_per_event'] / 1e3:.1f} kB; "
+        f"superseded {row['superseded']}, never shown {row['unshown']}, "
+        f"shown as no level {row['gone']}"
+    )
 
 
 def _table(rows: Sequence[dict[str, Any]]) -> Table:

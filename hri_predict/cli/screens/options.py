@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from hri_predict.viewing import feed
-from hri_predict.viewing.feed import Feed, ScreenSettings
+from hri_predict.viewing.feed import Feed
+from hri_predict.viewing.screen import ScreenSettings
 
 Viewer = Annotated[
     int | None,

@@ -1,7 +1,7 @@
 """The alerts that a page shows, and who has read them."""
 
 import threading
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,10 +17,12 @@ class History:
 
     Attributes:
         missed: changes that never arrived, because pictures were dropped for too long.
+        forgotten: alerts that nobody had read when newer ones of their cell took their place.
+        version: rises with each change of what is kept.
     """
 
     def __init__(self) -> None:
-        self.missed = 0
+        self.missed, self.forgotten, self.version = 0, 0, 0
         self._newest = 0
         self._rows: OrderedDict[int, dict[str, Any]] = OrderedDict()
         self._lock = threading.Lock()
@@ -35,17 +37,28 @@ class History:
                 if self._newest:
                     self.missed += number - self._newest - 1
                 self._newest = number
+                self.version += 1
                 self._rows[number] = {**change, "read": change["level"] in QUIET}
-            while len(self._rows) > KEPT:
-                self._rows.popitem(last=False)
+                if len(self._rows) > KEPT:
+                    self._forget_one()
 
-    def acknowledge(self, number: int) -> bool:
-        """Mark an alert as read; return whether it is there."""
+    def _forget_one(self) -> None:
+        """Forget the oldest of the cell with most: one that flaps must not push out the others'."""
+        most = Counter(row.get("cell") for row in self._rows.values()).most_common(1)[0][0]
+        number = next(n for n, row in self._rows.items() if row.get("cell") == most)
+        self.forgotten += not self._rows.pop(number)["read"]
+
+    def acknowledge(self, number: int, with_older: bool = False) -> bool:
+        """Mark an alert, or all up to it, as read; return whether there is any."""
         with self._lock:
-            row = self._rows.get(number)
-            if row is not None:
+            if with_older:
+                found = [row for n, row in self._rows.items() if n <= number]
+            else:
+                found = [self._rows[number]] if number in self._rows else []
+            for row in found:
                 row["read"] = True
-            return row is not None
+            self.version += len(found)
+            return bool(found)
 
     def rows(self) -> list[dict[str, Any]]:
         """All that is kept, newest first."""

@@ -1,4 +1,4 @@
-"""What the operator's page is told, of the newest picture and the history."""
+"""What an operator's page is told, of the newest picture and the history."""
 
 import threading
 import time
@@ -16,8 +16,11 @@ class State:
 
     Attributes:
         history: of the alerts.
-        ended: whether the node has ended.
+        ended: whether the pictures have ended.
+        who: sends the pictures, as people call it.
     """
+
+    who = "the node"
 
     def __init__(self) -> None:
         self.history = History()
@@ -28,20 +31,21 @@ class State:
         self._changed = threading.Condition()
 
     def take(self, picture: Picture, now_s: float) -> None:
-        """Take the newest picture."""
+        """Take the newest picture, at ``now_s``; one that waited in the pipe is as old as it is."""
         self.history.add(picture.facts.get("changes", []))
         with self._changed:
-            self._facts, self._came_s = picture.facts, now_s
+            self._facts = picture.facts
+            self._came_s = min(now_s, picture.facts.get("made_s", now_s))
         self.tell()
 
     def end(self) -> None:
-        """Tell everybody that the node has ended."""
+        """Tell everybody that no more pictures come."""
         self.ended = True
         self.tell()
 
-    def acknowledge(self, number: int) -> bool:
-        """Mark an alert as read; return whether it is there."""
-        found = self.history.acknowledge(number)
+    def acknowledge(self, number: int, with_older: bool = False) -> bool:
+        """Mark an alert, or all up to it, as read; return whether there is any."""
+        found = self.history.acknowledge(number, with_older)
         self.tell()
         return found
 
@@ -57,8 +61,18 @@ class State:
             self._changed.wait_for(lambda: self._version > seen, timeout_s)
             return self._version
 
-    def told(self) -> dict[str, Any]:
-        """What the page shows now: of a node that is silent no level, only since when."""
+    def wait_for_alerts(self, seen: int, timeout_s: float) -> None:
+        """Wait until the history is another than ``seen``, at most so long."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.history.version != seen or self.ended, timeout_s)
+
+    def told(self, alerts: int = -1) -> dict[str, Any]:
+        """What the page shows now: of a node that is silent no level, only since when.
+
+        Args:
+            alerts: the version of the history that is known there; without a newer one it is left
+                out.
+        """
         with self._changed:
             facts, silent_s = self._facts, time.monotonic() - self._came_s
         known = bool(facts) and silent_s <= SILENT_S and not self.ended
@@ -66,28 +80,41 @@ class State:
             "known": known,
             "sent_ms": time.monotonic() * 1e3,
             "why": self._why(bool(facts), silent_s),
+            "alerts": self.history.version,
+            **self._always(facts),
+        }
+        if said["alerts"] != alerts:
+            said |= {
+                "history": self.history.rows(),
+                "missed": self.history.missed,
+                "forgotten": self.history.forgotten,
+            }
+        return said | (self._now(facts, silent_s) if known else {})
+
+    def _always(self, facts: dict[str, Any]) -> dict[str, Any]:
+        """What is told even while nothing is known of now: names."""
+        return {
             "cell": facts["room"]["cell"] if facts else "",
             "robots": [robot["name"] for robot in facts.get("robots", [])],
-            "history": self.history.rows(),
-            "missed": self.history.missed,
         }
-        if known:
-            tracked = facts["tracked"]
-            said |= {
-                "levels": [_robot(robot) for robot in facts["robots"]],
-                "state": facts["state"].lower(),
-                "people": tracked,
-                "lost": len(facts["people"]) - tracked,
-                "age_s": facts["age_s"],
-            }
-        return said
+
+    def _now(self, facts: dict[str, Any], since_s: float) -> dict[str, Any]:
+        """What is told while the picture, made ``since_s`` ago, is of now."""
+        tracked = facts["tracked"]
+        return {
+            "levels": [_robot(robot) for robot in facts["robots"]],
+            "state": facts["state"].lower(),
+            "people": tracked,
+            "lost": len(facts["people"]) - tracked,
+            "age_s": facts["age_s"],
+        }
 
     def _why(self, any_facts: bool, silent_s: float) -> str:
         if self.ended:
-            return "the node has ended"
+            return f"{self.who} has ended"
         if not any_facts:
-            return "waiting for the node"
-        return f"nothing from the node for {silent_s:.0f} s" if silent_s > SILENT_S else ""
+            return f"waiting for {self.who}"
+        return f"nothing from {self.who} for {silent_s:.0f} s" if silent_s > SILENT_S else ""
 
 
 def _robot(robot: dict[str, Any]) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def measure(topology: str, rate_hz: float, seconds: float) -> dict[str, Any]:
         that a newer one replaced before they were written; ``cpu_percent``: share of one core that
         posting, encoding and zenoh's threads took in the sending process; ``bytes_per_s``: payload.
     """
-    end = f"tcp/127.0.0.1:{_free_port()}"
+    end = f"tcp/127.0.0.1:{free_port()}"
     router = [_child("route", end)] if topology == "router" else []
     listener = _child("hear", "client" if router else "peer", end)
     settings = ZenohLinkSettings(name="bench", cell=CELL, connect=[end])
@@ -89,7 +89,7 @@ def routed() -> Iterator[str]:
 
     Yields the router's endpoint once the router answers.
     """
-    port = _free_port()
+    port = free_port()
     end = f"tcp/127.0.0.1:{port}"
     children = [_child("hear", "client", end), _child("route", end)]
     try:
@@ -111,7 +111,7 @@ def recovery(times: int) -> dict[str, list[float]]:
         ``joins``: from a link's start, while router and listener run; ``heals``: from the return
         of a router that was gone for a second.
     """
-    end = f"tcp/127.0.0.1:{_free_port()}"
+    end = f"tcp/127.0.0.1:{free_port()}"
     routing, hearing = ZenohSettings(mode="router", listen=[end]), ZenohSettings(connect=[end])
     found: dict[str, list[float]] = {"joins": [], "heals": []}
     for _ in range(times):
@@ -234,7 +234,8 @@ def _answers(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A TCP port of this machine that nobody uses."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

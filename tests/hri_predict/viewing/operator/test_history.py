@@ -38,6 +38,26 @@ def test_an_alert_that_is_not_there_cannot_be_read():
     assert not History().acknowledge(7)
 
 
+def test_a_cell_that_flaps_pushes_out_its_own_alerts_and_not_the_others():
+    history = History()
+    history.add([change(1) | {"cell": "quiet"}])
+    for n in range(2, 3 * KEPT):
+        history.add([change(n) | {"cell": "flaps"}])
+    assert len(history.rows()) == KEPT
+    assert history.rows()[-1]["cell"] == "quiet"
+    assert history.forgotten == 3 * KEPT - 1 - KEPT
+
+
+def test_all_up_to_a_number_are_read_at_once():
+    history = History()
+    history.add([change(n) for n in (1, 2, 3)])
+    version = history.version
+    assert history.acknowledge(2, with_older=True)
+    assert [row["read"] for row in history.rows()] == [False, True, True]
+    assert history.version != version
+    assert not history.acknowledge(0, with_older=True)
+
+
 def test_the_history_is_bounded():
     history = History()
     for n in range(1, 3 * KEPT):

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from hri_predict.viewing.feed import OPERATOR
-from hri_predict.viewing.operator.page import MAX_BROWSERS, MAX_CONNECTIONS, Server
+from hri_predict.viewing.operator.server import MAX_BROWSERS, MAX_CONNECTIONS, TOLD_S, Server
 from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import Picture, empty_shapes
 from tests.browser import CHROMIUM, Browser
@@ -46,7 +46,14 @@ def ask(server, method="GET", path="/", body=None, **headers):
 
 
 @pytest.mark.parametrize(
-    ("path", "kind"), [("/", "html"), ("/page.js", "javascript"), ("/page.css", "css")]
+    ("path", "kind"),
+    [
+        ("/", "html"),
+        ("/page.js", "javascript"),
+        ("/page.css", "css"),
+        ("/common.js", "javascript"),
+        ("/common.css", "css"),
+    ],
 )
 def test_a_page_and_its_parts_come_from_here_alone(server, path, kind):
     answer, body = ask(server, path=path)
@@ -56,7 +63,7 @@ def test_a_page_and_its_parts_come_from_here_alone(server, path, kind):
     assert b"://" not in body.replace(b"http://www.w3.org/2000/svg", b"")
 
 
-@pytest.mark.parametrize("path", ["/nothing", "/../page.py", "/page.py", "//etc/passwd"])
+@pytest.mark.parametrize("path", ["/nothing", "/../page.py", "/server.py", "/fleet.js", "//etc"])
 def test_other_pages_are_not_there(server, path):
     assert ask(server, path=path)[0].status == 404
 
@@ -84,9 +91,18 @@ def test_an_alert_is_marked_as_read_for_everybody(server):
     assert server.state.told()["levels"][0]["level"] == "STOP"  # the stop stands
 
 
-@pytest.mark.parametrize(
-    "body", ["", "{", "[]", '{"number": true}', '{"number": "1"}', 2000 * "[", '{"number": 1.5}']
-)
+def test_all_alerts_that_somebody_saw_are_marked_and_no_later_one(server):
+    for number in (1, 2, 3):
+        server.state.take(picture("STOP", number=number), time.monotonic())
+    assert ask(server, "POST", "/acknowledge", '{"up_to": 2}')[0].status == 204
+    assert [row["read"] for row in server.state.history.rows()] == [False, True, True]
+
+
+WRONG = ["", "{", "[]", "{}", '{"number": true}', '{"number": "1"}', 2000 * "[", '{"number": 1.5}']
+WRONG += ['{"number": 1, "up_to": 1}', '{"others": 1}', '{"up_to": null}']
+
+
+@pytest.mark.parametrize("body", WRONG)
 def test_other_bodies_are_refused(server, body):
     assert ask(server, "POST", "/acknowledge", body)[0].status == 400
 
@@ -156,6 +172,36 @@ def test_a_browser_that_listens_is_not_cut_off(server):
     began = time.monotonic()
     while time.monotonic() - began < 3 * server.request_s:
         assert answer.fp.readline()
+
+
+def test_alerts_are_told_again_only_when_they_change(server):
+    server.state.take(picture("SLOW"), time.monotonic())
+    answer, _ = ask(server, path="/events")
+    told = (json.loads(line.removeprefix(b"data: ")) for line in answer.fp if line.strip())
+    assert "history" in next(told)
+    server.state.take(picture("SLOW"), time.monotonic())
+    assert "history" not in next(told)
+    server.state.acknowledge(1)
+    again = next(said for said in told if "history" in said)
+    assert again["history"][0]["read"]
+
+
+def test_an_alert_is_told_sooner_than_a_number(server):
+    server.state.take(picture("SLOW"), time.monotonic())
+    answer, _ = ask(server, path="/events")
+    told = (json.loads(line.removeprefix(b"data: ")) for line in answer.fp if line.strip())
+    next(told)
+    since = time.monotonic()
+    server.state.take(picture("STOP", number=2), time.monotonic())
+    assert next(told)["levels"][0]["level"] == "STOP"
+    assert time.monotonic() - since < TOLD_S  # 0.05 s, and 0.15 s for a busy machine
+
+
+def test_a_picture_that_waited_in_the_pipe_is_as_old_as_it_is():
+    state, late = State(), picture("CLEAR")
+    late.facts["made_s"] = time.monotonic() - 1.5
+    state.take(late, time.monotonic())
+    assert not state.told()["known"]
 
 
 def test_of_a_silent_node_no_level_is_told():

@@ -1,0 +1,155 @@
+// What the pages of one cell and of many share: how levels look, the connection, alerts, sound.
+// All text goes in as text, never as HTML. A page that hears nothing turns grey: an old green must
+// never stand.
+"use strict";
+const GONE_MS = 1500, AGAIN_MS = 2000, STILL_MS = 3000, ROWS = 100;
+const SHAPES = { // points of a 100 x 100 field; the shape alone says the level
+  CLEAR: "circle", WARN: "50,6 96,90 4,90", SLOW: "50,2 98,50 50,98 2,50",
+  STOP: "30,2 70,2 98,30 98,70 70,98 30,98 2,70 2,30",
+  UNKNOWN: "8,8 92,8 92,92 8,92", FAULT: "8,8 92,8 92,92 8,92", GONE: "8,8 92,8 92,92 8,92",
+};
+const SIGNS = { CLEAR: "✓", WARN: "!", SLOW: "▼", STOP: "■", UNKNOWN: "?", FAULT: "×", GONE: "–" };
+const WORDS = { GONE: "NO CONTACT" };
+const UNSEEN = /[\u0000-\u001f\u007f-\u009f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]/g;
+const LONGEST = 300;
+const SVG = "http://www.w3.org/2000/svg";
+const byId = (id) => document.getElementById(id);
+const page = { told: null, history: [], missed: 0, forgotten: 0 };
+let heardMs = -Infinity, lagMs = Infinity, sound = null, alarmed = 0, rows = "";
+
+// Text that cannot turn its surroundings around, and has an end.
+function clean(text) {
+  const shown = String(text).replace(UNSEEN, "\ufffd");
+  return shown.length > LONGEST ? shown.slice(0, LONGEST) + "…" : shown;
+}
+
+function part(kind, name, text) {
+  const made = document.createElement(kind);
+  made.className = name;
+  made.dir = "auto";
+  made.textContent = clean(text);
+  return made;
+}
+
+function isLevel(level) {
+  return Object.hasOwn(SHAPES, level);
+}
+
+function symbol(level) {
+  const svg = document.createElementNS(SVG, "svg");
+  svg.setAttribute("viewBox", "0 0 100 100");
+  svg.setAttribute("aria-hidden", "true");
+  const isCircle = SHAPES[level] === "circle";
+  const shape = document.createElementNS(SVG, isCircle ? "circle" : "polygon");
+  if (isCircle) for (const [key, value] of [["cx", 50], ["cy", 50], ["r", 48]])
+    shape.setAttribute(key, value);
+  else shape.setAttribute("points", SHAPES[level]);
+  shape.setAttribute("fill", "#fff");
+  const sign = document.createElementNS(SVG, "text");
+  for (const [key, value] of [["x", 50], ["y", level === "WARN" ? 82 : 72], ["font-size", 62],
+    ["text-anchor", "middle"], ["font-weight", 900], ["fill", "#111"]]) sign.setAttribute(key, value);
+  sign.textContent = SIGNS[level];
+  svg.append(shape, sign);
+  return svg;
+}
+
+function fact(name, text) {
+  const made = part("span", "", name + " ");
+  made.append(part("b", "", text));
+  return made;
+}
+
+const sinceHeardMs = () => performance.now() - heardMs;
+const isLate = () => sinceHeardMs() > GONE_MS;
+
+function row(alert, nameOf) {
+  const line = part("li", (isLevel(alert.level) ? alert.level : "UNKNOWN") + (alert.read ? " read" : ""), "");
+  line.append(part("span", "when", new Date(alert.utc_s * 1000).toLocaleTimeString()),
+    part("span", "level", WORDS[alert.level] || alert.level),
+    part("span", "from", nameOf(alert)), part("span", "text", alert.reason));
+  if (!alert.read) {
+    const button = part("button", "", "Mark as read");
+    button.type = "button";
+    button.addEventListener("click", () => acknowledge({ number: alert.number }));
+    line.append(button);
+  }
+  return line;
+}
+
+function drawHistory(nameOf) {
+  const now = JSON.stringify([page.history, page.missed, page.forgotten, page.history.map(nameOf)]);
+  if (now === rows) return;
+  rows = now;
+  const lines = page.history.slice(0, ROWS).map((alert) => row(alert, nameOf));
+  if (page.missed) lines.unshift(part("li", "", page.missed + " changes were missed"));
+  if (page.forgotten) lines.push(part("li", "", page.forgotten + " older alerts went out unread"));
+  byId("history").replaceChildren(...lines);
+  const unread = page.history.filter((alert) => !alert.read).length;
+  byId("unread").textContent = unread ? unread + " unread" : "";
+}
+
+function acknowledge(which) {
+  return fetch("/acknowledge", { method: "POST", body: JSON.stringify(which) });
+}
+
+function beep() {
+  if (!sound) return;
+  const tone = sound.createOscillator(), loud = sound.createGain();
+  tone.frequency.value = 880;
+  loud.gain.value = 0.2;
+  tone.connect(loud).connect(sound.destination);
+  tone.start();
+  tone.stop(sound.currentTime + 0.25);
+}
+
+// A browser whose page hangs goes on to play animations: this one covers the page unless each
+// drawing puts it back to its start.
+const stands = byId("still").animate([{ opacity: 0 }, { opacity: 0, offset: 0.9 }, { opacity: 1 }],
+  { duration: STILL_MS, fill: "forwards" });
+function alive() {
+  stands.currentTime = 0;
+  stands.play();
+}
+
+function take(event) {
+  const said = JSON.parse(event.data);
+  const lag = performance.now() - said.sent_ms; // clocks differ, but what is late comes later
+  lagMs = Math.min(lagMs, lag);
+  if (lag - lagMs < GONE_MS) heardMs = performance.now() - (lag - lagMs);
+  page.told = said;
+  if (said.history) Object.assign(page,
+    { history: said.history, missed: said.missed, forgotten: said.forgotten });
+  const newest = page.history.length ? page.history[0] : null;
+  if (newest && newest.number > alarmed) {
+    if (alarmed && page.history.some((each) => each.number > alarmed && !each.read)) beep();
+    alarmed = newest.number;
+  }
+}
+
+// Shows with ``draw`` what is told, at each event and four times a second; ``nameOf`` an alert says
+// whose it is.
+function follow(draw, nameOf) {
+  const show = () => { draw(); alive(); };
+  const listen = () => { // a browser asks again by itself, but not after a refusal: too many, say
+    const events = new EventSource("/events");
+    events.addEventListener("message", (event) => { take(event); show(); drawHistory(nameOf); });
+    events.addEventListener("open", () => { lagMs = Infinity; alarmed = 0; });
+    events.addEventListener("error", () => {
+      if (events.readyState === EventSource.CLOSED) setTimeout(listen, AGAIN_MS);
+    });
+  };
+  listen();
+  setInterval(show, 250);
+  document.addEventListener("visibilitychange", show);
+  show();
+}
+
+byId("all").addEventListener("click", () => {
+  if (page.history.length) acknowledge({ up_to: page.history[0].number });
+});
+
+byId("sound").addEventListener("click", () => {
+  if (sound) { sound.close(); sound = null; } else sound = new AudioContext();
+  byId("sound").textContent = sound ? "Sound: on" : "Sound: off";
+  byId("sound").setAttribute("aria-pressed", String(Boolean(sound)));
+});

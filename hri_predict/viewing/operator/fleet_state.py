@@ -1,0 +1,28 @@
+"""What the page of many cells is told."""
+
+from typing import Any
+
+from hri_predict.viewing.operator.state import State
+
+
+class FleetState(State):
+    """The newest facts of all cells; see ``State``."""
+
+    who = "hri-predict fleet"
+
+    def _always(self, facts: dict[str, Any]) -> dict[str, Any]:
+        cells = facts.get("cells", [])
+        return {"names": [cell["name"] for cell in cells], "silent_s": facts.get("silent_s", 0.0)}
+
+    def _now(self, facts: dict[str, Any], since_s: float) -> dict[str, Any]:
+        return {
+            "cells": [_aged(cell, since_s) for cell in facts["cells"]],
+            "trouble": facts["trouble"],
+            "left_out": facts["left_out"],
+        }
+
+
+def _aged(cell: dict[str, Any], since_s: float) -> dict[str, Any]:
+    """The cell with its ages as they are now, to the millisecond."""
+    ages = {name: cell[name] for name in ("heard_s", "age_s")}
+    return cell | {n: None if age is None else round(age + since_s, 3) for n, age in ages.items()}

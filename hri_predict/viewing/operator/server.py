@@ -1,0 +1,231 @@
+"""The process of an operator's page: pictures come through its standard input, pages go out.
+
+Plain HTTP with server-sent events, from the standard library, and nothing from elsewhere. It ends
+when its input does. ``page`` and ``fleet`` run it, for one cell and for many.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from typing import Any
+from urllib.parse import urlsplit
+
+from hri_predict.viewing.operator.state import State
+from hri_predict.viewing.picture import read
+
+TOLD_S = 0.2
+"""Browsers are told at most so often,"""
+SOONEST_S = 0.05
+"""or so often while alerts come and are marked as read,"""
+QUIET_S = 0.5
+"""and at least so often: a page that hears nothing for longer turns grey."""
+FAREWELL_S = 1.0
+MAX_BROWSERS = 32
+MAX_CONNECTIONS = 96
+"""Browsers that listen, and whoever asks beside them; each has a thread and a file."""
+REQUEST_S = 5.0
+"""A request must be whole by then: a time limit of a socket begins anew with every byte."""
+SENDS_BYTES = 65_536
+"""What may wait for a browser that does not read, before it is let go."""
+MAX_BODY = 1024
+_KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+_SHARED = ("common.js", "common.css")
+_POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+_POLICY += "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+
+
+class Server(ThreadingHTTPServer):
+    """Serves one state to all browsers.
+
+    Args:
+        name: of the page's own files: NAME.html, NAME.js, NAME.css.
+        request_s: see ``REQUEST_S``.
+    """
+
+    daemon_threads = True
+    request_queue_size = 64
+
+    def __init__(
+        self, host: str, port: int, state: State, name: str = "page", request_s: float = REQUEST_S
+    ) -> None:
+        if ":" in host:
+            self.address_family = socket.AF_INET6
+        super().__init__((host, port), _Handler)
+        self.state, self.request_s = state, request_s
+        own = {f"/{name}.{kind}": f"{name}.{kind}" for kind in ("js", "css")}
+        self.files = {"/": f"{name}.html"} | own | {f"/{name}": name for name in _SHARED}
+        self.browsers = threading.BoundedSemaphore(MAX_BROWSERS)
+        self._connections = threading.BoundedSemaphore(MAX_CONNECTIONS)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread, if there are not too many already."""
+        if self._connections.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer one connection."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._connections.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that went away is no error."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Server
+    timeout = 10.0
+    server_version, sys_version = "hri-predict", ""
+
+    def setup(self) -> None:
+        super().setup()
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDS_BYTES)
+        self._slow = threading.Timer(self.server.request_s, self._cut)
+        self._slow.daemon = True
+        self._slow.start()
+
+    def finish(self) -> None:
+        self._slow.cancel()
+        super().finish()
+
+    def _cut(self) -> None:
+        with contextlib.suppress(OSError):
+            self.connection.shutdown(socket.SHUT_RDWR)
+
+    def do_GET(self) -> None:
+        self._slow.cancel()
+        if not self._is_ours():
+            return
+        if self.path == "/events":
+            self._events()
+        elif (name := self.server.files.get(self.path)) is not None:
+            text = resources.files("hri_predict.viewing.operator").joinpath(name).read_bytes()
+            self._answer(200, text, f"{_KINDS[name.rsplit('.')[-1]]}; charset=utf-8")
+        else:
+            self._answer(404, b"no such page")
+
+    def do_POST(self) -> None:
+        if not self._is_ours():
+            return
+        try:
+            length = int(self.headers.get("Content-Length", "0"))
+            if self.path != "/acknowledge" or not 0 < length <= MAX_BODY:
+                raise ValueError
+            asked = json.loads(self.rfile.read(length))
+            ((which, number),) = asked.items()
+            if which not in ("number", "up_to") or type(number) is not int:
+                raise ValueError
+        except (ValueError, AttributeError, RecursionError):
+            self._answer(400, b'POST /acknowledge takes {"number": N} or {"up_to": N}')
+            return
+        found = self.server.state.acknowledge(number, with_older=which == "up_to")
+        self._answer(204 if found else 404, b"")
+
+    def _is_ours(self) -> bool:
+        """Refuse other sites' pages: by the name they ask for, and by the origin they state.
+
+        A name that somebody else's server resolves to this address must not read the page.
+        """
+        with contextlib.suppress(ValueError):  # neither name nor address
+            host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
+            origin = self.headers.get("Origin")
+            is_own = origin is None or urlsplit(origin).netloc == self.headers.get("Host")
+            names = ("localhost", socket.gethostname().lower())
+            if is_own and (_is_address(host) or host in names):
+                return True
+        self._answer(403, b"ask for this page by its address")
+        return False
+
+    def _events(self) -> None:
+        if not self.server.browsers.acquire(blocking=False):
+            self._answer(503, b"too many browsers")
+            return
+        try:
+            self._start(200, "text/event-stream")
+            state = self.server.state
+            seen, alerts = 0, -1
+            while not state.ended:
+                alerts = self._tell(alerts)
+                time.sleep(SOONEST_S)
+                state.wait_for_alerts(alerts, TOLD_S - SOONEST_S)
+                seen = state.wait(seen, QUIET_S)
+            self._tell(alerts)
+        except OSError:
+            pass  # the browser went away
+        finally:
+            self.server.browsers.release()
+
+    def _tell(self, alerts: int) -> int:
+        """Tell all but alerts that this browser has; return the version of those it has now."""
+        said = self.server.state.told(alerts)
+        self.wfile.write(f"data: {json.dumps(said)}\n\n".encode())
+        self.wfile.flush()
+        return int(said["alerts"])
+
+    def _answer(self, status: int, body: bytes, kind: str = "text/plain") -> None:
+        self._start(status, kind, len(body))
+        self.wfile.write(body)
+
+    def _start(self, status: int, kind: str, length: int | None = None) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        if length is not None:
+            self.send_header("Content-Length", str(length))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Content-Security-Policy", _POLICY)
+        self.end_headers()
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Pages that are read are not news."""
+
+
+def _is_address(host: str) -> bool:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        socket.inet_pton(family, host)
+    except OSError:
+        return False
+    return True
+
+
+def _take(state: State) -> None:
+    try:
+        while (picture := read(sys.stdin.buffer)) is not None:
+            state.take(picture, time.monotonic())
+    except (ValueError, KeyError, TypeError) as error:
+        print(f"the operator's page ends: {error}", file=sys.stderr)
+    state.end()
+
+
+def serve(state: State, name: str) -> None:
+    """Serve a page until the pipe ends: what ``python -m`` runs.
+
+    Args:
+        state: what it tells, of the pictures that come.
+        name: of its files.
+    """
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--host", required=True)
+    parser.add_argument("--port", type=int, required=True)
+    args = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who feeds us gets it too; its end is our end
+    os.nice(10)  # who feeds us goes first
+    server = Server(args.host, args.port, state, name)
+    threading.Thread(target=server.serve_forever, name="pages", daemon=True).start()
+    host, port = server.server_address[:2]
+    address = f"[{host!s}]" if ":" in str(host) else str(host)
+    print(f"http://{address}:{port}", flush=True)
+    _take(state)
+    time.sleep(FAREWELL_S)  # browsers take the last word

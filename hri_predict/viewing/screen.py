@@ -1,0 +1,149 @@
+"""A screen: a process that shows pictures. Its pipe never holds up who writes to it.
+
+While a screen does not read, what was begun waits and what comes meanwhile is dropped and counted.
+A screen ends when its pipe does, however the process at the other end came to its end.
+"""
+
+import contextlib
+import logging
+import os
+import select
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hri_predict.errors import ConfigError
+
+log = logging.getLogger(__name__)
+
+END_S = 3.0
+"""A screen that has not ended so long after its pipe is killed."""
+LOOPBACK = "127.0.0.1"
+
+
+@dataclass(frozen=True, slots=True)
+class ScreenSettings:
+    """A process that shows pictures.
+
+    Attributes:
+        name: as people call it.
+        module: what runs, as ``python -m``; it takes ``--host`` and ``--port``.
+        port: 0: any free one.
+        host: the address that it listens on.
+    """
+
+    name: str
+    module: str
+    port: int
+    host: str = LOOPBACK
+
+
+def check_port(settings: ScreenSettings) -> None:
+    """Raise a ``ConfigError`` if a screen cannot listen where it should."""
+    if not 0 <= settings.port <= 65535:
+        raise ConfigError(f"--{settings.name} {settings.port}: give a port from 0 to 65535")
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((settings.host, settings.port))
+        except OSError as error:
+            raise ConfigError(
+                f"--{settings.name} {settings.port}: cannot listen on {settings.host}: "
+                f"{error.strerror or error}; name another port, or 0 for any free one"
+            ) from error
+
+
+class Screen:
+    """One screen's process and its pipe. Used by one thread, except ``dropped``.
+
+    Attributes:
+        dropped: pictures that it was too slow for, or that came after its end.
+    """
+
+    def __init__(self, settings: ScreenSettings) -> None:
+        self.settings = settings
+        self.dropped = 0
+        self._rest = memoryview(b"")
+        command = [sys.executable, "-m", settings.module]
+        command += ["--host", settings.host, "--port", str(settings.port)]
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, close_fds=True
+        )
+        assert self.process.stdin is not None
+        self._pipe = self.process.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+        self._open = True
+        threading.Thread(target=self._tell, name=settings.name, daemon=True).start()
+
+    def show(self, packed: bytes) -> bool:
+        """Write a picture, or count it as dropped; never waits.
+
+        Returns:
+            Whether it was taken: it arrives whole, unless the screen ends before.
+        """
+        self.go_on()
+        if not self._open or len(self._rest):
+            self.dropped += 1
+            return False
+        self._rest = memoryview(packed)
+        self.go_on()
+        return True
+
+    def go_on(self) -> None:
+        """Write more of what was begun."""
+        while self._open and len(self._rest):
+            try:
+                written = os.write(self._pipe, self._rest)
+            except BlockingIOError:
+                return
+            except OSError:
+                self._open = False
+                log.warning("the %s ended; everything else goes on without it", self.settings.name)
+                return
+            self._rest = self._rest[written:]
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether a picture is begun and not written."""
+        return self._open and len(self._rest) > 0
+
+    @property
+    def pipe(self) -> int:
+        """The file number of its pipe."""
+        return self._pipe
+
+    def end(self) -> None:
+        """Close its pipe; it ends by itself, or is killed."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+        try:
+            self.process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+    def _tell(self) -> None:
+        """Print what the screen says: its address."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            text = line.decode("utf-8", "replace").strip()
+            print(f"{self.settings.name}: {text}", file=sys.stderr, flush=True)
+
+
+def write_until(screens: Sequence[Screen], end_s: float, stop: threading.Event) -> None:
+    """Wait until a time of the monotonic clock, or ``stop``, and write on as screens read."""
+    while (left_s := end_s - time.monotonic()) > 0 and not stop.is_set():
+        waiting = [screen for screen in screens if screen.is_waiting]
+        if not waiting:
+            stop.wait(left_s)
+            return
+        ready = select.select([], [screen.pipe for screen in waiting], [], left_s)[1]
+        for screen in waiting:
+            if screen.pipe in ready:
+                screen.go_on()

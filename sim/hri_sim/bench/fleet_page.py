@@ -1,0 +1,250 @@
+"""The cost of the page of many cells: ``hri-predict bench fleet --cells 40``.
+
+Real processes over real loopback sockets: ``hri-predict fleet --operator`` as the router, its
+page's process, one process with a link and a zenoh session of its own for each cell, and here a
+client that reads the page's events as a browser does. All read the machine's monotonic clock.
+"""
+
+import contextlib
+import http.client
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
+from hri_predict.clock import MonotonicClock
+from hri_predict.errors import LinkError
+from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
+from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
+from hri_predict.protocol.reasons import Reason
+from hri_sim.bench.fleet_cost import free_port
+from hri_sim.bench.processes import processor_time, resident_mib
+
+RATE_HZ = 25
+CHANGES_S = 5  # each cell's level changes so often
+WARM_S = 3  # schemas, and the page's first events
+START_S = 60.0
+MODULUS = 60_000  # of the number of a cycle that goes as a separation in millimetres
+
+
+def page(cells: int, seconds: float) -> dict[str, Any]:
+    """Measure the page with this many cells that send 25 times a second.
+
+    Returns:
+        ``cpu_s_per_s``: seconds of processor time a second, of ``hri-predict fleet``, of its page's
+        process, and of the one that plays all cells; ``memory_mib`` of the first two, at the end;
+        ``number_ms``: from a link's ``post`` of an Advice until an event that shows it, or a newer
+        one, has arrived, p50, p99 and max; ``change_ms``: the same of those that change the level,
+        ``None`` without any; ``unshown``: Advices that no event showed; ``gone``: how often a tile
+        showed no level, though its cell spoke; ``load``: the load average before.
+    """
+    load = os.getloadavg()[0]
+    with _fleet() as (fleet, end, port), _speakers(cells, end, seconds + WARM_S) as speakers:
+        events: list[tuple[int, bytes]] = []
+        threading.Thread(target=_listen, args=(port, events), daemon=True).start()
+        assert speakers.stdin is not None
+        speakers.stdin.write("go\n")
+        speakers.stdin.flush()
+        time.sleep(WARM_S)
+        before, began_s = _used_s(fleet.pid, speakers.pid), time.monotonic()
+        time.sleep(seconds - 0.5)
+        after, took_s = _used_s(fleet.pid, speakers.pid), time.monotonic() - began_s
+        memory_mib = resident_mib(fleet.pid)
+        time.sleep(1.5)  # what was posted last is shown, or never
+        told = json.loads(speakers.communicate("end\n", timeout=START_S)[0].splitlines()[-1])
+    row = {"cells": cells, "rate_hz": RATE_HZ, "load": round(load, 2)}
+    row |= {"cpu_s_per_s": {who: round((after[who] - before[who]) / took_s, 3) for who in after}}
+    row["memory_mib"] = round(memory_mib, 1)
+    return row | {"superseded": told["superseded"]} | _figures(told["posted"], events)
+
+
+def _figures(posted: list[list[int]], events: list[tuple[int, bytes]]) -> dict[str, Any]:
+    """Delays of what each cell posted after the warm-up."""
+    shown: list[tuple[int, list[int]]] = []  # time, and each cell's newest number; -1: no level
+    size = 0
+    for now_ns, line in events:
+        told = json.loads(line.removeprefix(b"data: "))
+        size += len(line)
+        cells = sorted(told.get("cells", []), key=lambda cell: cell["name"])
+        if len(cells) == len(posted):
+            shown.append((now_ns, [_number(cell) for cell in cells]))
+    first = WARM_S * RATE_HZ
+    numbers_ms, changes_ms, unshown = list[float](), list[float](), 0
+    for index, times_ns in enumerate(posted):
+        at = 0
+        for cycle, then_ns in enumerate(times_ns):
+            while at < len(shown) and not (shown[at][0] > then_ns and shown[at][1][index] >= cycle):
+                at += 1
+            if cycle < first:
+                continue
+            if at == len(shown):
+                unshown += 1
+                continue
+            delay_ms = (shown[at][0] - then_ns) * 1e-6
+            (changes_ms if is_change(index, cycle) else numbers_ms).append(delay_ms)
+    start_ns, end_ns = posted[0][first], posted[0][-1]
+    lasting = [row for now_ns, row in shown if start_ns < now_ns < end_ns]
+    return {
+        "events_per_s": round(len(lasting) / ((end_ns - start_ns) * 1e-9), 1),
+        "bytes_per_event": round(size / max(1, len(events))),
+        "number_ms": _quantiles(numbers_ms),
+        "change_ms": _quantiles(changes_ms),
+        "changes": len(changes_ms),
+        "unshown": unshown,
+        "gone": sum(number < 0 for row in lasting for number in row),
+    }
+
+
+def is_change(index: int, cycle: int) -> bool:
+    """Whether a cell's level changes with this cycle: cells take turns."""
+    return (cycle + 3 * index) % (CHANGES_S * RATE_HZ) == 0
+
+
+def _number(cell: dict[str, Any]) -> int:
+    """The cycle that a tile shows; -1 if it shows no level."""
+    robots = cell["robots"]
+    if cell["level"] not in ("CLEAR", "SLOW") or not robots or robots[0]["separation_m"] is None:
+        return -1
+    return round(robots[0]["separation_m"] * 1e3)
+
+
+def _quantiles(values_ms: list[float]) -> dict[str, float] | None:
+    if not values_ms:
+        return None
+    found = {f"p{q}": round(float(np.percentile(values_ms, q)), 1) for q in (50, 99)}
+    return found | {"max": round(max(values_ms), 1)}
+
+
+@contextlib.contextmanager
+def _fleet() -> Iterator[tuple["subprocess.Popen[str]", str, int]]:
+    """Run ``hri-predict fleet``; gives its process, its endpoint, and its page's port."""
+    end = f"tcp/127.0.0.1:{free_port()}"
+    command = [sys.executable, "-m", "hri_predict", "fleet", "--listen", end, "--operator", "0"]
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    try:
+        said = []
+        for line in process.stderr:
+            said.append(line)
+            if found := re.match(r"operator: http://.*:(\d+)$", line.strip()):
+                break
+        else:
+            raise LinkError(f"hri-predict fleet ended: {' '.join(said).strip()}")
+        threading.Thread(target=process.stderr.read, daemon=True).start()
+        yield process, end, int(found[1])
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(START_S)
+
+
+@contextlib.contextmanager
+def _speakers(cells: int, end: str, seconds: float) -> Iterator["subprocess.Popen[str]"]:
+    """The process that plays all cells, connected, before its first message."""
+    command = [sys.executable, "-m", "hri_sim.bench.fleet_page", str(cells), end, str(seconds)]
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        text=True,
+    )
+    assert process.stdout is not None
+    try:
+        if process.stdout.readline() != "ready\n":
+            raise LinkError("the cells did not connect")
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _listen(port: int, events: list[tuple[int, bytes]]) -> None:
+    """Take events as a browser does, until the page ends."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=START_S)
+    connection.request("GET", "/events")
+    answer = connection.getresponse()
+    with contextlib.suppress(OSError):
+        events.extend((time.monotonic_ns(), line) for line in answer if len(line) > 1)
+
+
+def _used_s(fleet: int, speakers: int) -> dict[str, float]:
+    """Processor time so far: of ``hri-predict fleet``, of its page, and of the cells."""
+    used = processor_time(fleet)
+    page_s = used["helper processes"]
+    return {"fleet": used["all"] - page_s, "page": page_s, "cells": processor_time(speakers)["all"]}
+
+
+def speak(cells: int, end: str, seconds: float) -> None:
+    """Play all cells; at the end print when each Advice was posted, by cell."""
+    links = [
+        ZenohLink(
+            ZenohLinkSettings(name="bench", site="plant", cell=f"cell-{i:03}", connect=[end]),
+            MonotonicClock(),
+            rate_hz=RATE_HZ,
+        )
+        for i in range(cells)
+    ]
+    for link in links:
+        link.start()
+    give_up_s = time.monotonic() + START_S
+    while not all(link.connected for link in links):
+        if time.monotonic() > give_up_s:
+            return
+        time.sleep(0.05)
+    print("ready", flush=True)
+    sys.stdin.readline()
+    posted: list[list[int]] = [[] for _ in links]
+    start_ns, period_ns = time.monotonic_ns(), 1_000_000_000 // RATE_HZ
+    slow = [False for _ in links]
+    for cycle in range(round(seconds * RATE_HZ)):
+        for index, link in enumerate(links):  # spread over the period, as cells are
+            due_ns = start_ns + cycle * period_ns + index * period_ns // cells
+            time.sleep(max(0, due_ns - time.monotonic_ns()) * 1e-9)
+            slow[index] ^= is_change(index, cycle)
+            posted[index].append(_post(link, cycle, slow[index]))
+    sys.stdin.readline()
+    print(json.dumps({"posted": posted, "superseded": sum(x.counters.superseded for x in links)}))
+    sys.stdout.flush()
+    for link in links:
+        link.stop()
+
+
+def _post(link: ZenohLink, cycle: int, slow: bool) -> int:
+    """Post a cycle's Advice and Status, and each second the Schema; return when."""
+    now_ns = time.monotonic_ns()
+    advice = Advice(
+        robot=0,
+        level=Level.SLOW if slow else Level.CLEAR,
+        reason=Reason.PERSON_NEAR if slow else Reason.NONE,
+        speed_limit_m_s=0.25 if slow else 1.0,
+        separation_m=cycle % MODULUS * 1e-3 + 5e-4,  # it rounds down
+        capture_ns=now_ns,
+    )
+    status = Status(
+        node_state=NodeState.RUNNING,
+        reason=Reason.NONE,
+        people=1,
+        predictor=0,
+        cycle=cycle % 256,
+        capture_ns=now_ns,
+    )
+    link.post(advice)
+    link.post(status)
+    if cycle % RATE_HZ == 0:
+        link.post(Schema(SCHEMA_VERSION, SCHEMA_HASH))
+    return now_ns
+
+
+if __name__ == "__main__":
+    speak(int(sys.argv[1]), sys.argv[2], float(sys.argv[3]))

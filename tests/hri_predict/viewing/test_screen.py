@@ -1,0 +1,86 @@
+import signal
+import socket
+import time
+
+import pytest
+
+from hri_predict.errors import ConfigError
+from hri_predict.viewing import screen as screens
+from hri_predict.viewing.feed import OPERATOR, VIEWER
+from hri_predict.viewing.picture import Picture, empty_shapes, pack
+from hri_predict.viewing.screen import Screen, ScreenSettings, check_port
+from tests.browser import wait_for
+
+LARGE = pack(Picture({"text": 200_000 * "x"}, **empty_shapes()))  # a pipe takes 64 KiB
+
+
+def settings(tmp_path, monkeypatch, code: str) -> ScreenSettings:
+    (tmp_path / "own_screen.py").write_text(code)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    return ScreenSettings("viewer", "own_screen", 0)
+
+
+@pytest.fixture
+def screen(tmp_path, monkeypatch, request):
+    made = Screen(settings(tmp_path, monkeypatch, request.param))
+    yield made
+    made.process.kill()
+    made.end()
+
+
+READS_ALL = "import sys\nprint(len(sys.stdin.buffer.read()), flush=True)"
+HANGS = "import time\ntime.sleep(60)"
+
+
+@pytest.mark.parametrize("screen", [HANGS], indirect=True)
+def test_a_screen_that_hangs_costs_pictures_and_no_time(screen):
+    before_s = time.perf_counter()
+    taken = [screen.show(LARGE) for _ in range(200)]
+    assert taken == [True] + 199 * [False]
+    assert time.perf_counter() - before_s < 1.0  # 5 ms each, on a busy machine
+    assert screen.dropped == 199
+    assert screen.is_waiting
+
+
+@pytest.mark.parametrize("screen", ["pass"], indirect=True)
+def test_a_screen_that_died_costs_pictures_and_no_error(screen):
+    screen.process.wait(20)
+    screen.show(LARGE)
+    screen.show(LARGE)
+    assert screen.dropped >= 1
+    assert not screen.is_waiting
+
+
+@pytest.mark.parametrize("screen", [READS_ALL], indirect=True)
+def test_a_picture_is_written_whole_as_the_screen_reads(screen, capfd):
+    screen.show(LARGE)
+    wait_for(lambda: (screen.go_on(), not screen.is_waiting)[1])
+    screen.end()
+    wait_for(lambda: f"viewer: {len(LARGE)}" in capfd.readouterr().err)
+
+
+@pytest.mark.parametrize("screen", ["import sys\nfor line in sys.stdin: pass"], indirect=True)
+def test_a_screen_ends_with_its_pipe(screen):
+    screen.end()
+    assert screen.process.returncode == 0
+
+
+def test_a_screen_that_will_not_end_is_killed(tmp_path, monkeypatch):
+    monkeypatch.setattr(screens, "END_S", 0.2)
+    screen = Screen(settings(tmp_path, monkeypatch, HANGS))
+    screen.end()
+    assert screen.process.returncode == -signal.SIGKILL
+
+
+def test_a_taken_port_is_one_line_with_the_remedy():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match=rf"--viewer {port}: .*name another port"):
+            check_port(ScreenSettings("viewer", VIEWER, port))
+
+
+def test_an_absurd_port_is_one_line():
+    with pytest.raises(ConfigError, match="from 0 to 65535"):
+        check_port(ScreenSettings("operator", OPERATOR, 70000))
