@@ -49,7 +49,7 @@ class AlertSettings(Settings):
     debounce_s: float = Field(
         1.0, ge=0, le=60, description="least time between two runs of the command for one robot"
     )
-    timeout_s: float = Field(5.0, gt=0, le=600, description="end a command that runs longer")
+    timeout_s: float = Field(5.0, ge=0.1, le=600, description="end a command that runs longer")
     to: list[AnyHook] = Field(
         [], max_length=16, description="further receivers: webhook, mqtt, email, syslog, command"
     )
