@@ -3,6 +3,7 @@
 # make bundle: a folder that installs the node without internet, build/bundle (EXTRAS=accel,fleet).
 # make docs: the site of all pages, into build/site.
 # make pictures: the pictures of pages in docs/, by a real browser (Debian's chromium).
+# make elsewhere: programs of others read a recording (npm fetches them, 200 MB, build/elsewhere).
 # Each makes its own .venv; PIP_FLAGS goes to pip (an index with the CPU build of torch, say);
 # JOBS is how many tests run at once: a number, or all the machine's cores.
 PYTHON ?= python3
@@ -14,7 +15,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) -c constraints.txt
 WHEEL_VENV := build/wheel-venv
 
-.PHONY: demo test test-long lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures clean
+.PHONY: demo test test-long lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures elsewhere clean
 
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
@@ -79,6 +80,15 @@ pictures: $(VENV)/.dev
 	cd build/pictures && chromium --headless --no-sandbox --disable-gpu --hide-scrollbars \
 		--window-size=1000,2300 --screenshot=../../docs/guides/shift.png shift.html
 	$(BIN)/python -m tests.pictures docs
+
+elsewhere: $(VENV)/.dev
+	mkdir -p build/elsewhere
+	cp tests/elsewhere/package.json build/elsewhere
+	cd build/elsewhere && npm install --ignore-scripts --no-audit --no-fund
+	$(BIN)/python -m pytest -m long -rs tests/elsewhere
+	$(BIN)/hri-predict demo --speed max --record build/elsewhere/demo.mcap --overwrite
+	$(BIN)/python -m tests.elsewhere.studio build/elsewhere/demo.mcap \
+		docs/foxglove.png
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

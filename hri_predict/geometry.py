@@ -9,6 +9,7 @@ angle between the axes costs no digits; and the distance is the length of the di
 an expansion of its square, so it stays exact near zero.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -167,6 +168,19 @@ def in_polygon(points: Floats, corners: Floats) -> Bools:
         crossing = x0 + (y - y0) * (x1 - x0) / (y1 - y0)
     inside: Bools = (np.count_nonzero(spans & (x < crossing), axis=-1) % 2).astype(bool)
     return inside
+
+
+def crosses_itself(polygon: Sequence[Sequence[float]]) -> bool:
+    """Whether two edges cross at a point inside both: what is inside would not be what is meant."""
+
+    def side(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
+        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+    edges = list(zip(polygon, [*polygon[1:], polygon[0]], strict=True))
+    return any(
+        side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+        for (a, b), (c, d) in itertools.combinations(edges, 2)
+    )
 
 
 def is_in_polygon(x: float, y: float, corners: Sequence[Sequence[float]]) -> bool:

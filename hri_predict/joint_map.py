@@ -142,7 +142,7 @@ class SourceFrame(Settings):
 
     name: str
     reference: str = Field(description="where the facts about this source come from")
-    units: float = Field(gt=0, le=1000, description="a unit's name, or metres per unit")
+    units: float = Field(ge=1e-6, le=1000, description="a unit's name, or metres per unit")
     axes: Axes
     left_handed: bool = False
 

@@ -18,8 +18,11 @@ from hri_predict.protocol.keyed import Keyed
 from hri_predict.protocol.messages import Advice, Message, Status
 from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.protocol.wire import StateShape
-from hri_predict.settings import Settings
+from hri_predict.settings import Name, Settings
 
+MIN_SILENCE_S = 0.01
+"""No controller stops after less silence: it hears from the node once a cycle, at most every 10 ms,
+and a shorter one would make the delays seem shorter than they are."""
 MIN_STATUS_HZ = 10.0
 """Status goes out at least so often, even where the node's cycle is longer."""
 
@@ -27,14 +30,17 @@ MIN_STATUS_HZ = 10.0
 class LinkSettings(Settings):
     """What every link has in common (an entry of ``links:`` in the configuration)."""
 
-    name: str = Field(min_length=1, description="its own name, for messages and alerts")
+    name: Name = Field(description="its own name, for messages and alerts")
     kind: str = Field(description="kind of wire")
     robots: list[str] | None = Field(None, description="robots advised on this link; default all")
     delay_s: float = Field(
         0.005, ge=0, le=1, description="one-way delay of the link at worst, its wire being free"
     )
     silence_timeout_s: float = Field(
-        0.15, gt=0, le=2, description="after how much silence the controller stops by itself"
+        0.15,
+        ge=MIN_SILENCE_S,
+        le=2,
+        description="after how much silence the controller stops by itself",
     )
     reaction_s: float = Field(
         0.05, ge=0, le=2, description="from a frame's receipt until the controller begins to brake"

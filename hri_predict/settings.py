@@ -6,6 +6,7 @@ Each source, predictor, robot and link has its own model beside its code, derive
 import itertools
 import math
 import reprlib
+import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, Self, TypeVar, get_args
@@ -13,6 +14,7 @@ from typing import Annotated, Any, Self, TypeVar, get_args
 import numpy as np
 import yaml
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -28,7 +30,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.files import load_yaml
-from hri_predict.geometry import is_in_polygon
+from hri_predict.geometry import crosses_itself, is_in_polygon
 
 
 class Settings(BaseModel):
@@ -88,12 +90,58 @@ S = TypeVar("S", bound=Settings)
 
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0  # of a source of scenes
 MAX_COORDINATE_M = 1000.0
+MIN_SPEED_M_S = 0.01
+"""Nothing slower is configured: ISO 10218-1 has 0.25 m/s as reduced speed, and what moves by less
+than 1 mm/s counts as standing (``robots.stopping``)."""
+MIN_HUMAN_M_S = 0.5
+"""No person is assumed to be slower: half of 0.94 m/s, the lowest mean of comfortable walking, that
+of women of 80 to 99 years (Bohannon and Andrews, Physiotherapy 97 (2011) 182). ISO 13855 has
+1.6 m/s for everybody."""
+MAX_PAYLOAD_KG = 5000.0
+"""The strongest arms of catalogues carry 2.3 t (FANUC M-2000iA/2300)."""
+MAX_ANGLE_RAD = 2 * math.pi
+"""Of a fixed angle: whoever writes degrees is told so."""
+Radians = Annotated[float, Field(ge=-MAX_ANGLE_RAD, le=MAX_ANGLE_RAD)]
+"""An angle of something that does not turn."""
 Metres = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
 """A coordinate. No cell is a kilometre away from its origin, and with such limits products of
 coordinates stay accurate."""
+MIN_SIDE_M = 0.01
+"""Of a region: no tracker tells whether somebody is in a smaller one."""
 Vector3 = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 Point = Annotated[list[Metres], Field(min_length=2, max_length=2)]
+
+
+MAX_NAME, MAX_NAME_BYTES = 64, 128  # file names have 255 bytes in all
+
+
+def name_problem(name: str) -> str | None:
+    """Why nothing may be called ``name``, with the remedy; ``None``: it may.
+
+    Names stand in file names, topics, keys, labels and pages, and people read them aloud. So they
+    have letters and digits of any language, and between them what none of these gives a meaning.
+    """
+    if len(name) > MAX_NAME or len(name.encode("utf-8", "replace")) > MAX_NAME_BYTES:
+        return f"a name has at most {MAX_NAME} characters and {MAX_NAME_BYTES} bytes; shorten it"
+    ends = name[:1] + name[-1:]
+    plain = all(c in " _-.()" or unicodedata.category(c)[0] in "LMN" for c in name)
+    if not plain or not ends or ends[0] in " -." or ends[-1] in " .":
+        return (
+            "a name has letters, digits, spaces and _ - . ( ), and begins with a letter or digit; "
+            "call it otherwise"
+        )
+    return None
+
+
+def _named(value: str) -> str:
+    if problem := name_problem(value):
+        raise ValueError(problem)
+    return value
+
+
+Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME), AfterValidator(_named)]
+"""What the user calls a robot, a tool, a zone, a link; see ``name_problem``."""
 
 
 class Pose(Settings):
@@ -136,15 +184,15 @@ class Region(Settings):
 
     @model_validator(mode="after")
     def _has_volume(self) -> Self:
-        if not self.z_max > self.z_min:
-            raise ValueError("z_max must be above z_min")
+        if not self.z_max >= self.z_min + MIN_SIDE_M:
+            raise ValueError(f"z_max must be above z_min, by {MIN_SIDE_M:g} m at least")
         xy = np.asarray(self.polygon)
         area = 0.5 * float(
             np.sum(xy[:, 0] * np.roll(xy[:, 1], -1) - np.roll(xy[:, 0], -1) * xy[:, 1])
         )
-        if abs(area) < 1e-6:
-            raise ValueError("polygon has no area; give its corners in order")
-        if _crosses_itself(self.polygon):
+        if abs(area) < MIN_SIDE_M**2:
+            raise ValueError("polygon has no area; give its corners in order, in metres")
+        if crosses_itself(self.polygon):
             raise ValueError("polygon crosses itself; give its corners in order")
         return self
 
@@ -152,19 +200,6 @@ class Region(Settings):
         """Whether ``point`` (3,) lies in the prism."""
         x, y, z = point.tolist()
         return self.z_min <= z <= self.z_max and is_in_polygon(x, y, self.polygon)
-
-
-def _crosses_itself(polygon: list[Point]) -> bool:
-    """Whether two edges cross at a point inside both: what is inside would not be what is meant."""
-
-    def side(a: Point, b: Point, c: Point) -> float:
-        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-    edges = list(zip(polygon, [*polygon[1:], polygon[0]], strict=True))
-    return any(
-        side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
-        for (a, b), (c, d) in itertools.combinations(edges, 2)
-    )
 
 
 def validated(model: type[S], data: Any, where: str) -> S:

@@ -39,7 +39,7 @@ class SourceSettings(Settings):
         "up to 40 ms; false where captures come unevenly and their stamps are right",
     )
     stale_s: float | None = Field(
-        None, gt=0, le=2, description="age at which input is stale; default 3 periods + 20 ms"
+        None, ge=0.01, le=2, description="age at which input is stale; default 3 periods + 20 ms"
     )
     field_of_view: Region | None = Field(
         None, description="what the sensor sees (room frame); the rest counts as occupied"

@@ -34,8 +34,9 @@ class Hook:
         self._thread = threading.Thread(target=self._work, name="alert hook", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
+        """Start the thread, if it did not start yet."""
+        if self._thread.ident is None:
+            self._thread.start()
 
     def put(self, alert: AnyAlert) -> None:
         """Queue an alert; the newest of each robot and zone wins. Never waits for the receiver."""
@@ -50,12 +51,16 @@ class Hook:
             self._changed.notify()
 
     def join(self, timeout_s: float) -> None:
-        """Wait for the end of the thread, no longer than this; what is not out by then is lost."""
+        """Wait for the end of the thread, no longer than this; what is not out by then is lost.
+
+        Safe to call twice.
+        """
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
         with self._changed:
+            if not self._abandoned:
+                self._outbox.give_up(int(self._under_way))
             self._abandoned = True
-            self._outbox.give_up(int(self._under_way))
         self._sender.abort()
 
     @property

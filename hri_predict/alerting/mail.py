@@ -15,7 +15,15 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from hri_predict.alerting.alert import AnyAlert, more, payload
-from hri_predict.alerting.sender import Place, Sender, SendError, cut_after, said, tls_context
+from hri_predict.alerting.sender import (
+    Answer,
+    Place,
+    Sender,
+    SendError,
+    cut_after,
+    said,
+    tls_context,
+)
 from hri_predict.alerting.settings import (
     HookSettings,
     Host,
@@ -101,6 +109,19 @@ class MailHook(HookSettings):
         ]
 
 
+class _Bounded(smtplib.SMTP):
+    """Reads answers of bounded length."""
+
+    def getreply(self) -> tuple[int, bytes]:
+        if self.file is None and self.sock is not None:  # new after connecting, and after STARTTLS
+            self.file = Answer(self.sock.makefile("rb"))
+        return super().getreply()
+
+
+class _TlsClient(_Bounded, smtplib.SMTP_SSL):
+    """With TLS from the first byte."""
+
+
 class MailSender(Sender):
     """Sends each alert over a connection of its own."""
 
@@ -143,9 +164,9 @@ class MailSender(Sender):
     def _client(self) -> smtplib.SMTP:
         """A client that is not connected yet, so that its socket can be cut from the start."""
         timeout = self._settings.timeout_s
-        client: Callable[..., smtplib.SMTP] = smtplib.SMTP
+        client: Callable[..., smtplib.SMTP] = _Bounded
         if self._settings.security == "tls":
-            client = partial(smtplib.SMTP_SSL, context=self._tls)
+            client = partial(_TlsClient, context=self._tls)
         made = client(local_hostname=_own_name(), timeout=timeout)
         # whose certificate TLS expects; nothing but the constructor sets it
         made._host = self._settings.host  # type: ignore[attr-defined]

@@ -10,12 +10,13 @@ import contextlib
 import json
 import socket
 import threading
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from hri_predict.alerting.alert import Alert, AnyAlert, ZoneAlert, payload
-from hri_predict.alerting.sender import Place, Sender, SendError, said, tls_context
+from hri_predict.alerting.sender import ANSWER_BYTES, Place, Sender, SendError, said, tls_context
 from hri_predict.alerting.settings import (
     HookSettings,
     Host,
@@ -110,6 +111,7 @@ class MqttSender(Sender):
         self._base = settings.topic or f"hri-predict/{topic_level(place.cell)}"
         self._kept: dict[str, str] = {}  # topic -> newest alert
         self._client: Client | None = None
+        self._budget: _Budget
 
     def send(self, alert: AnyAlert, more_changes: int) -> str:
         """Publish it; the broker must acknowledge."""
@@ -126,6 +128,8 @@ class MqttSender(Sender):
 
     def tend(self) -> None:
         """Connect again after a loss, so that the broker says online, and keeps what holds now."""
+        if self._client is not None:
+            self._budget.left = ANSWER_BYTES
         if self._kept:
             self._connect()
 
@@ -180,6 +184,8 @@ class MqttSender(Sender):
         mqtt = _paho()
         client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
         client.connect_timeout = self._settings.timeout_s
+        self._budget = _Budget(client._sock_recv)
+        client._sock_recv = self._budget.read  # the library has no limit of its own
         if self._place.live:
             client.will_set(f"{self._base}/status", "offline", qos=1, retain=True)
         if self._settings.username is not None:
@@ -198,6 +204,8 @@ class MqttSender(Sender):
             done = False
         if not done:
             self._drop()
+            if self._budget.left < 0:
+                raise SendError("the broker sends what nobody asked for")
             raise SendError("the broker does not acknowledge")
 
     def _drop(self) -> None:
@@ -210,6 +218,25 @@ class MqttSender(Sender):
             with contextlib.suppress(OSError):  # TLS's own shutdown would wait for the other side
                 socket.socket.shutdown(connection, socket.SHUT_RDWR)
         client.loop_stop()
+
+
+class _Budget:
+    """Bounds what a broker sends within ``tend_s``: nothing was subscribed to.
+
+    Reading takes the time of the interpreter that the loop runs in, and a packet may have 256 MB.
+    """
+
+    def __init__(self, read: Callable[[int], bytes]) -> None:
+        self._read = read
+        self.left = ANSWER_BYTES
+
+    def read(self, size: int) -> bytes:
+        """Read from the connection, or break it off."""
+        data = self._read(min(size, ANSWER_BYTES))  # as much as is asked for is allocated
+        self.left -= len(data)
+        if self.left < 0:
+            raise ConnectionAbortedError
+        return data
 
 
 def _paho() -> Any:

@@ -8,9 +8,12 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hri_predict.alerting.alert import AnyAlert
 from hri_predict.errors import ConfigError
+
+ANSWER_BYTES = 65_536
 
 
 class SendError(Exception):
@@ -79,9 +82,15 @@ def cut_after(seconds: float, sock: Callable[[], socket.socket | None]) -> Itera
 
     A socket's own time limit begins anew with every byte, so a server that sends one byte now and
     then would hold the hook for ever.
+
+    Raises:
+        TimeoutError: in the place of whatever the cut led to.
     """
+    was_cut = False
 
     def cut() -> None:
+        nonlocal was_cut
+        was_cut = True
         open_socket = sock()
         if open_socket is not None:
             with contextlib.suppress(OSError):  # TLS's own shutdown would wait for the other side
@@ -92,8 +101,37 @@ def cut_after(seconds: float, sock: Callable[[], socket.socket | None]) -> Itera
     timer.start()
     try:
         yield
+    except Exception as error:
+        if was_cut:
+            raise TimeoutError from error
+        raise
     finally:
         timer.cancel()
+
+
+class Answer:
+    """What a receiver answers, as a file, up to ``ANSWER_BYTES``: it may send without an end.
+
+    Reading takes the time of the interpreter that the loop runs in, and memory.
+    """
+
+    def __init__(self, file: Any) -> None:
+        self._file, self._left = file, ANSWER_BYTES
+
+    def readline(self, limit: int) -> bytes:
+        """The next line, or as much of it.
+
+        Raises:
+            SendError: there is more than an answer can be.
+        """
+        line: bytes = self._file.readline(limit)
+        self._left -= len(line)
+        if self._left < 0:
+            raise SendError(f"sends more than {ANSWER_BYTES} bytes as an answer")
+        return line
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
 
 
 def tls_context(ca_file: str | None, base_dir: Path) -> ssl.SSLContext:

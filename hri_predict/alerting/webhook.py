@@ -8,13 +8,21 @@ import hmac
 import http.client
 import json
 import time
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 from urllib.parse import SplitResult, urlsplit
 
 from pydantic import Field, model_validator
 
 from hri_predict.alerting.alert import AnyAlert, payload
-from hri_predict.alerting.sender import Place, Sender, SendError, cut_after, said, tls_context
+from hri_predict.alerting.sender import (
+    Answer,
+    Place,
+    Sender,
+    SendError,
+    cut_after,
+    said,
+    tls_context,
+)
 from hri_predict.alerting.settings import (
     HookSettings,
     SecretFile,
@@ -109,6 +117,14 @@ def address_of(url: str) -> SplitResult:
     return parts
 
 
+class _Response(http.client.HTTPResponse):
+    """An answer of bounded length."""
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.fp: Any = Answer(self.fp)
+
+
 class WebhookSender(Sender):
     """Posts each alert over a connection of its own."""
 
@@ -151,9 +167,13 @@ class WebhookSender(Sender):
 
     def _connection(self) -> http.client.HTTPConnection:
         host, port, timeout = self._parts.hostname or "", self._parts.port, self._settings.timeout_s
-        if self._parts.scheme == "http":
-            return http.client.HTTPConnection(host, port, timeout=timeout)
-        return http.client.HTTPSConnection(host, port, timeout=timeout, context=self._tls)
+        connection = (
+            http.client.HTTPConnection(host, port, timeout=timeout)
+            if self._parts.scheme == "http"
+            else http.client.HTTPSConnection(host, port, timeout=timeout, context=self._tls)
+        )
+        connection.response_class = _Response
+        return connection
 
     def _headers(self, body: bytes) -> dict[str, str]:
         headers = {

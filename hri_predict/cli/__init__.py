@@ -1,6 +1,7 @@
 """The entry point of the command line: the ways a command can end, and their exit statuses."""
 
 import errno
+import os
 import sys
 from typing import NoReturn
 
@@ -15,6 +16,7 @@ def main() -> None:
 
     The exit status is 130 after Ctrl-C. Otherwise the command sets it (1: a person was touched).
     """
+    _stand_in()
     logs.set_up()
     status: object = 0
     try:
@@ -39,6 +41,23 @@ def main() -> None:
         sys.stdout = None
         _fail(f"the output cannot be written: {error.strerror}; write it to a disk with free space")
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _stand_in() -> None:
+    """Give a closed standard file a stand-in that takes everything.
+
+    The next file that is opened, a serial port perhaps, would otherwise take its number, and get
+    what libraries print.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest that is free
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
 
 
 def _run() -> object:

@@ -224,8 +224,13 @@ def _go(
     logs.use(config.node.log)
     if unused := unused_coverage(config):
         print(f"warning: {unused}", file=sys.stderr)
-    in_terminal = not as_json and options.factor is not None and sys.stderr.isatty()
-    with screens as feed, TerminalView() if in_terminal else nullcontext() as terminal:
+    real_time = options.factor is not None
+    in_terminal = not as_json and real_time and sys.stderr.isatty()
+    with (
+        logs.unhurried() if real_time else nullcontext(),
+        screens as feed,
+        TerminalView() if in_terminal else nullcontext() as terminal,
+    ):
         views = [each for each in (feed, terminal) if each is not None]
         run_config = config.quiet() if in_terminal else config
         summary = run_session(run_config, replace(options, view=Together(views)))

@@ -54,7 +54,7 @@ class ServiceSettings(Abbreviated):
 
     name: ServiceName = Field(description="as it announces itself")
     interfaces: Interfaces = Field(LOOPBACK, description="where to search for it")
-    timeout_s: float = Field(2.0, gt=0, le=30, description="how long each search takes")
+    timeout_s: float = Field(2.0, ge=0.1, le=30, description="how long each search takes")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,5 +20,8 @@ class EvidenceSettings(Abbreviated):
         list(KINDS), description="kinds of events whose seconds are kept; all are counted"
     )
     max_mb: float = Field(
-        1000.0, ge=1, description="all files together; the oldest give way, and the log says so"
+        1000.0,
+        ge=1,
+        le=1e7,
+        description="all files together; the oldest give way, and the log says so",
     )

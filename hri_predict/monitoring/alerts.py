@@ -6,11 +6,12 @@ of its own (``hri_predict.alerting``).
 
 import errno
 import json
+import os
 import queue
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,8 +21,8 @@ from pydantic import Field
 
 from hri_predict.alerting.alert import Alert, AnyAlert, ZoneAlert
 from hri_predict.alerting.command import CommandHook
-from hri_predict.alerting.hook import Hook
-from hri_predict.alerting.kinds import AnyHook, hooks_of
+from hri_predict.alerting.hooks import Hooks
+from hri_predict.alerting.kinds import AnyHook
 from hri_predict.alerting.sender import Place
 from hri_predict.alerting.settings import HookSettings
 from hri_predict.clock import Clock
@@ -48,7 +49,7 @@ class AlertSettings(Settings):
     debounce_s: float = Field(
         1.0, ge=0, le=60, description="least time between two runs of the command for one robot"
     )
-    timeout_s: float = Field(5.0, gt=0, le=600, description="end a command that runs longer")
+    timeout_s: float = Field(5.0, ge=0.1, le=600, description="end a command that runs longer")
     to: list[AnyHook] = Field(
         [], max_length=16, description="further receivers: webhook, mqtt, email, syslog, command"
     )
@@ -74,8 +75,8 @@ class Alerts:
     On the virtual clock there is no thread: alerts are written at once and no hook sends.
 
     ``dropped`` counts alerts that were not written because the thread could not keep up.
-    ``failures`` counts alerts that could not be written to the file, and attempts of hooks that
-    failed.
+    ``failures`` counts lines that could not be written to file or terminal, and attempts of hooks
+    that failed.
 
     Raises:
         ConfigError: the alert file cannot be written, or a hook cannot be used.
@@ -104,24 +105,39 @@ class Alerts:
         self._file = alert_file(settings, base_dir)
         self._thread: threading.Thread | None = None
         place = Place(base_dir=base_dir, cell=cell)
-        self._hooks: list[Hook] = hooks_of(settings.hooks, place) if threaded else []
-        self.count = self.dropped = self._file_failures = 0
+        self._base_dir = base_dir
+        self._hooks = Hooks(settings.hooks if threaded else [], place)
+        self.count = self.dropped = self._write_failures = 0
 
     @property
     def failures(self) -> int:
         """What could not be written, and failed attempts of hooks."""
-        return self._file_failures + sum(hook.failures for hook in self._hooks)
+        return self._write_failures + self._hooks.failures
 
     def report(self) -> list[dict[str, Any]]:
         """The hooks' rows in the summary."""
-        return [hook.report() for hook in self._hooks]
+        return self._hooks.report()
+
+    def take(self, settings: AlertSettings) -> Callable[[], None]:
+        """Check new settings, and return what puts them in force while the node runs.
+
+        Raises:
+            ConfigError: as the constructor; nothing has changed.
+        """
+        file = alert_file(settings, self._base_dir)
+        exchange = self._hooks.exchange(settings.hooks)
+
+        def put_in_force() -> None:
+            self._settings, self._file = settings, file
+            exchange()
+
+        return put_in_force
 
     def start(self) -> None:
         """Start the threads that write alerts and deliver them."""
         self._thread = threading.Thread(target=self._work, name="alerts", daemon=True)
         self._thread.start()
-        for hook in self._hooks:
-            hook.start()
+        self._hooks.start()
 
     def observe(self, advices: tuple[Advice, ...]) -> None:
         """Take the advices of one tick; queue an alert for each changed level. Never blocks."""
@@ -180,8 +196,7 @@ class Alerts:
         if not self._threaded:
             self._tell(alert)
             return
-        for hook in self._hooks:
-            hook.put(alert)
+        self._hooks.put(alert)
         try:
             self._queue.put_nowait(alert)
         except queue.Full:
@@ -192,15 +207,13 @@ class Alerts:
         if self._thread is None:
             return
         begun = time.monotonic()
-        for hook in self._hooks:
-            hook.stop()
+        self._hooks.stop()
         try:
             self._queue.put(None, timeout=_WRITE_S)
         except queue.Full:
             self.dropped += 1
         self._thread.join(timeout=_WRITE_S)
-        for hook in self._hooks:
-            hook.join(max(begun + hook.settings.stop_s - time.monotonic(), 0.0))
+        self._hooks.join(begun)
         self._thread = None
 
     def _work(self) -> None:
@@ -208,15 +221,34 @@ class Alerts:
             self._tell(alert)
 
     def _tell(self, alert: AnyAlert) -> None:
-        if self._settings.terminal:
-            print(alert.line(), file=self._terminal, flush=True)
         if self._file is not None:
             try:
-                with self._file.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(alert)) + "\n")
+                _append(self._file, json.dumps(asdict(alert)).encode() + b"\n")
             except OSError as error:
-                self._file_failures += 1
-                print(f"alert file {self._file}: {error.strerror}", file=sys.stderr)
+                self._write_failures += 1
+                self._print(f"alert file {self._file}: {error.strerror}", sys.stderr)
+        if self._settings.terminal:
+            self._print(alert.line(), self._terminal)
+
+    def _print(self, line: str, stream: TextIO) -> None:
+        """Print, or count: a log on a full disk must not end the alerts."""
+        try:
+            print(line, file=stream, flush=True)
+        except (OSError, ValueError):  # ValueError: it was closed
+            self._write_failures += 1
+
+
+def _append(path: Path, line: bytes) -> None:
+    """Append a line, on a line of its own: a full disk or a kill may have cut the last one short.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with path.open("a+b") as file:
+        if file.seek(0, os.SEEK_END):
+            file.seek(-1, os.SEEK_END)
+            line = line if file.read(1) == b"\n" else b"\n" + line
+        file.write(line)
 
 
 def alert_file(settings: AlertSettings, base_dir: Path) -> Path | None:

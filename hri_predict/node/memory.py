@@ -45,6 +45,7 @@ class StateSettings(Abbreviated):
     max_age_s: float = Field(
         86_400.0,
         ge=60,
+        le=3650 * 86_400,
         description="a file that was last written longer ago is not trusted: everything configured"
         " in risk.latch is latched",
     )

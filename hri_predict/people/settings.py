@@ -4,10 +4,9 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from hri_predict.settings import Metres, Region, Settings
+from hri_predict.settings import MIN_HUMAN_M_S, Metres, Region, Settings
 
 Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
-
 
 _GONE = {
     "lost_growth_s": "acknowledge_after_s; a lost zone no longer stops growing",
@@ -21,7 +20,7 @@ class PeopleSettings(Settings):
     max_people: int = Field(16, ge=1, le=64, description="most people tracked at the same time")
     max_gap_s: float | None = Field(
         None,
-        gt=0,
+        ge=0.005,
         le=2,
         description="longest gap in a joint's observations that is bridged, and longest absence "
         "before a person counts as vanished; default: 0.1 s, or 2.5 source periods if longer",
@@ -48,7 +47,7 @@ class PeopleSettings(Settings):
     )
     lost_speed_m_s: float = Field(
         1.6,
-        gt=0,
+        ge=MIN_HUMAN_M_S,
         le=10,
         description="least speed of a person who vanished; ISO 13855 walking speed",
     )
@@ -66,10 +65,10 @@ class PeopleSettings(Settings):
         "who stands in the open",
     )
     max_joint_speed_m_s: float = Field(
-        25.0, gt=0, le=100, description="a joint faster than this is not believed"
+        25.0, ge=2, le=100, description="a joint faster than this is not believed"
     )
     max_body_speed_m_s: float = Field(
-        10.0, gt=0, le=100, description="a body whose joints' mean moves faster is not believed"
+        10.0, ge=1, le=100, description="a body whose joints' mean moves faster is not believed"
     )
     reaccept_captures: int = Field(
         5,

@@ -21,13 +21,19 @@ MAX_STEPS = 100_000
 """Of history or horizon: 10 s, the longest horizon, at 10 kHz."""
 
 
+MIN_HORIZON_S = 0.01
+"""One step at 100 Hz."""
+
+
 class PredictorSettings(Settings):
     """What the node needs to know of every predictor (``predictor:`` in the configuration)."""
 
     name: str = Field(description="which predictor")
-    horizon_s: float = Field(1.0, gt=0, le=10, description="how far ahead the forecast reaches")
+    horizon_s: float = Field(
+        1.0, ge=MIN_HORIZON_S, le=10, description="how far ahead the forecast reaches"
+    )
     rate_hz: float = Field(
-        25.0, gt=0, le=200, description="steps per second of history and forecast"
+        25.0, ge=1, le=200, description="steps per second of history and forecast"
     )
     process: Literal["auto"] | bool = Field(
         "auto",

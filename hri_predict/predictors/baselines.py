@@ -27,14 +27,14 @@ class ZeroVelocitySettings(PredictorSettings):
     """Settings of ``zero_velocity``."""
 
     history_s: float = Field(
-        0.5, gt=0, le=5, description="how long ago a joint may have been observed last"
+        0.5, ge=0.01, le=5, description="how long ago a joint may have been observed last"
     )
 
 
 class ConstantVelocitySettings(ZeroVelocitySettings):
     """Settings of ``constant_velocity``."""
 
-    span_s: float = Field(0.1, gt=0, le=5, description="time over which velocity is taken")
+    span_s: float = Field(0.1, ge=0.01, le=5, description="time over which velocity is taken")
 
 
 class ZeroVelocity:

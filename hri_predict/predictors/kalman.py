@@ -30,16 +30,16 @@ UNKNOWN_STD_M = 100.0
 class KalmanSettings(PredictorSettings):
     """Settings of ``kalman``."""
 
-    history_s: float = Field(0.5, gt=0, le=5, description="time over which the filter runs")
+    history_s: float = Field(0.5, ge=0.01, le=5, description="time over which the filter runs")
     measurement_std_m: float = Field(
-        0.01, gt=0, le=1, description="noise of the source's joints, per axis"
+        0.01, ge=1e-4, le=1, description="noise of the source's joints, per axis"
     )
     jerk_density: float = Field(
-        100.0, gt=0, le=1e6, description="power spectral density of jerk, m²/s⁵, per axis"
+        100.0, ge=1e-3, le=1e6, description="power spectral density of jerk, m²/s⁵, per axis"
     )
-    speed_std_m_s: float = Field(1.0, gt=0, le=100, description="prior of velocity, per axis")
+    speed_std_m_s: float = Field(1.0, ge=0.01, le=100, description="prior of velocity, per axis")
     acceleration_std_m_s2: float = Field(
-        3.0, gt=0, le=1000, description="prior of acceleration, per axis"
+        3.0, ge=0.01, le=1000, description="prior of acceleration, per axis"
     )
 
 

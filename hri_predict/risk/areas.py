@@ -14,7 +14,7 @@ from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.separation.permitted import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.settings import Region
+from hri_predict.settings import MIN_SPEED_M_S, Name, Region
 
 FLOOR_M = 0.05
 """Nobody is below this height; a view that begins here begins at the floor."""
@@ -33,13 +33,16 @@ class NamedZoneSettings(Region):
     a forecast (it failed, or the person is lost) both use the zones.
     """
 
-    name: str = Field(min_length=1, description="its own name, for messages and alerts")
+    name: Name = Field(description="its own name, for messages and alerts")
     level: Literal["none", "warn", "slow", "stop"] = Field(
         "warn", description="what it asks for while it is occupied"
     )
     robots: list[str] | None = Field(None, description="robots that it concerns; default all")
     speed_limit_m_s: float = Field(
-        0.25, gt=0, le=10, description="for level slow; 0.25 m/s is reduced speed (ISO 10218-1)"
+        0.25,
+        ge=MIN_SPEED_M_S,
+        le=10,
+        description="for level slow; 0.25 m/s is reduced speed (ISO 10218-1)",
     )
     entry: Literal["forecast", "zone"] = Field(
         "forecast",

@@ -5,10 +5,15 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import Field, field_validator, model_validator
 
 from hri_predict.risk.contact.fixtures import Fixture
-from hri_predict.settings import Settings
+from hri_predict.settings import MIN_HUMAN_M_S, MIN_SPEED_M_S, Settings
 
 LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
 """What a latch may be set for, see ``RiskSettings.latch``."""
+
+MIN_HUMAN_M_S2 = 3.0
+"""No joint is assumed to accelerate less: half of what sprinters' trunks do (``HumanLimits``)."""
+MIN_FIXED_RADIUS_M = 0.3
+"""Arms of the smallest robots reach 0.5 m and more (UR3e)."""
 
 LEVELS = (0.9, 0.95, 0.99)
 """Coverage levels of calibrated zones."""
@@ -49,19 +54,21 @@ class HumanLimits(Settings):
     alone), up to 1 s ahead (a test checks this on the test recordings).
     """
 
-    arm_speed_m_s: float = Field(2.0, gt=0, le=20, description="shoulder to finger tips")
-    body_speed_m_s: float = Field(1.6, gt=0, le=20, description="everything else")
+    arm_speed_m_s: float = Field(
+        2.0, ge=MIN_HUMAN_M_S, le=20, description="shoulder to finger tips"
+    )
+    body_speed_m_s: float = Field(1.6, ge=MIN_HUMAN_M_S, le=20, description="everything else")
     physical_speed_m_s: float = Field(
         2.0,
-        gt=0,
+        ge=MIN_HUMAN_M_S,
         le=20,
         description="every joint without a forecast; its present speed if higher",
     )
     arm_acceleration_m_s2: float = Field(
-        50.0, gt=0, le=1000, description="of arms and hands, at most"
+        50.0, ge=MIN_HUMAN_M_S2, le=1000, description="of arms and hands, at most"
     )
     body_acceleration_m_s2: float = Field(
-        30.0, gt=0, le=1000, description="of everything else, at most"
+        30.0, ge=MIN_HUMAN_M_S2, le=1000, description="of everything else, at most"
     )
     velocity_error_m_s: float = Field(
         1.6,
@@ -165,7 +172,7 @@ class RiskSettings(Settings):
     mode: RiskMode = Field("iso", description="how separation is judged")
     fixed_radius_m: float | None = Field(
         None,
-        gt=0,
+        ge=MIN_FIXED_RADIUS_M,
         le=100,
         description="for mode fixed; default: the robot's reach plus the protective separation"
         " distance at its highest speed and the longest delay",
@@ -201,10 +208,10 @@ class RiskSettings(Settings):
         " with its delay need not stop while a person walks up",
     )
     min_speed_m_s: float = Field(
-        0.05, gt=0, le=1, description="a limit below this is advised as a stop"
+        0.05, ge=MIN_SPEED_M_S, le=1, description="a limit below this is advised as a stop"
     )
     speed_rise_m_s2: float = Field(
-        0.5, gt=0, le=100, description="how fast the speed limit may rise; it falls at once"
+        0.5, ge=0.01, le=100, description="how fast the speed limit may rise; it falls at once"
     )
     latch: list[LatchCause] = Field(
         [],

@@ -8,12 +8,21 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from hri_predict.errors import ConfigError, RobotError, nearest
 from hri_predict.files import read_yaml, shipped_path
 from hri_predict.robots.kinematics import Joint, dh_joint, origin_joint
-from hri_predict.settings import Metres, Settings, Vector3, validated
+from hri_predict.settings import (
+    MAX_PAYLOAD_KG,
+    MIN_SPEED_M_S,
+    Metres,
+    Name,
+    Radians,
+    Settings,
+    Vector3,
+    validated,
+)
 
 MAX_JOINTS = 9
 """The most that RobotState carries."""
@@ -21,10 +30,22 @@ MAX_SLIDE_M = 8.0
 """A prismatic joint's position, at most: RobotState carries 8.19 m."""
 MAX_SLIDE_M_S = 20.0
 
-Name = Annotated[str, Field(min_length=1, max_length=64)]
+
+def _printable(value: str) -> str:
+    if not value.isprintable() or not value.strip():
+        raise ValueError("a name must be printable; leave out line breaks and control characters")
+    return value
+
+
+PartName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_printable)]
+"""Of a joint, link or capsule: a URDF's names are taken as they are."""
 
 
 Stopping = Annotated[float, Field(le=100)]  # seconds, metres, m/s: no robot needs more
+MIN_STOPPING_S = 0.005
+"""A brake's coil alone takes tens of ms to let go; a drive's ramp begins within one cycle."""
+MAX_DECELERATION_M_S2 = 300.0
+"""No robot stops harder: the fastest delta robots accelerate by 15 g, half as much."""
 
 
 class DhRow(Settings):
@@ -34,16 +55,18 @@ class DhRow(Settings):
     """
 
     a: Metres = Field(description="length along x, m")
-    alpha: float = Field(description="twist about x, rad")
+    alpha: Radians = Field(description="twist about x, rad")
     d: Metres = Field(description="offset along z, m")
-    theta: float = Field(0.0, description="angle about z at position 0, rad")
+    theta: Radians = Field(0.0, description="angle about z at position 0, rad")
 
 
 class Origin(Settings):
     """As in URDF: the joint's pose in its parent link; metres, fixed-axis roll pitch yaw."""
 
     xyz: Vector3 = Field(description="place in the parent link, m")
-    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="fixed-axis roll, pitch, yaw, rad")
+    rpy: Annotated[list[Radians], Field(min_length=3, max_length=3)] = Field(
+        [0.0, 0.0, 0.0], description="fixed-axis roll, pitch, yaw, rad"
+    )
 
 
 class JointFile(Settings):
@@ -52,12 +75,12 @@ class JointFile(Settings):
     A revolute joint turns about its axis (rad, rad/s), a prismatic one slides along it (m, m/s).
     """
 
-    name: Name = Field(description="its own name")
+    name: PartName = Field(description="its own name")
     type: Literal["revolute", "prismatic"] = Field(
         "revolute", description="revolute turns about its axis, prismatic slides along it"
     )
-    parent: Name = Field(description="link that carries it")
-    child: Name = Field(description="link that it moves")
+    parent: PartName = Field(description="link that carries it")
+    child: PartName = Field(description="link that it moves")
     dh: DhRow | None = Field(
         None, description="its place as a Denavit-Hartenberg row; instead of origin and axis"
     )
@@ -68,7 +91,7 @@ class JointFile(Settings):
     position: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
         description="lowest and highest position, rad or m"
     )
-    velocity: float = Field(gt=0, le=1000, description="highest speed, rad/s or m/s")
+    velocity: float = Field(ge=0.001, le=1000, description="highest speed, rad/s or m/s")
 
     @model_validator(mode="after")
     def _placed_once(self) -> Self:
@@ -108,22 +131,24 @@ class JointFile(Settings):
 class CapsuleFile(Settings):
     """A capsule fixed to a link: ends in the link's frame, metres. Equal ends make a sphere."""
 
-    name: Name = Field(description="its own name")
+    name: PartName = Field(description="its own name")
     a: Vector3 = Field(description="one end of its axis, m")
     b: Vector3 = Field(description="the other end; the same point makes a sphere")
-    radius: float = Field(gt=0, le=10, description="radius, m")
+    radius: float = Field(ge=0.001, le=10, description="radius, m")
 
 
 class LinkCapsuleFile(CapsuleFile):
     """A capsule that names its link."""
 
-    link: Name = Field(description="link that it is fixed to")
+    link: PartName = Field(description="link that it is fixed to")
 
 
 class StoppingRow(Settings):
     """Stopping time and distance by speed, for loads up to ``payload_kg``."""
 
-    payload_kg: float = Field(ge=0, description="heaviest load that it holds for")
+    payload_kg: float = Field(
+        ge=0, le=MAX_PAYLOAD_KG, description="heaviest load that it holds for"
+    )
     time_s: Annotated[list[Stopping], Field(min_length=1)] = Field(
         description="until it stands, for each speed"
     )
@@ -149,8 +174,8 @@ class StoppingFile(Settings):
     @model_validator(mode="after")
     def _monotone(self) -> Self:
         speed = np.array(self.speed_m_s)
-        if speed[0] <= 0 or np.any(np.diff(speed) <= 0):
-            raise ValueError("speed_m_s must increase from above 0")
+        if speed[0] < MIN_SPEED_M_S or np.any(np.diff(speed) <= 0):
+            raise ValueError(f"speed_m_s must increase from {MIN_SPEED_M_S:g} m/s or more")
         if np.any(np.diff([row.payload_kg for row in self.rows]) <= 0):
             raise ValueError("rows must be in order of increasing payload_kg")
         lighter = np.zeros((2, len(speed)))
@@ -163,6 +188,14 @@ class StoppingFile(Settings):
                 raise ValueError(f"{where}: time_s and distance_m must not fall as the speed rises")
             if np.any(table < lighter):
                 raise ValueError(f"{where}: a heavier payload must not stop sooner than a lighter")
+            least = speed / MAX_DECELERATION_M_S2
+            if np.any(table[0] < np.maximum(least, MIN_STOPPING_S) * (1 - 1e-9)) or np.any(
+                table[1] < speed * least / 2 * (1 - 1e-9)
+            ):
+                raise ValueError(
+                    f"{where}: no robot stops so soon: time_s must be at least {MIN_STOPPING_S:g} s"
+                    f" and the deceleration at most {MAX_DECELERATION_M_S2:g} m/s^2; give s and m"
+                )
             if np.any(table[1] > speed * table[0] * (1 + 1e-9)):
                 raise ValueError(f"{where}: distance_m exceeds speed x time_s; check the units")
             lighter = table
@@ -176,8 +209,10 @@ class ContactFile(Settings):
     """
 
     source: str = Field(min_length=1, description="where its numbers come from")
-    moving_mass_kg: float = Field(gt=0, le=10_000, description="of all moving parts, without load")
-    area_cm2: float = Field(gt=0, le=1000, description="smallest area of contact with any part")
+    moving_mass_kg: float = Field(
+        ge=0.1, le=10_000, description="of all moving parts, without load"
+    )
+    area_cm2: float = Field(ge=0.01, le=1000, description="smallest area of contact with any part")
 
 
 class RobotFile(Settings):
@@ -185,7 +220,7 @@ class RobotFile(Settings):
 
     name: Name = Field(description="the model's name")
     source: str = Field(min_length=1, description="where the kinematic parameters come from")
-    base: Name = Field(description="link that stands")
+    base: PartName = Field(description="link that stands")
     joints: Annotated[list[JointFile], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
         description="from the base outwards"
     )

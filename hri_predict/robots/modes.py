@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from hri_predict.settings import Settings
+from hri_predict.settings import MIN_SPEED_M_S, Settings
 
 
 class TeachMode(Settings):
@@ -13,7 +13,7 @@ class TeachMode(Settings):
     """
 
     speed_m_s: float = Field(
-        0.25, gt=0, le=0.25, strict=True, description="of the fastest point, at most"
+        0.25, ge=MIN_SPEED_M_S, le=0.25, strict=True, description="of the fastest point, at most"
     )
 
 
@@ -24,7 +24,7 @@ class RecoveryMode(Settings):
     """
 
     speed_m_s: float = Field(
-        0.1, gt=0, le=0.1, strict=True, description="of the fastest point, at most"
+        0.1, ge=MIN_SPEED_M_S, le=0.1, strict=True, description="of the fastest point, at most"
     )
 
 
@@ -32,14 +32,14 @@ class MutingMode(Settings):
     """People and zones do not stop the robot, for a limited time."""
 
     max_s: float = Field(
-        gt=0,
+        ge=1,
         le=600,
         strict=True,
         description="then it ends by itself, and the request must be released",
     )
     speed_m_s: float | None = Field(
         None,
-        gt=0,
+        ge=MIN_SPEED_M_S,
         le=20,
         strict=True,
         description="of the fastest point; default: the robot's highest",

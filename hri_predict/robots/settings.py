@@ -4,14 +4,18 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from hri_predict.robots.file import CapsuleFile, Name, StoppingFile
+from hri_predict.robots.file import CapsuleFile, StoppingFile
 from hri_predict.robots.modes import ModeSettings
-from hri_predict.settings import Pose, Settings
+from hri_predict.settings import MAX_PAYLOAD_KG, MIN_SPEED_M_S, Name, Pose, Settings
 
 MAX_TOOL = 254
 """The highest number that RobotState carries."""
 
 
+MIN_STALE_S = 0.005
+"""Controllers send RobotState every 2 to 20 ms."""
+MIN_ACCELERATION_M_S2 = 0.5
+"""Arms accelerate their fastest point by more than 1 m/s^2; what was not measured is 5."""
 POSITION_TOLERANCE = 0.01
 """How far beyond a limit a reported position may lie, rad or m: sensor noise, rounding."""
 
@@ -22,12 +26,17 @@ class StateMotion(Settings):
     kind: Literal["state"] = Field(
         "state", description="RobotState from its controller says where it is"
     )
-    stale_s: float = Field(0.1, gt=0, le=2, description="age at which RobotState is stale")
+    stale_s: float = Field(
+        0.1, ge=MIN_STALE_S, le=2, description="age at which RobotState is stale"
+    )
     delay_s: float = Field(
         0.0, ge=0, le=1, description="age of a RobotState at receipt: its link's delay"
     )
     acceleration_m_s2: float = Field(
-        5.0, ge=0, description="of the fastest point, at most; bounds its motion since RobotState"
+        5.0,
+        ge=MIN_ACCELERATION_M_S2,
+        le=1000,
+        description="of the fastest point, at most; bounds its motion since RobotState",
     )
     plan: str | None = Field(
         None,
@@ -42,7 +51,9 @@ class TrajectoryMotion(Settings):
 
     kind: Literal["trajectory"] = Field(description="it follows a file")
     file: str = Field(min_length=1, description="shipped name or path of a YAML file")
-    start_s: float = Field(0.0, ge=0, description="time within the cycle at the node's start")
+    start_s: float = Field(
+        0.0, ge=0, le=86_400, description="time within the cycle at the node's start"
+    )
 
 
 class StandingMotion(Settings):
@@ -73,6 +84,7 @@ class ToolSettings(Settings):
     payload_kg: float | None = Field(
         None,
         ge=0,
+        le=MAX_PAYLOAD_KG,
         description="tool and load together; default: the heaviest of the stopping table",
     )
 
@@ -85,10 +97,10 @@ class MobileBaseSettings(Settings):
     capsules: Annotated[list[CapsuleFile], Field(min_length=1, max_length=16)] = Field(
         description="all of the base's body, in its frame: origin on the floor, x ahead, z up"
     )
-    max_speed_m_s: float = Field(gt=0, le=20, description="a faster base is impossible")
-    max_turn_rad_s: float = Field(gt=0, le=20, description="likewise")
+    max_speed_m_s: float = Field(ge=MIN_SPEED_M_S, le=20, description="a faster base is impossible")
+    max_turn_rad_s: float = Field(ge=0.01, le=20, description="likewise")
     acceleration_m_s2: float = Field(
-        2.0, ge=0, le=100, description="that the base gives any point; since RobotState was sent"
+        2.0, ge=0.1, le=100, description="that the base gives any point; since RobotState was sent"
     )
     uncertainty_m: float = Field(ge=0, le=1, description="of its reported place")
     uncertainty_rad: float = Field(ge=0, le=0.5, description="of its reported heading")
@@ -100,19 +112,20 @@ class MobileBaseSettings(Settings):
 class RobotSettings(Settings):
     """One entry of ``robots:`` in the configuration."""
 
-    name: str = Field(
-        min_length=1, max_length=64, description="its own name, for messages and alerts"
-    )
+    name: Name = Field(description="its own name, for messages and alerts")
     model: str = Field(min_length=1, description="shipped name (ur5e) or path of a YAML file")
     room_from_robot: Pose | None = Field(None, description="where its base stands")
     base: MobileBaseSettings | None = Field(None, description="instead: the base moves")
     payload_kg: float | None = Field(
-        None, ge=0, description="heaviest load; default: the heaviest of the stopping table"
+        None,
+        ge=0,
+        le=MAX_PAYLOAD_KG,
+        description="heaviest load; default: the heaviest of the stopping table",
     )
     tools: Annotated[list[ToolSettings], Field(min_length=1, max_length=32)] | None = Field(
         None, description="that may be mounted, instead of the robot file's tool and payload"
     )
-    max_speed_m_s: float = Field(gt=0, le=20, description="fastest point in production")
+    max_speed_m_s: float = Field(ge=MIN_SPEED_M_S, le=20, description="fastest point in production")
     motion: Motion = Field(StateMotion(), description="how the node knows its motion")
     contact: Literal["allowed"] | None = Field(
         None, description="in mode hybrid: the robot may touch people as fast as they bear it"

@@ -28,7 +28,7 @@ from hri_predict.robots.model import RobotSettings
 from hri_predict.run.commissioned import CommissioningSettings
 from hri_predict.run.mistakes import Mistakes, place
 from hri_predict.service.settings import LogSettings, MetricsSettings
-from hri_predict.settings import Settings, validated
+from hri_predict.settings import Settings, name_problem, validated
 from hri_predict.source import SourceSettings
 
 MAX_TICKS_HZ = 100.0
@@ -310,6 +310,8 @@ def checked(path: Path, text: str, data: dict[str, Any]) -> Config:
     config = Config(
         path=path, text=text, node=node, source=source, predictor=predictor, links=tuple(links)
     )
+    if problem := name_problem(path.stem):
+        wrong.add((), f"the cell is called as its file, '{path.stem}', and {problem}")
     _check_names(config, wrong)
     _check_links(config, wrong)
     _check_alerts(config, wrong)

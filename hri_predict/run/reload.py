@@ -27,7 +27,8 @@ class Reload:
     Args:
         config: the configuration that runs.
         load: reads it anew, as it was read at the start.
-        parts: key or dotted key of the configuration -> who takes it, and all beneath it.
+        parts: key or dotted key of the configuration -> who takes it, and all beneath it. They are
+            asked in this order.
         notifier: told when a reload begins and ends.
 
     Attributes:
@@ -88,11 +89,12 @@ class Reload:
         wanted = new.node.model_dump()
         changed = list(differences(self._running, wanted))
         taken = {key: part for key in changed if (part := self._part_of(key)) is not None}
-        put_in_force = [self._parts[part](new.node) for part in dict.fromkeys(taken.values())]
+        parts = [part for part in self._parts if part in taken.values()]
+        put_in_force = [self._parts[part](new.node) for part in parts]
         for each in put_in_force:
             each()
-        for key in taken:
-            _copy(key.split("."), wanted, self._running)
+        for part in parts:
+            _copy(part.split("."), wanted, self._running)
         said = [f"{key}: changed" for key in taken]
         said += [f"{key}: needs a restart" for key in changed if key not in taken]
         return said or ["nothing differs"]

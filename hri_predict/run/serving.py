@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from importlib.metadata import version
 
+from hri_predict.monitoring.alerts import Alerts
 from hri_predict.monitoring.pace import Pace
 from hri_predict.node.listeners import Listener
 from hri_predict.recording.folder.folder import Folder
@@ -41,18 +42,23 @@ class Serving:
         self._settings: MetricsSettings | None = None
         self._server: MetricsServer | None = None
         self._figures: Figures | None = None
-        # what may refuse stands last: then nothing of a refused file is in force
+        # in this order: metrics last, because to check them opens a socket
         self._parts: dict[str, Callable[[NodeSettings], Callable[[], None]]] = {"log": _take_log}
         self._reload = Reload(config, reread, self._parts, notifier) if reread else None
         self.hangup = self._reload.ask if self._reload is not None else None
         self.pace = Pace()
 
     def listeners(
-        self, assembly: Assembly, others: Callable[[], Mapping[str, int]], place: Place | None
+        self,
+        assembly: Assembly,
+        others: Callable[[], Mapping[str, int]],
+        place: Place | None,
+        alerts: Alerts,
     ) -> list[Listener]:
         """Start; return what listens to the node, to be added after all other listeners.
 
-        ``others`` counts what further parts did; ``place`` is where the run is recorded.
+        ``others`` counts what further parts did; ``place`` is where the run is recorded; ``alerts``
+        takes new settings.
 
         Raises:
             ConfigError: the metrics' port is in use.
@@ -75,6 +81,7 @@ class Serving:
         if self._reload is not None:
             if isinstance(place, Folder):
                 self._parts |= {f"record.{key}": _takes_limits(place) for key in RECORD_LIMITS}
+            self._parts["alerts"] = lambda node: alerts.take(node.alerts)
             self._parts["metrics"] = self._take_metrics
             self._reload.start()
         if self._notifier is not None:

@@ -197,7 +197,7 @@ class _Session:
             for link in assembly.links:
                 link.on_sent = _to_all(takers)
         if not virtual:  # last: who watches the loop must see whatever holds it up
-            listeners += self.serving.listeners(assembly, self.counters, place)
+            listeners += self.serving.listeners(assembly, self.counters, place, self.alerts)
         return assembly
 
     def _where_to_record(self) -> tuple[RecordSettings | None, Place | None]:

@@ -3,14 +3,17 @@
 This module imports nothing slow: every command begins with it.
 """
 
+import contextlib
 import json
 import logging
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
-from typing import Any, TextIO
+from typing import Any, TextIO, cast
+
+from hri_predict.service.unhurried import Unhurried
 
 LINES_A_MINUTE = 30
 WINDOW_S = 60.0
@@ -163,6 +166,7 @@ def in_journal(stream: TextIO, environ: Mapping[str, str] = os.environ) -> bool:
 
 
 _current: list[Log] = []
+_waiting_for_nobody: list[Unhurried] = []
 
 
 def set_up(stream: TextIO | None = None) -> Log:
@@ -185,9 +189,37 @@ def use(settings: Any) -> None:
         log.limit.lines = settings.rate
 
 
+@contextlib.contextmanager
+def unhurried() -> Iterator[None]:
+    """Within, neither the log nor ``sys.stderr`` waits for who reads it.
+
+    If the reader is still stuck at the end, it stays so: the program must be able to end.
+    """
+    before = sys.stderr
+    try:
+        taken = Unhurried(before)
+    except (AttributeError, OSError, ValueError):  # no file: a test's, or none at all
+        yield
+        return
+    _waiting_for_nobody[:] = [taken]
+    _write_to(cast(TextIO, taken), instead_of=before)
+    try:
+        yield
+    finally:
+        if taken.end():
+            _write_to(before, instead_of=cast(TextIO, taken))
+
+
+def _write_to(stream: TextIO, instead_of: TextIO) -> None:
+    if sys.stderr is instead_of:
+        sys.stderr = stream
+    for log in _current:
+        if log.stream is instead_of:
+            log.setStream(stream)
+
+
 def counters() -> dict[str, int]:
     """Lines that were left out, and that could not be written."""
-    return {
-        "log_lines_left_out": sum(log.limit.left_out for log in _current),
-        "log_lines_lost": sum(log.failures for log in _current),
-    }
+    lost = sum(log.failures for log in _current) + sum(each.lost for each in _waiting_for_nobody)
+    left_out = sum(log.limit.left_out for log in _current)
+    return {"log_lines_left_out": left_out, "log_lines_lost": lost}

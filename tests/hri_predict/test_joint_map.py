@@ -248,7 +248,7 @@ def test_a_users_own_map(tmp_path):
     ("changes", "message"),
     [
         ({"units": "furlong"}, r"units: use one of m, cm, mm, inch, ft.*'furlong'"),
-        ({"units": -1}, "units: input should be greater than 0"),
+        ({"units": -1}, "units: input should be greater than or equal"),
         ({"axes": ["z", "x", "-y"]}, "left-handed"),
         ({"axes": ["z", "z", "-y"]}, "three different axes"),
         ({"axes": ["z", "x"]}, "axes"),

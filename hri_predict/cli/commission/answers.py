@@ -10,10 +10,10 @@ from hri_predict.cli.register.points import ask, point_from, say
 from hri_predict.commissioning.report import Signature, Text
 from hri_predict.errors import ConfigError
 from hri_predict.files import load_yaml, read_yaml
-from hri_predict.settings import Point, Settings, Vector3, validated
+from hri_predict.settings import MIN_SPEED_M_S, Point, Settings, Vector3, validated
 
 StepName = Literal["registration", "echo", "stopping", "walk"]
-Milliseconds = Annotated[float, Field(gt=0, le=10_000)]
+Milliseconds = Annotated[float, Field(ge=0.001, le=10_000)]
 
 
 class RegistrationAnswers(Settings):
@@ -57,9 +57,9 @@ class StopAnswer(Settings):
     """A stop that was measured with other means, from the onset of braking to rest."""
 
     robot: str
-    speed_m_s: float = Field(gt=0, le=20)
-    time_s: float = Field(gt=0, le=60)
-    distance_m: float = Field(gt=0, le=60)
+    speed_m_s: float = Field(ge=MIN_SPEED_M_S, le=20)
+    time_s: float = Field(ge=0.001, le=60)
+    distance_m: float = Field(ge=1e-5, le=60)
 
 
 class StoppingAnswers(Settings):
@@ -68,7 +68,7 @@ class StoppingAnswers(Settings):
     cell_is_clear: StrictBool = Field(
         False, description="nobody is in the cell, and somebody holds the emergency stop"
     )
-    speeds_m_s: list[Annotated[float, Field(gt=0, le=20)]] = Field(
+    speeds_m_s: list[Annotated[float, Field(ge=MIN_SPEED_M_S, le=20)]] = Field(
         [], max_length=20, description="default: a quarter, half, three quarters and all of "
         "max_speed_m_s"
     )  # fmt: skip

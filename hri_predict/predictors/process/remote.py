@@ -10,14 +10,19 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
-from typing import Any
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import PredictorError
 from hri_predict.predictors.base import Forecast, PredictorSettings
 from hri_predict.predictors.process import shared
 from hri_predict.predictors.process.description import Description
+from hri_predict.predictors.process.progress import Progress
 from hri_predict.predictors.process.worker import ASKED, LOG, MAX_MESSAGE
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 0.2  # between two looks at a process that starts
+TELL_S = 10.0  # between two lines of the log about it
 
 _BEGIN = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
@@ -54,6 +59,32 @@ class Job:
         ).encode()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Patience:
+    """How long a process may start.
+
+    Attributes:
+        limit_s: in all.
+        idle_s: without doing anything.
+        cpu_s: on processors.
+    """
+
+    limit_s: float
+    idle_s: float
+    cpu_s: float
+
+    def ended(self, took_s: float, progress: Progress) -> str | None:
+        """Why it ended after ``took_s``; ``None``: it has not."""
+        if progress.idle_s > self.idle_s:
+            why = " (a signal stopped it)" if progress.stopped else ""
+            return f"it did nothing for {progress.idle_s:.1f} s while it started{why}"
+        if progress.cpu_s > self.cpu_s:
+            return f"it computed for {progress.cpu_s:.1f} s without getting ready"
+        if took_s > self.limit_s:
+            return f"it took longer than {self.limit_s:g} s"
+        return None
+
+
 class WorkerEndedError(PredictorError):
     """The worker's process has ended."""
 
@@ -72,6 +103,7 @@ class Worker:
         self._memory = shared.create()
         self._windows: shared.SharedWindows | None = None
         self._asked = 0
+        self.start_cpu_s = 0.0  # what its start took on processors
         self._owed_since: float | None = None  # perf_counter; the oldest unanswered window, at most
         try:
             self._link, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -83,26 +115,16 @@ class Worker:
         self._readable = select.poll()
         self._readable.register(self._link, select.POLLIN)
 
-    def begin(self, limit_s: float) -> Description:
+    def begin(self, patience: "Patience") -> Description:
         """Wait until the predictor is built, and let the worker begin.
 
         Raises:
-            PredictorError: it cannot be built, or takes longer than ``limit_s``.
+            PredictorError: it cannot be built, or ``patience`` ended.
             WorkerEndedError: the process ended before.
         """
-        until = time.perf_counter() + limit_s
         try:
             self._link.send(self._job.text())
-            told: dict[str, Any] = {}
-            while not told:
-                message = self._message(until - time.perf_counter())
-                if message is None:
-                    raise PredictorError(
-                        f"predictor '{self._job.settings.name}' was not ready in its own process "
-                        f"within {limit_s:g} s; make it start faster, or set predictor.process to "
-                        f"false"
-                    )
-                told = json.loads(message)
+            told = json.loads(self._first_message(patience))
             if "error" in told:
                 raise PredictorError(told["error"])
             described = Description.from_data(told["ready"])
@@ -125,6 +147,34 @@ class Worker:
             os.close(self._memory)
         self._link.setblocking(False)
         return described
+
+    def _first_message(self, patience: "Patience") -> bytes:
+        """What the worker says first, however long that takes while it gets on.
+
+        Raises:
+            PredictorError: ``patience`` ended.
+            OSError: the process has ended.
+        """
+        began = time.perf_counter()
+        told_s = 0.0
+        progress = Progress(self.process.pid)
+        while (message := self._message(LOOK_S)) is None:
+            progress.look()
+            took_s = time.perf_counter() - began
+            problem = patience.ended(took_s, progress)
+            if problem is not None:
+                raise PredictorError(
+                    f"predictor '{self._job.settings.name}' is not ready in its own process: "
+                    f"{problem}; see what it waits for, or set predictor.process to false"
+                )
+            if took_s > told_s + TELL_S:
+                told_s = took_s
+                log.warning(
+                    "predictor '%s': its own process still starts after %.0f s (it computed for "
+                    "%.1f s so far)", self._job.settings.name, took_s, progress.cpu_s
+                )  # fmt: skip
+        self.start_cpu_s = progress.cpu_s
+        return message
 
     def forecast(self, history: Floats, observed: Bools, wait_s: float) -> Forecast | None:
         """Ask for the forecast of a window; ``None``: it did not come within ``wait_s``.

@@ -1,6 +1,7 @@
 """Runs the predictor in a process of its own; the tick always gets an answer."""
 
 import logging
+import math
 import threading
 import time
 
@@ -11,12 +12,17 @@ from hri_predict.errors import HriPredictError, PredictorError
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast, checked
 from hri_predict.predictors.process.description import Description
-from hri_predict.predictors.process.remote import Job, Worker, WorkerEndedError
+from hri_predict.predictors.process.remote import Job, Patience, Worker, WorkerEndedError
 from hri_predict.protocol.reasons import Reason
 
 log = logging.getLogger(__name__)
 
-START_LIMIT_S = 120.0  # importing torch and exporting a network takes seconds, on a slow disk more
+# The first start may wait for a cold disk or a network share: the robot does not run yet.
+FIRST_START = Patience(limit_s=120.0, idle_s=30.0, cpu_s=math.inf)
+# Later ones read what is in memory already. A start that computes or reads may take as long as the
+# first; one that does nothing is given up in seconds, however busy the machine is.
+IDLE_S = 5.0
+CPU_FACTOR, CPU_MORE_S = 3.0, 10.0  # of the first start's time on processors: it spins
 HANG_DEADLINES = 50  # a worker that gives no answer for so long is killed
 HANG_S = 1.0  # but not sooner than after this time
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 10.0  # before a worker is started anew
@@ -65,6 +71,7 @@ class ProcessRunner:
         self._hang_s = max(HANG_S, HANG_DEADLINES * deadline_s)
         self._stopping = threading.Event()
         self._ready = threading.Event()
+        self._patience = FIRST_START
         self._problem: HriPredictError | None = None  # why the first worker could not begin
         self._described: Description | None = None
         self._started: Worker | None = None  # the process that runs, ready or not
@@ -158,8 +165,8 @@ class ProcessRunner:
                 self._problem = problem
                 self._ready.set()
                 return
-            log.error("predictor: %s; it is started anew", problem)
             pause_s = FIRST_PAUSE_S if time.monotonic() - began > LIVED_S else pause_s
+            log.error("predictor: %s; it is started anew in %.1f s", problem, pause_s)
             self._stopping.wait(pause_s)
             pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
             self.restarts += 1
@@ -177,14 +184,22 @@ class ProcessRunner:
         if self._stopping.is_set():  # ``stop`` may have looked before
             worker.end()
         try:
-            described = worker.begin(START_LIMIT_S)
+            began = time.monotonic()
+            described = worker.begin(self._patience)
             if self._described is None:
                 self._described = described
+                cpu_s = CPU_FACTOR * worker.start_cpu_s + CPU_MORE_S
+                self._patience = Patience(limit_s=FIRST_START.limit_s, idle_s=IDLE_S, cpu_s=cpu_s)
             if not described.is_like(self._described):
                 raise PredictorError(
                     "it is not what it was: its files have changed; start the node anew"
                 )
             self._worker = worker
+            if self._ready.is_set():
+                log.warning(
+                    "predictor: its new process is ready after %.1f s; there are forecasts again",
+                    time.monotonic() - began,
+                )
             self._ready.set()
             status = worker.wait()
             return PredictorError(f"its process ended with {_said(status)}")

@@ -21,10 +21,13 @@ class RecordSettings(Abbreviated):
     max_minutes: float = Field(60.0, ge=0.05, le=1440, description="of one file")
     max_mb: float = Field(500.0, ge=1, le=100_000, description="of one file")
     keep_days: float | None = Field(
-        None, gt=0, le=3650, description="older files are removed; default: only the budget counts"
+        None,
+        ge=0.01,
+        le=3650,
+        description="older files are removed; default: only the budget counts",
     )
     budget_gb: float = Field(
-        20.0, gt=0, le=1e6, description="all files of the cell; the oldest are removed first"
+        20.0, ge=0.001, le=1e6, description="all files of the cell; the oldest are removed first"
     )
     min_free_gb: float = Field(
         1.0, ge=0, le=1e6, description="leave so much of the disk to others, or record nothing"

@@ -127,9 +127,9 @@ class McapFile:
         args = (*item.args, utc_ns) if item.wants_utc else item.args
         self.write(item.topic, item.log_ns, utc_ns, item.encode(*args))
 
-    def write(self, topic: str, node_ns: int, utc_ns: int, data: dict[str, Any]) -> None:
-        """Add a message by its content; see ``add``."""
-        encoded = to_json(data)
+    def write(self, topic: str, node_ns: int, utc_ns: int, data: dict[str, Any] | bytes) -> None:
+        """Add a message by its content, or by its JSON; see ``add``."""
+        encoded = data if isinstance(data, bytes) else to_json(data)
         channel = self._channels[topic]
         self._sequence[topic] += 1
         self._writer.add_message(

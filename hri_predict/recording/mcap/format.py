@@ -24,13 +24,30 @@ from hri_predict.scene import Person, Scene
 MAX_COUNT = 2**64  # limit of every clock's nanoseconds and every sequence
 
 
-def to_json(data: Any) -> bytes:
-    """Compact JSON; a number that is not finite becomes ``null``: JSON cannot express it."""
+_encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+
+
+def to_json(data: dict[str, Any]) -> bytes:
+    """Compact JSON, without what is not known.
+
+    A number that is not finite is not known: JSON cannot express it. Within a list it is ``null``.
+    """
     try:
-        text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+        text = _encode(_known(data))
     except ValueError:
-        text = json.dumps(_finite(data), separators=(",", ":"), allow_nan=False)
+        text = _encode(_known(_finite(data)))
     return text.encode()
+
+
+def _known(data: dict[str, Any]) -> dict[str, Any]:
+    """A message, and what stands right in it, without keys whose value is ``None``."""
+    found = {}
+    for key, value in data.items():
+        if type(value) is dict:
+            found[key] = {k: v for k, v in value.items() if v is not None}
+        elif value is not None:
+            found[key] = value
+    return found
 
 
 def _finite(data: Any) -> Any:
@@ -96,9 +113,15 @@ def whole(value: Any, least: int = -MAX_COUNT, most: int = MAX_COUNT) -> int:
 
 def message_to_dict(message: Message) -> dict[str, Any]:
     """A message's fields; ``type`` holds its class, and enumerations are given by name."""
-    fields = dataclasses.asdict(message)
-    named = {k: v.name if isinstance(v, IntEnum) else v for k, v in fields.items()}
-    return {"type": type(message).__name__, **named}
+    fields: dict[str, Any] = {"type": type(message).__name__}
+    for field in dataclasses.fields(message):  # asdict would copy all, at ten times the cost
+        value = getattr(message, field.name)
+        if isinstance(value, IntEnum):
+            value = value.name
+        elif isinstance(value, BaseMotion):
+            value = dataclasses.asdict(value)
+        fields[field.name] = value
+    return fields
 
 
 def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | None:
@@ -133,7 +156,9 @@ def _since_version_2(data: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _numbers(data: dict[str, Any]) -> dict[str, float]:
+def _numbers(data: Any) -> dict[str, float]:
+    if not isinstance(data, dict):
+        raise TypeError("a base's motion is no mapping")
     return dict(zip(data, _floats(data.values()), strict=True))
 
 
@@ -141,9 +166,11 @@ def _floats(values: Any) -> tuple[float, ...]:
     return tuple(math.nan if v is None else float(v) for v in values)
 
 
-def sent_to_dict(link: str, arbitration_id: int | None, data: bytes) -> dict[str, Any]:
-    """A unit that was sent."""
-    return {"link": link, "id": arbitration_id, "data": base64.b64encode(data).decode("ascii")}
+def sent_to_json(link: str, arbitration_id: int | None, data: bytes) -> bytes:
+    """A unit that was sent, as ``to_json`` would write it: most messages of a recording are so."""
+    identified = "" if arbitration_id is None else f'"id":{arbitration_id},'
+    encoded = base64.b64encode(data).decode("ascii")
+    return f'{{"link":{_encode(link)},{identified}"data":"{encoded}"}}'.encode()
 
 
 def forecast_to_dict(

@@ -19,7 +19,7 @@ from hri_predict.recording.mcap.format import (
     forecast_to_dict,
     message_to_dict,
     scene_to_dict,
-    sent_to_dict,
+    sent_to_json,
     zones_to_dict,
 )
 from hri_predict.recording.mcap.info import RecordingInfo
@@ -38,13 +38,13 @@ _SECOND_NS = 1_000_000_000
 class Item:
     """A message of a recording, not yet encoded.
 
-    ``log_ns`` is of the node's clock. With ``wants_utc``, ``encode`` takes its UTC as a last
-    argument.
+    ``log_ns`` is of the node's clock. ``encode`` gives its content, or already its JSON; with
+    ``wants_utc`` it takes its UTC as a last argument.
     """
 
     topic: str
     log_ns: int
-    encode: Callable[..., dict[str, Any]]
+    encode: Callable[..., dict[str, Any] | bytes]
     args: tuple[Any, ...]
     wants_utc: bool = False
 
@@ -183,15 +183,15 @@ class Items(Listener):
         if not self._rates.sent:
             return
         if isinstance(unit, bytes | bytearray | memoryview):
-            self._put("/sent", now_ns, sent_to_dict, link, None, bytes(unit))
+            self._put("/sent", now_ns, sent_to_json, link, None, bytes(unit))
         else:
-            self._put("/sent", now_ns, sent_to_dict, link, unit.arbitration_id, bytes(unit.data))
+            self._put("/sent", now_ns, sent_to_json, link, unit.arbitration_id, bytes(unit.data))
 
     def _put(
         self,
         topic: str,
         log_ns: int,
-        encode: Callable[..., dict[str, Any]],
+        encode: Callable[..., dict[str, Any] | bytes],
         *args: Any,
         wants_utc: bool = False,
     ) -> None:

@@ -20,6 +20,7 @@ from hri_predict.errors import RecordingError
 from hri_predict.recording.mcap.clocks import iso
 from hri_predict.recording.mcap.info import METADATA, RecordingInfo
 from hri_predict.recording.mcap.reader import CUT, records
+from hri_predict.recording.mcap.schemas import with_unknown
 
 SLOWEST_S = 2.0
 """How far back ``moment`` looks: everything comes at least each second."""
@@ -33,7 +34,7 @@ class Told:
         topic: see ``schemas``; in recordings of format 1 every robot's advice is on /advice.
         utc_ns: when, UTC; in recordings without UTC (``RecordingInfo.has_utc``), the node's clock.
         node_ns: the same on the node's clock.
-        data: the message.
+        data: the message; ``None`` is what was not known.
     """
 
     topic: str
@@ -162,4 +163,4 @@ def _decoded(path: str | Path, topic: str, data: bytes) -> dict[str, Any]:
         raise RecordingError(
             f"recording {path}: a message on {topic} is damaged ({error}); it cannot be used"
         ) from error
-    return decoded
+    return with_unknown(topic, decoded)

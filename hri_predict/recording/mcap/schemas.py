@@ -17,6 +17,10 @@ say ``utc``. In recordings of format 1 both times are the node's clock.
 | /zones | ``zones_hz`` | capsules of every n-th horizon, rounded to 1 mm |
 | /view/... | ``view_hz`` | scene, people, frames for a 3D view, in Foxglove's own messages |
 | /sent | each unit written to a link | link, CAN id where there is one, bytes in base64 |
+
+What is not known is left out of a message, and ``read_messages`` gives ``None`` there: Foxglove
+opens no topic whose schema allows ``null``. Nor does it open lists of lists: schemas say by
+``patternProperties`` what those hold, which it passes over and a validator does not.
 """
 
 from collections.abc import Sequence
@@ -28,9 +32,7 @@ _NUMBER: dict[str, Any] = {"type": "number"}
 _WHOLE: dict[str, Any] = {"type": "integer"}
 _TEXT: dict[str, Any] = {"type": "string"}
 _TRUTH: dict[str, Any] = {"type": "boolean"}
-_PERHAPS: dict[str, Any] = {"type": ["number", "null"]}
-_PERHAPS_WHOLE: dict[str, Any] = {"type": ["integer", "null"]}
-_OBJECT: dict[str, Any] = {"type": "object"}
+_NUMBER_OR_NOT_SEEN: dict[str, Any] = {"type": ["number", "null"]}
 
 
 def _list(items: dict[str, Any], length: int | None = None) -> dict[str, Any]:
@@ -38,14 +40,48 @@ def _list(items: dict[str, Any], length: int | None = None) -> dict[str, Any]:
     return {"type": "array", "items": items, **exact}
 
 
-_PERSON = {
-    "type": "object",
-    "properties": {
+def _object(fields: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """An object with these fields; one whose name ends in ``?`` may be left out."""
+    named = {name.removesuffix("?"): field for name, field in fields.items()}
+    nested = {name for name, field in named.items() if _is_refused_by_foxglove(field)}
+    found: dict[str, Any] = {
+        "type": "object",
+        "properties": {name: field for name, field in named.items() if name not in nested},
+        "required": [name for name in fields if not name.endswith("?")],
+    }
+    if nested:
+        found["patternProperties"] = {f"^{name}$": named[name] for name in sorted(nested)}
+    return found
+
+
+def _is_refused_by_foxglove(field: dict[str, Any]) -> bool:
+    """A list of lists, or of what may be ``null``."""
+    items = field.get("items", {}).get("type")
+    return items == "array" or isinstance(items, list)
+
+
+_ANY = _object({})
+_PERSON = _object(
+    {
         "id": _WHOLE,
         "observed": {"type": "string", "pattern": "^[01]*$"},
-        "positions": _list(_list(_PERHAPS, 3)),
-    },
-    "required": ["id", "observed", "positions"],
+        "positions": _list(_list(_NUMBER_OR_NOT_SEEN, 3)),
+    }
+)
+_GROUNDS: dict[str, dict[str, Any]] = {
+    "unknown?": _list(_TEXT),
+    "way?": _TEXT,
+    "person?": _WHOLE,
+    "segment?": _TEXT,
+    "robot_capsule?": _TEXT,
+    "pair_m?": _NUMBER,
+    "separation_m?": _NUMBER,
+    "slack_m?": _NUMBER,
+    "reaction_s?": _NUMBER,
+    "stopping_s?": _NUMBER,
+    "human_m_s?": _NUMBER,
+    "terms_m?": _object({f"{term}?": _NUMBER for term in ("s_h", "s_r", "s_s", "c", "z_d", "z_r")}),
+    "protective_m?": _NUMBER,
 }
 _ADVICE: dict[str, dict[str, Any]] = {
     "type": _TEXT,
@@ -58,19 +94,19 @@ _ADVICE: dict[str, dict[str, Any]] = {
     "detail": _TEXT,
     "latch_id": _WHOLE,
     "mode": _TEXT,
-    "tool": _PERHAPS_WHOLE,
-    "separation_m": _PERHAPS,
-    "predicted_separation_m": _PERHAPS,
-    "time_to_breach_s": _PERHAPS,
-    "speed_limit_m_s": _PERHAPS,
-    "speed_m_s": _PERHAPS,
-    "needed_m": _PERHAPS,
-    "age_s": _PERHAPS,
-    "capture_ns": _PERHAPS_WHOLE,
-    "body_part": _PERHAPS_WHOLE,
-    "robot_link": _PERHAPS_WHOLE,
-    "echo": _PERHAPS_WHOLE,
-    "grounds": {"type": ["object", "null"]},
+    "tool?": _WHOLE,
+    "separation_m?": _NUMBER,
+    "predicted_separation_m?": _NUMBER,
+    "time_to_breach_s?": _NUMBER,
+    "speed_limit_m_s?": _NUMBER,
+    "speed_m_s?": _NUMBER,
+    "needed_m?": _NUMBER,
+    "age_s?": _NUMBER,
+    "capture_ns?": _WHOLE,
+    "body_part?": _WHOLE,
+    "robot_link?": _WHOLE,
+    "echo?": _WHOLE,
+    "grounds?": _object(_GROUNDS),
 }
 OWN: dict[str, dict[str, Any]] = {
     "/scene": {
@@ -90,11 +126,11 @@ OWN: dict[str, dict[str, Any]] = {
         "people": _WHOLE,
         "predictor": _WHOLE,
         "cycle": _WHOLE,
-        "age_s": _PERHAPS,
-        "capture_ns": _PERHAPS_WHOLE,
-        "named_zones": _OBJECT,
+        "age_s?": _NUMBER,
+        "capture_ns?": _WHOLE,
+        "named_zones": _ANY,
     },
-    "/node": {"now_ns": _WHOLE, "people": _OBJECT, "node": _OBJECT, "links": _OBJECT},
+    "/node": {"now_ns": _WHOLE, "people": _ANY, "node": _ANY, "links": _ANY},
     "/clock": {
         "now_ns": _WHOLE,
         "utc": _TEXT,
@@ -109,16 +145,16 @@ OWN: dict[str, dict[str, Any]] = {
         "ids": _list(_WHOLE),
         "capture_ns": _list(_WHOLE),
         "steps": _list(_WHOLE),
-        "positions": _list(_list(_list(_list(_PERHAPS, 3)))),
+        "positions": _list(_list(_list(_list(_NUMBER_OR_NOT_SEEN, 3)))),
     },
     "/zones": {
         "now_ns": _WHOLE,
         "ids": _list(_WHOLE),
         "segments": _list(_TEXT),
         "times_s": _list(_NUMBER),
-        "capsules": _list(_list(_list(_list(_PERHAPS, 7)))),
+        "capsules": _list(_list(_list(_list(_NUMBER_OR_NOT_SEEN, 7)))),
     },
-    "/sent": {"link": _TEXT, "id": _PERHAPS_WHOLE, "data": _TEXT},
+    "/sent": {"link": _TEXT, "id?": _WHOLE, "data": _TEXT},
 }
 WELL_KNOWN: dict[str, dict[str, Any]] = {
     "/view/scene": well_known.SCENE_UPDATE,
@@ -139,10 +175,26 @@ def schemas(robots: Sequence[str]) -> dict[str, dict[str, Any]]:
     return {**own, **advice, **WELL_KNOWN}
 
 
-def _titled(topic: str, properties: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "title": f"hri_predict.{topic.removeprefix('/').capitalize()}",
-        "type": "object",
-        "properties": properties,
-        "required": list(properties),
-    }
+def with_unknown(topic: str, data: dict[str, Any]) -> dict[str, Any]:
+    """A message as it was before ``to_json``: what was left out is ``None``."""
+    if topic.startswith("/advice"):
+        filled = {**_UNKNOWN_ADVICE, **data}
+        grounds = filled["grounds"]
+        if isinstance(grounds, dict) and "unknown" not in grounds:
+            filled["grounds"] = {**_UNKNOWN_GROUNDS, **grounds}
+        return filled
+    return {**_UNKNOWN.get(topic, {}), **data}
+
+
+def _unknown(fields: dict[str, dict[str, Any]]) -> dict[str, None]:
+    return {name[:-1]: None for name in fields if name.endswith("?")}
+
+
+_UNKNOWN = {topic: _unknown(fields) for topic, fields in OWN.items()}
+_UNKNOWN_ADVICE = _unknown(_ADVICE)
+_UNKNOWN_GROUNDS = _unknown({k: v for k, v in _GROUNDS.items() if k != "unknown?"})
+
+
+def _titled(topic: str, fields: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    title = f"hri_predict.{topic.removeprefix('/').capitalize()}"
+    return {"title": title, **_object(fields)}

@@ -23,6 +23,8 @@ ROOM = "room"
 SHOWN_S = 0.5
 """The zones are drawn as they are so far ahead: about when a robot that is told now has stopped."""
 BODY_M = 0.09
+ZONE_OPACITY = 0.04
+"""Of each capsule's parts: a zone has forty, one behind the other, and a person within."""
 LEVEL_RGB = {
     Level.UNKNOWN: (0.6, 0.2, 0.8),
     Level.CLEAR: (0.2, 0.7, 0.3),
@@ -102,7 +104,7 @@ def scene_update(picture: Seen, utc_ns: int) -> dict[str, Any]:
     for id_, ends, radius in picture.zones:
         sound = np.isfinite(ends).all(axis=(1, 2)) & np.isfinite(radius)
         if sound.any():
-            rgba = (*LEVEL_RGB[worst], 0.15)
+            rgba = (*LEVEL_RGB[worst], ZONE_OPACITY)
             add(f"zone {id_}", **well_known.capsules(ends[sound], radius[sound], rgba))
     for name, own, own_radius, level, text in picture.robots:
         rgba = (*LEVEL_RGB[level], 0.9)

@@ -176,18 +176,26 @@ def lines(ends: Floats, thickness_m: float, rgba: Rgba) -> dict[str, Any]:
 def capsules(ends: Floats, radius: Floats, rgba: Rgba) -> dict[str, list[Any]]:
     """Capsules as cylinders with a ball at each end; ``ends`` (N, 2, 3), ``radius`` (N,) metres."""
     cylinders, balls, seen = [], [], set()
-    rounded = zip(ends.round(3).tolist(), radius.round(3).tolist(), strict=True)
-    for (a, b), r in rounded:
+    painted = color(rgba)
+    rounded = zip(ends.round(3).tolist(), (2 * radius).round(3).tolist(), strict=True)
+    for (a, b), wide in rounded:
         for end in (a, b):
-            if (*end, r) not in seen:  # neighbours share their ends
-                seen.add((*end, r))
-                balls.append({**_solid(end, [2 * r] * 3, rgba)})
+            if (*end, wide) not in seen:  # neighbours share their ends
+                seen.add((*end, wide))
+                pose = {"position": _xyz(end), "orientation": _UPRIGHT}
+                balls.append({"pose": pose, "size": _xyz((wide,) * 3), "color": painted})
         length = math.dist(a, b)
         if length > 0.001:
             middle = [round((p + q) / 2, 4) for p, q in zip(a, b, strict=True)]
-            placed = _solid(middle, [2 * r, 2 * r, round(length, 3)], rgba)
-            placed["pose"]["orientation"] = _along(a, b, length)
-            cylinders.append({**placed, "bottom_scale": 1.0, "top_scale": 1.0})
+            cylinders.append(
+                {
+                    "pose": {"position": _xyz(middle), "orientation": _along(a, b, length)},
+                    "size": _xyz((wide, wide, round(length, 3))),
+                    "color": painted,
+                    "bottom_scale": 1.0,
+                    "top_scale": 1.0,
+                }
+            )
     return {"cylinders": cylinders, "spheres": balls}
 
 
@@ -218,14 +226,6 @@ def poses(points: Floats, utc_ns: int, frame: str) -> dict[str, Any]:
     """Upright poses at (N, 3) points, metres."""
     placed = [{"position": _xyz(p), "orientation": _UPRIGHT} for p in points.round(3).tolist()]
     return {"timestamp": time_of(utc_ns), "frame_id": frame, "poses": placed}
-
-
-def _solid(at: Sequence[float], size: Sequence[float], rgba: Rgba) -> dict[str, Any]:
-    return {
-        "pose": {"position": _xyz(at), "orientation": _UPRIGHT},
-        "size": _xyz(size),
-        "color": color(rgba),
-    }
 
 
 def _xyz(values: Sequence[float]) -> dict[str, float]:

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules, norm
-from hri_predict.settings import Pose, Settings, Vector3
+from hri_predict.settings import Name, Pose, Settings, Vector3
 
 PIECE_M = 0.1
 """A capsule's axis is compared with a box piece by piece, each no longer than this."""
@@ -18,7 +18,7 @@ class PlaneFixture(Settings):
     """Everything behind a plane; ``normal`` points to the free side."""
 
     kind: Literal["plane"] = Field(description="an unbounded plane")
-    name: str = Field(min_length=1, max_length=64, description="its own name")
+    name: Name = Field(description="its own name")
     point: Vector3 = Field(description="a point on it, room frame, m")
     normal: Vector3 = Field(description="direction away from its material, room frame")
 
@@ -39,7 +39,7 @@ class BoxFixture(Settings):
     """A box: ``size`` along the axes of ``pose``, which is at its middle."""
 
     kind: Literal["box"] = Field(description="a box")
-    name: str = Field(min_length=1, max_length=64, description="its own name")
+    name: Name = Field(description="its own name")
     pose: Pose = Field(description="of its centre in the room")
     size: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
         description="full lengths along its own axes, m"
@@ -47,8 +47,8 @@ class BoxFixture(Settings):
 
     @model_validator(mode="after")
     def _has_volume(self) -> Self:
-        if not all(0 < side <= 100 for side in self.size):
-            raise ValueError("size: each side must be above 0 and at most 100 m")
+        if not all(0.001 <= side <= 100 for side in self.size):
+            raise ValueError("size: each side must be at least 0.001 and at most 100 m")
         return self
 
     def distance(self, points: Floats) -> Floats:

@@ -56,11 +56,11 @@ _CM2_PER_M2 = 1e4
 class RegionLimits(Settings):
     """What one body region bears, and how it yields."""
 
-    force_n: float = Field(gt=0, le=1000, description="F, quasi-static")
-    pressure_n_cm2: float = Field(gt=0, le=1000, description="p, quasi-static")
+    force_n: float = Field(ge=1, le=1000, description="F, quasi-static")
+    pressure_n_cm2: float = Field(ge=1, le=1000, description="p, quasi-static")
     transient: float = Field(ge=1, le=2, description="times as much in transient contact")
-    spring_n_mm: float = Field(gt=0, le=1000, description="k")
-    mass_kg: float = Field(gt=0, le=150, description="m_H, effective")
+    spring_n_mm: float = Field(ge=1, le=1000, description="k")
+    mass_kg: float = Field(ge=0.1, le=150, description="m_H, effective")
 
     def speed_m_s(self, robot_kg: float, area_cm2: float, *, clamped: bool = False) -> float:
         """The highest relative speed at which force and pressure stay within the limits.

@@ -2,7 +2,7 @@
 // All text goes in as text, never as HTML. A page that hears nothing turns grey: an old green must
 // never stand.
 "use strict";
-const GONE_MS = 1500, STILL_MS = 3000, ROWS = 100;
+const GONE_MS = 1500, AGAIN_MS = 2000, STILL_MS = 3000, ROWS = 100;
 const SHAPES = { // points of a 100 x 100 field; the shape alone says the level
   CLEAR: "circle", WARN: "50,6 96,90 4,90", SLOW: "50,2 98,50 50,98 2,50",
   STOP: "30,2 70,2 98,30 98,70 70,98 30,98 2,70 2,30",
@@ -130,9 +130,15 @@ function take(event) {
 // whose it is.
 function follow(draw, nameOf) {
   const show = () => { draw(); alive(); };
-  const events = new EventSource("/events");
-  events.addEventListener("message", (event) => { take(event); show(); drawHistory(nameOf); });
-  events.addEventListener("open", () => { lagMs = Infinity; alarmed = 0; });
+  const listen = () => { // a browser asks again by itself, but not after a refusal: too many, say
+    const events = new EventSource("/events");
+    events.addEventListener("message", (event) => { take(event); show(); drawHistory(nameOf); });
+    events.addEventListener("open", () => { lagMs = Infinity; alarmed = 0; });
+    events.addEventListener("error", () => {
+      if (events.readyState === EventSource.CLOSED) setTimeout(listen, AGAIN_MS);
+    });
+  };
+  listen();
   setInterval(show, 250);
   document.addEventListener("visibilitychange", show);
   show();

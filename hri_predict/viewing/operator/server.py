@@ -5,6 +5,7 @@ when its input does. ``page`` and ``fleet`` run it, for one cell and for many.
 """
 
 import argparse
+import contextlib
 import json
 import os
 import signal
@@ -26,6 +27,12 @@ QUIET_S = 0.5
 """and at least so often: a page that hears nothing for longer turns grey."""
 FAREWELL_S = 1.0
 MAX_BROWSERS = 32
+MAX_CONNECTIONS = 96
+"""Browsers that listen, and whoever asks beside them; each has a thread and a file."""
+REQUEST_S = 5.0
+"""A request must be whole by then: a time limit of a socket begins anew with every byte."""
+SENDS_BYTES = 65_536
+"""What may wait for a browser that does not read, before it is let go."""
 MAX_BODY = 1024
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 _SHARED = ("common.js", "common.css")
@@ -38,18 +45,43 @@ class Server(ThreadingHTTPServer):
 
     Args:
         name: of the page's own files: NAME.html, NAME.js, NAME.css.
+        request_s: see ``REQUEST_S``.
     """
 
     daemon_threads = True
+    request_queue_size = 64
 
-    def __init__(self, host: str, port: int, state: State, name: str = "page") -> None:
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        state: State,
+        *,
+        name: str = "page",
+        request_s: float = REQUEST_S,
+    ) -> None:
         if ":" in host:
             self.address_family = socket.AF_INET6
         super().__init__((host, port), _Handler)
-        self.state = state
+        self.state, self.request_s = state, request_s
         own = {f"/{name}.{kind}": f"{name}.{kind}" for kind in ("js", "css")}
         self.files = {"/": f"{name}.html"} | own | {f"/{name}": name for name in _SHARED}
         self.browsers = threading.BoundedSemaphore(MAX_BROWSERS)
+        self._connections = threading.BoundedSemaphore(MAX_CONNECTIONS)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread, if there are not too many already."""
+        if self._connections.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer one connection."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._connections.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that went away is no error."""
@@ -60,7 +92,23 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 10.0
     server_version, sys_version = "hri-predict", ""
 
+    def setup(self) -> None:
+        super().setup()
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDS_BYTES)
+        self._slow = threading.Timer(self.server.request_s, self._cut)
+        self._slow.daemon = True
+        self._slow.start()
+
+    def finish(self) -> None:
+        self._slow.cancel()
+        super().finish()
+
+    def _cut(self) -> None:
+        with contextlib.suppress(OSError):
+            self.connection.shutdown(socket.SHUT_RDWR)
+
     def do_GET(self) -> None:
+        self._slow.cancel()
         if not self._is_ours():
             return
         if self.path == "/events":
@@ -93,11 +141,13 @@ class _Handler(BaseHTTPRequestHandler):
 
         A name that somebody else's server resolves to this address must not read the page.
         """
-        host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
-        origin = self.headers.get("Origin")
-        is_own = origin is None or urlsplit(origin).netloc == self.headers.get("Host")
-        if is_own and (_is_address(host) or host in ("localhost", socket.gethostname().lower())):
-            return True
+        with contextlib.suppress(ValueError):  # neither name nor address
+            host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
+            origin = self.headers.get("Origin")
+            is_own = origin is None or urlsplit(origin).netloc == self.headers.get("Host")
+            names = ("localhost", socket.gethostname().lower())
+            if is_own and (_is_address(host) or host in names):
+                return True
         self._answer(403, b"ask for this page by its address")
         return False
 
@@ -176,7 +226,7 @@ def serve(state: State, name: str) -> None:
     args = parser.parse_args()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who feeds us gets it too; its end is our end
     os.nice(10)  # who feeds us goes first
-    server = Server(args.host, args.port, state, name)
+    server = Server(args.host, args.port, state, name=name)
     threading.Thread(target=server.serve_forever, name="pages", daemon=True).start()
     host, port = server.server_address[:2]
     address = f"[{host!s}]" if ":" in str(host) else str(host)

@@ -130,6 +130,42 @@ def silent_server(word: bytes = b"", every_s: float = 0.05) -> Iterator[int]:
         listener.close()
 
 
+@contextmanager
+def flooding_server(first: bytes, then: bytes) -> Iterator[tuple[int, list[int]]]:
+    """A port that sends ``first`` and then ``then`` as fast as it is taken; how much was taken."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    taken = [0]
+
+    def flood(connection: socket.socket) -> None:
+        with connection:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+            try:
+                connection.sendall(first)
+                while True:
+                    taken[0] += connection.send(then)
+            except OSError:
+                return
+
+    def accept() -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=flood, args=(connection,), daemon=True).start()
+
+    threading.Thread(target=accept, daemon=True).start()
+    try:
+        yield listener.getsockname()[1], taken
+    finally:
+        listener.shutdown(socket.SHUT_RDWR)
+        listener.close()
+
+
+IN_BUFFERS = 20_000_000
+"""What the system's buffers for a connection may hold, bytes; seconds of a flood are far more."""
+
+
 def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

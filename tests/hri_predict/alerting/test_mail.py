@@ -10,7 +10,15 @@ import pytest
 
 from hri_predict.alerting.mail import MailHook, MailSender
 from hri_predict.alerting.sender import SendError
-from tests.hri_predict.alerting.servers import alert, free_port, place, server_tls, silent_server
+from tests.hri_predict.alerting.servers import (
+    IN_BUFFERS,
+    alert,
+    flooding_server,
+    free_port,
+    place,
+    server_tls,
+    silent_server,
+)
 
 controller = pytest.importorskip("aiosmtpd.controller", reason="needs aiosmtpd (the extra dev)")
 smtp = pytest.importorskip("aiosmtpd.smtp", reason="needs aiosmtpd (the extra dev)")
@@ -141,6 +149,16 @@ def test_a_server_that_never_comes_to_an_end_is_left(word, tmp_path):
         with pytest.raises(SendError):
             mine.send(alert(), 0)
         assert time.monotonic() - begun < 5  # ten times the limit: a busy machine
+
+
+def test_a_server_that_greets_without_an_end_is_left_before_the_time_is_over(tmp_path):
+    with flooding_server(b"", b"220-" + b"z" * 4000 + b"\r\n") as (port, taken):
+        begun = time.monotonic()
+        mine = sender(tmp_path, port, security="none", ca_file=None, timeout_s=30)
+        with pytest.raises(SendError, match="more than 65536 bytes"):
+            mine.send(alert(), 0)
+        assert time.monotonic() - begun < 15
+        assert taken[0] < IN_BUFFERS
 
 
 def test_a_letter_arrives_by_tls_from_the_first_byte(tmp_path):

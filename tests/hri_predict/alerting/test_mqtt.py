@@ -20,9 +20,11 @@ from hri_predict.alerting.hook import Hook
 from hri_predict.alerting.mqtt import MqttHook, MqttSender
 from hri_predict.alerting.sender import SendError
 from tests.hri_predict.alerting.servers import (
+    IN_BUFFERS,
     alert,
     certificate,
     eventually,
+    flooding_server,
     free_port,
     place,
     silent_server,
@@ -209,6 +211,20 @@ def test_a_broker_that_never_answers_is_left(word, tmp_path):
         with pytest.raises(SendError):
             sender(tmp_path, port, timeout_s=0.5).send(alert(), 0)
         assert time.monotonic() - begun < 5  # ten times the limit: a busy machine
+
+
+@pytest.mark.parametrize(
+    ("first", "then"),
+    [
+        (b"", b"\x30\x04\x00\x01ab" * 10_000),  # messages that nobody asked for
+        (b"\x30\xff\xff\xff\x7f", b"z" * 65_536),  # one of 256 MB
+    ],
+)
+def test_a_broker_that_sends_without_an_end_is_cut_off(first, then, tmp_path):
+    with flooding_server(b"\x20\x02\x00\x00" + first, then) as (port, taken):
+        with pytest.raises(SendError, match="what nobody asked for"):
+            sender(tmp_path, port, timeout_s=1).send(alert(), 0)
+        assert taken[0] < IN_BUFFERS
 
 
 def test_nobody_there_is_said(tmp_path):

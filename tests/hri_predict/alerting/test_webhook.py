@@ -12,7 +12,9 @@ import pytest
 from hri_predict.alerting.sender import SendError
 from hri_predict.alerting.webhook import WebhookHook, WebhookSender
 from tests.hri_predict.alerting.servers import (
+    IN_BUFFERS,
     alert,
+    flooding_server,
     place,
     server_tls,
     silent_server,
@@ -107,6 +109,28 @@ def test_a_server_that_never_comes_to_an_end_is_left(word, tmp_path):
         with pytest.raises(SendError):
             sender(tmp_path, f"http://127.0.0.1:{port}", timeout_s=0.5).send(alert(), 0)
         assert time.monotonic() - begun < 5  # ten times the limit: a busy machine
+
+
+@pytest.mark.parametrize(
+    ("first", "then"),
+    [
+        (b"", b"HTTP/1.1 100 Continue\r\n\r\n" * 1000),
+        (b"HTTP/1.1 200 OK\r\n", b"X: " + b"y" * 60_000 + b"\r\n"),
+        (b"HTTP/1.1 500 no\r\n\r\n", b"z" * 65_536),
+    ],
+)
+def test_a_server_that_sends_without_an_end_is_left_before_the_time_is_over(first, then, tmp_path):
+    with flooding_server(first, then) as (port, taken):
+        begun = time.monotonic()
+        with pytest.raises(SendError):
+            sender(tmp_path, f"http://127.0.0.1:{port}", timeout_s=30).send(alert(), 0)
+        assert time.monotonic() - begun < 15
+        assert taken[0] < IN_BUFFERS
+
+
+def test_a_time_limit_is_called_so(tmp_path):
+    with silent_server() as port, pytest.raises(SendError, match="no answer in time"):
+        sender(tmp_path, f"http://127.0.0.1:{port}", timeout_s=0.2).send(alert(), 0)
 
 
 def test_what_is_no_http_is_no_delivery(tmp_path):

@@ -1,3 +1,4 @@
+import errno
 import io
 import json
 import sys
@@ -176,3 +177,41 @@ def test_a_flood_never_blocks_and_is_counted(tmp_path):
         alerts.observe((advice(Level.CLEAR if i % 2 else Level.STOP),))
     assert alerts.count == 1000
     assert alerts.dropped == 1000 - 256
+
+
+class Refuses(io.StringIO):
+    """Standard error on a disk that is full."""
+
+    def write(self, text):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_terminal_that_takes_nothing_does_not_cost_the_alert_file(tmp_path):
+    alerts = Alerts(
+        settings=AlertSettings(file="a.jsonl"),
+        robots=["arm"],
+        clock=MonotonicClock(),
+        base_dir=tmp_path,
+        terminal=Refuses(),
+    )
+    alerts.start()
+    for level in (Level.CLEAR, Level.STOP):
+        alerts.observe((advice(level),))
+    alerts.stop()
+    assert len((tmp_path / "a.jsonl").read_text().splitlines()) == 2
+    assert alerts.failures == 2
+
+
+def test_after_a_line_that_was_cut_short_the_next_stands_on_its_own(tmp_path):
+    (tmp_path / "a.jsonl").write_text('{"level": "st')
+    alerts = Alerts(
+        settings=AlertSettings(file="a.jsonl", terminal=False),
+        robots=["arm"],
+        clock=VirtualClock(0),
+        base_dir=tmp_path,
+        threaded=False,
+    )
+    alerts.observe((advice(Level.STOP),))
+    cut, whole = (tmp_path / "a.jsonl").read_text().splitlines()
+    assert cut == '{"level": "st'
+    assert json.loads(whole)["level"] == "stop"

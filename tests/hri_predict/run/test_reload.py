@@ -110,6 +110,47 @@ def test_where_one_part_refuses_no_part_changes(tmp_path, reload, parts, said):
     assert [name for name, _ in parts.in_force] == ["log", "metrics"]
 
 
+def test_receivers_of_alerts_are_exchanged_as_a_whole(tmp_path, said):
+    """Entries of other kinds, and more of them, are in the place of old ones."""
+    hook = {"kind": "webhook", "url": "http://127.0.0.1:1/"}
+    path = written(tmp_path, cell(alerts={"to": [hook, hook]}))
+    config, taken = configuration.load(path), list[Any]()
+
+    def take(node):
+        return lambda: taken.append(node.alerts)
+
+    reload = Reload(config, lambda: configuration.load(path), {"alerts": take})
+    syslog = {"kind": "syslog", "host": "127.0.0.1"}
+    for to in ([hook, syslog], [syslog], [], [{**hook, "debounce_s": 7}]):
+        written(tmp_path, cell(alerts={"to": to}))
+        reload.now()
+        reload.now()  # it knows what is in force
+        assert said()[-1] == "nothing differs"
+        assert [each.kind for each in taken[-1].to] == [each["kind"] for each in to]
+    assert len(taken) == 4
+    assert reload.failures == 0
+
+
+def test_parts_are_asked_in_their_order_whatever_changed_first(tmp_path, parts, said):
+    """Metrics open a socket to check it, so they come last."""
+    path = written(tmp_path, cell())
+    order = list[str]()
+    names = ("log", "alerts", "metrics")
+
+    def taker(name):
+        def take(_):
+            order.append(name)
+            return lambda: None
+
+        return take
+
+    takers = {name: taker(name) for name in names}
+    reload = Reload(configuration.load(path), lambda: configuration.load(path), takers)
+    written(tmp_path, cell(alerts={"debounce_s": 3}, metrics={"port": 1}, log={"level": "info"}))
+    reload.now()
+    assert order == list(names)
+
+
 def test_a_folder_of_recordings_keeps_to_new_limits_but_never_moves(tmp_path, said):
     record = {"folder": str(tmp_path / "recordings"), "keep_days": 9, "max_mb": 10}
     path = written(tmp_path, cell(record=record))

@@ -8,6 +8,7 @@ import urllib.request
 
 import pytest
 
+from tests.hri_predict.alerting.servers import eventually, web_server
 from tests.hri_predict.service.cells import (
     WATCHDOG_S,
     NotifySocket,
@@ -105,3 +106,31 @@ def test_hangup_reloads_a_service_and_names_what_needs_a_restart(tmp_path):
     last = json.loads(service.says().splitlines()[-1])  # the format changed, too
     assert last["severity"] == "warning"
     assert "cell.yaml" in last["message"]
+
+
+def test_hangup_exchanges_the_receivers_of_alerts_and_a_wrong_file_keeps_them(tmp_path):
+    def alerts(server, **changes):
+        hook = {"kind": "webhook", "url": server.url, "debounce_s": 0} | changes
+        return cell(alerts={"terminal": False, "to": [hook]})
+
+    notify = NotifySocket(str(tmp_path / "notify"))
+    with web_server() as first, web_server() as second:
+        service = Service(written(tmp_path, alerts(first)), notify)
+        try:
+            assert notify.listen(START_S, until="READY=1"), service.says()
+            eventually(lambda: first.got)
+            written(tmp_path, alerts(second))
+            service.send(signal.SIGHUP)
+            service.waits_for("alerts.to.0.url: changed")
+            written(tmp_path, alerts(first, token_file="missing"))
+            service.send(signal.SIGHUP)
+            service.waits_for("nothing changed: alert hook webhook")
+            notify.listen(WATCHDOG_S)
+            before = len(first.got)
+            service.send(signal.SIGTERM)
+            assert service.process.wait(15.0) == 0
+        finally:
+            service.end()
+            notify.close()
+        assert len(first.got) == before
+        assert json.loads(second.got[-1][2])["reason"] == "the node is stopping"

@@ -27,12 +27,16 @@ OWN_ARGUMENTS = ("interface", "bustype", "channel", "bitrate", "fd", "data_bitra
 """Arguments of python-can's bus that have their own key here; the link's load depends on them."""
 
 
+MAX_ID = 0x1FFF_FFFF
+"""29 bits; with 11 bits the ids are checked anew."""
+
+
 class IsoTpSettings(Settings):
     """``isotp:`` of a CAN link: the peer that takes Zone and Pose on classic CAN."""
 
-    peer_id: int = Field(ge=0, description="id of the peer's flow control frames")
+    peer_id: int = Field(ge=0, le=MAX_ID, description="id of the peer's flow control frames")
     id: int | None = Field(
-        None, ge=0, description="id of the node's segments; default base_id + 0x46"
+        None, ge=0, le=MAX_ID, description="id of the node's segments; default base_id + 0x46"
     )
 
 
@@ -57,7 +61,7 @@ class CanLinkSettings(ConfiguredLinkSettings):
     data_bitrate: int = Field(
         2_000_000, ge=10_000, le=12_000_000, description="with FD, of the data phase"
     )
-    base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="id of our first frame")
+    base_id: int = Field(DEFAULT_BASE_ID, ge=0, le=MAX_ID, description="id of our first frame")
     extended: bool = Field(False, description="29-bit ids")
     isotp: IsoTpSettings | None = Field(
         None, description="classic CAN: Zone and Pose by ISO-TP, to one peer"

@@ -36,7 +36,10 @@ class ZenohLinkSettings(CellSettings, ConfiguredLinkSettings):
         False, description="whether to receive RobotState and Acknowledge from a controller"
     )
     bitrate: int = Field(
-        10 * MBIT, ge=MBIT, description="network bandwidth that this link may use, bit/s"
+        10 * MBIT,
+        ge=MBIT,
+        le=10**6 * MBIT,
+        description="network bandwidth that this link may use, bit/s",
     )
     wait_for_device: bool = Field(
         True, description="start even if nobody is connected: no cell waits for a router"

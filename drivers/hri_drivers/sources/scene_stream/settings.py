@@ -21,7 +21,7 @@ class StreamSettings(LiveSettings):
         None, min_length=1, description="file with the key shared with the sender (HMAC-SHA256)"
     )
     max_skew_s: float = Field(
-        2.0, gt=0, le=60, description="with a key: largest error of a new sender's UTC clock"
+        2.0, ge=0.001, le=60, description="with a key: largest error of a new sender's UTC clock"
     )
 
 

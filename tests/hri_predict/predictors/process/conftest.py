@@ -39,6 +39,19 @@ class Odd:
             raise ValueError("there is no sky")
         if settings.does == "no process":
             os._exit(7)
+        if settings.once and os.path.exists(settings.once):  # it is not the first to start
+            if settings.does == "start hangs":
+                time.sleep(1000)
+            if settings.does == "start spins":
+                while True:
+                    pass
+            if settings.does == "start works":  # a fifth of a core, in one call after the other
+                end = time.monotonic() + 4.0
+                while time.monotonic() < end:
+                    until = time.thread_time() + 0.02
+                    while time.thread_time() < until:
+                        pass
+                    time.sleep(0.1)
         logging.getLogger("odd").warning("the sky is %s", "near")
     def predict(self, history, observed):
         people = len(history)

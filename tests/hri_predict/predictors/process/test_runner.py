@@ -12,6 +12,7 @@ import pytest
 
 from hri_predict.errors import HriPredictError
 from hri_predict.predictors.building import predictor_of
+from hri_predict.predictors.process import runner as module
 from hri_predict.predictors.process.remote import Job
 from hri_predict.predictors.process.runner import ProcessRunner
 from hri_predict.protocol.reasons import Reason
@@ -143,6 +144,53 @@ def test_a_worker_that_is_killed_between_ticks_is_started_anew(started):
     assert runner.restarts == 1
 
 
+@pytest.mark.parametrize(
+    ("does", "said"),
+    [("start hangs", "did nothing for"), ("start spins", "without getting ready")],
+)
+def test_a_new_worker_that_freezes_while_it_starts_is_given_up_in_seconds(
+    started, does, said, tmp_path, monkeypatch, caplog
+):
+    monkeypatch.setattr(module, "IDLE_S", 1.0)
+    monkeypatch.setattr(module, "CPU_FACTOR", 0.0)
+    monkeypatch.setattr(module, "CPU_MORE_S", 3.0)
+    once = tmp_path / "once"
+    runner = started(does=does, once=str(once))
+    once.touch()
+    os.kill(pid_of(runner), signal.SIGKILL)
+    until(lambda: said in caplog.text)
+    assert runner.run(snapshot(1)) == (None, Reason.PREDICTOR_FAILED)
+    once.unlink()
+    recovers(runner)
+    assert "there are forecasts again" in caplog.text
+
+
+def test_a_new_worker_that_a_signal_stops_is_given_up_and_said_to_be_stopped(
+    started, monkeypatch, caplog
+):
+    monkeypatch.setattr(module, "IDLE_S", 1.0)
+    runner = started()
+    first = pid_of(runner)
+    os.kill(first, signal.SIGKILL)
+    until(lambda: runner._started is not None and pid_of(runner) != first)
+    os.kill(pid_of(runner), signal.SIGSTOP)
+    until(lambda: "a signal stopped it" in caplog.text)
+    recovers(runner)
+
+
+def test_a_new_worker_that_works_slowly_may_take_its_time(started, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "IDLE_S", 1.0)
+    once = tmp_path / "once"
+    runner = started(does="start works", once=str(once))
+    once.touch()
+    os.kill(pid_of(runner), signal.SIGKILL)
+    until(lambda: runner._worker is None)
+    began = time.monotonic()
+    recovers(runner)
+    assert time.monotonic() - began > 4.0  # as long as its start works
+    assert runner.restarts == 1
+
+
 def test_more_people_than_there_can_be_are_a_failure_not_a_crash(started):
     runner = started(people=2)
     assert runner.run(snapshot(3)) == (None, Reason.PREDICTOR_FAILED)
@@ -194,6 +242,7 @@ def test_stop_ends_the_worker(started, does):
 NODE = """
 import sys
 sys.path[:] = {path!r}
+from hri_predict.predictors.process import runner as module
 from hri_predict.predictors.process.remote import Job
 from hri_predict.predictors.process.runner import ProcessRunner
 from tests.hri_predict.predictors.process.conftest import settings_of, snapshot

@@ -68,6 +68,40 @@ def test_every_message_is_valid_by_its_schema(recorded):
     assert 36 <= seen["/view/scene"] <= 44  # five per second
 
 
+def test_every_schema_is_of_the_kind_that_foxglove_opens(recorded):
+    """Each property of one type, objects with properties, lists of anything but lists."""
+    scalar = {"boolean", "string", "number", "integer"}
+
+    def opens(schema: dict[str, Any], at: str) -> None:
+        assert schema["type"] == "object", at
+        for name, field in schema["properties"].items():
+            where = f"{at}.{name}"
+            if "oneOf" in field:
+                assert all(isinstance(each["const"], int) for each in field["oneOf"]), where
+                continue
+            inner = field["items"] if field["type"] == "array" else field
+            assert isinstance(inner["type"], str), where  # "number or null" is refused
+            if inner["type"] not in scalar:
+                opens(inner, where)
+
+    for schema, _, _, _ in _read(recorded):
+        opens(json.loads(schema.data), schema.name)
+
+
+def test_what_is_not_known_is_left_out_and_read_as_none(recorded):
+    written = [data for _, channel, _, data in _read(recorded) if channel.topic == "/advice/arm"]
+    told = [message.data for message in read_messages(recorded, ["/advice"])]
+    assert not any(None in data.values() for data in written)
+    assert "separation_m" not in written[0]
+    assert all(len(data) == len(told[0]) for data in told)
+    assert told[0]["separation_m"] is None
+    for plain, filled in zip(written, told, strict=True):
+        grounds = filled.pop("grounds")
+        assert {k: v for k, v in filled.items() if v is not None} | (
+            {} if grounds is None else {"grounds": plain["grounds"]}
+        ) == plain
+
+
 def _as_protobuf(data: Any) -> Any:
     """JSON of Foxglove as protobuf's own JSON: only times differ."""
     if isinstance(data, dict):

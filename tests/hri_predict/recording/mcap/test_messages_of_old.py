@@ -66,3 +66,9 @@ def test_a_value_that_nobody_knows_permits_nothing(key: str, value: Any, read: A
 def test_a_base_of_other_numbers_is_no_state() -> None:
     with pytest.raises((TypeError, ValueError)):
         received_from_dict({**recorded(STATE), "base": {"x_m": 1.0}})
+
+
+@pytest.mark.parametrize("base", ["x", 1, [1.0], True])
+def test_a_base_that_is_no_mapping_is_refused(base: object) -> None:
+    with pytest.raises(TypeError):
+        received_from_dict({**recorded(STATE), "base": base})

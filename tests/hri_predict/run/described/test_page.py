@@ -56,7 +56,7 @@ def test_every_link_leads_to_a_heading(text):
     [
         "| `rate_hz` | number, 10 to 100 | `25` | Hz | cycles per second; controllers expect at"
         " least 10 |",
-        "| `robots[].max_speed_m_s` | number, above 0, up to 20 | **required** | m/s | fastest"
+        "| `robots[].max_speed_m_s` | number, 0.01 to 20 | **required** | m/s | fastest"
         " point in production |",
     ],
 )

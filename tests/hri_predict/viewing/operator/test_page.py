@@ -1,14 +1,17 @@
 """The operator's page over real HTTP, and in a real browser."""
 
+import contextlib
 import http.client
 import json
+import socket
 import threading
 import time
+from urllib.parse import urlsplit
 
 import pytest
 
 from hri_predict.viewing.feed import OPERATOR
-from hri_predict.viewing.operator.server import Server
+from hri_predict.viewing.operator.server import MAX_BROWSERS, MAX_CONNECTIONS, Server
 from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import Picture, empty_shapes
 from tests.browser import CHROMIUM, Browser
@@ -26,7 +29,7 @@ def picture(level: str, reason: str = "a person is too close", number: int = 1) 
 
 @pytest.fixture
 def server():
-    made = Server("127.0.0.1", 0, State())
+    made = Server("127.0.0.1", 0, State(), request_s=0.5)
     threading.Thread(target=made.serve_forever, args=(0.05,), daemon=True).start()
     yield made
     made.state.end()
@@ -121,6 +124,56 @@ def test_events_tell_the_level_and_then_that_the_node_ended(server):
     assert last["why"] == "the node has ended"
 
 
+@pytest.mark.parametrize("host", ["[", "[::1", "a b"])
+def test_what_is_no_host_is_refused_with_an_answer(server, host):
+    assert ask(server, Host=host)[0].status == 403
+    assert ask(server, Origin=f"http://{host}")[0].status == 403
+
+
+def open_to(server):
+    return socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
+
+
+def is_closed(connection):
+    try:
+        return connection.recv(1) == b""
+    except OSError:
+        return True
+
+
+def test_a_client_that_sends_byte_after_byte_is_cut_off(server):
+    with open_to(server) as slow:
+        began = time.monotonic()
+        slow.settimeout(0.05)
+        while time.monotonic() - began < 8.0:
+            try:
+                slow.send(b"G")
+                if slow.recv(1) == b"":
+                    break
+            except TimeoutError:
+                continue
+            except OSError:
+                break
+        assert time.monotonic() - began < 5.0
+
+
+def test_connections_beyond_the_most_are_closed_and_browsers_find_room_afterwards(server):
+    with contextlib.ExitStack() as held:
+        silent = [held.enter_context(open_to(server)) for _ in range(MAX_CONNECTIONS)]
+        with open_to(server) as one_more:
+            assert is_closed(one_more)
+        assert all(is_closed(each) for each in silent)  # their time is over, too
+    assert ask(server)[0].status == 200
+
+
+def test_a_browser_that_listens_is_not_cut_off(server):
+    server.state.take(picture("CLEAR"), time.monotonic())
+    answer, _ = ask(server, path="/events")
+    began = time.monotonic()
+    while time.monotonic() - began < 3 * server.request_s:
+        assert answer.fp.readline()
+
+
 def test_alerts_are_told_again_only_when_they_change(server):
     server.state.take(picture("SLOW"), time.monotonic())
     answer, _ = ask(server, path="/events")
@@ -205,3 +258,24 @@ def test_a_browser_shows_the_level_and_turns_grey_when_the_node_is_lost():
         browser.wait_for_text("NO CONTACT", 10)
         assert time.monotonic() - since < 2.5
         assert browser.console == []
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_a_browser_that_was_one_too_many_asks_again():
+    with Shown(OPERATOR) as page, Browser(1000, 600) as browser:
+        page.show(picture("SLOW"))
+        address = urlsplit(page.url)
+        held = []  # answers: each holds its connection open
+        for _ in range(MAX_BROWSERS):
+            connection = http.client.HTTPConnection("127.0.0.1", address.port, timeout=10)
+            connection.request("GET", "/events")
+            held.append(connection.getresponse())
+            assert held[-1].status == 200
+        browser.open(page.url)
+        browser.wait_for_text("waiting for the node")
+        time.sleep(1.0)  # it is refused meanwhile
+        for each in held:
+            each.close()
+        browser.wait_for_text("SLOW", 15)
