@@ -15,14 +15,13 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import RecordingError
-from hri_predict.geometry import Capsules, capsule_distance
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 from hri_predict.recording.mcap.clocks import iso
+from hri_predict.recording.mcap.view import PAIR
 from hri_predict.viewing.levels import worst
-from hri_predict.viewing.nearest import nearest_points
-from hri_predict.viewing.packing import bodies_of, steps_of
+from hri_predict.viewing.packing import bodies_of, pair_facts, steps_of, who_of
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
 from hri_predict.viewing.room import room_of_text
 
@@ -138,7 +137,7 @@ class _Said:
     def picture(self, room: dict[str, Any], rate_hz: float) -> Picture:
         scene = self.newest["/view/scene"]
         shapes = empty_shapes()
-        people, lost, robots = _entities(scene.data["entities"])
+        people, lost, robots, lines = _entities(scene.data["entities"])
         ids = [*people, *lost]
         bones = [*people.values(), *lost.values()]
         shapes["bodies"] = _padded(bones)
@@ -156,7 +155,7 @@ class _Said:
         for robot in facts["robots"]:
             rows = robots.get(robot["name"], shapes["robots"][:0])
             robot["capsules"] = len(rows)
-            robot["line"] = _nearest_line(shapes["bodies"], rows)
+            robot["line"] = lines.get(robot["name"])
             parts.append(rows)
         if parts:
             shapes["robots"] = np.concatenate(parts)
@@ -191,7 +190,8 @@ class _Said:
 
 
 def _robot(data: dict[str, Any]) -> dict[str, Any]:
-    reason = _reason(data["reason"])
+    reason, why = _reason(data["reason"]), data.get("grounds") or {}
+    pair_m, slack_m = why.get("pair_m"), why.get("slack_m")
     return {
         "name": str(data.get("name", data.get("robot"))),
         "level": data["level"] if data["level"] in Level.__members__ else "UNKNOWN",
@@ -201,7 +201,13 @@ def _robot(data: dict[str, Any]) -> dict[str, Any]:
         "latch": data.get("latch_id", 0),
         "limit_m_s": data.get("speed_limit_m_s"),
         "separation_m": data.get("separation_m"),
-        "speed_m_s": data.get("speed_m_s"),
+        **pair_facts(
+            speed_m_s=data.get("speed_m_s"),
+            pair_m=pair_m,
+            needed_m=None if pair_m is None or slack_m is None else pair_m - slack_m,
+            who=who_of(why.get("person"), str(why.get("segment", ""))),
+            link=str(why.get("robot_capsule") or ""),
+        ),
     }
 
 
@@ -211,11 +217,13 @@ def _reason(name: Any) -> Reason:
 
 def _entities(
     entities: list[dict[str, Any]],
-) -> tuple[dict[int, Shapes], dict[int, Shapes], dict[str, Shapes]]:
-    """Bones of the people by id, of lost people by id, and robots' capsules by name."""
+) -> tuple[dict[int, Shapes], dict[int, Shapes], dict[str, Shapes], dict[str, Any]]:
+    """Bones of the people by id, of lost people by id, robots' capsules by name, and where the
+    deciding pair of each robot is nearest; recordings of older versions do not say that."""
     people: dict[int, Shapes] = {}
     lost: dict[int, Shapes] = {}
     robots: dict[str, Shapes] = {}
+    pairs: dict[str, Any] = {}
     for entity in entities:
         kind, _, name = entity["id"].partition(" ")
         if kind == "person":
@@ -228,7 +236,9 @@ def _entities(
             rows = [_ball(each) for each in entity["spheres"]]
             rows += [_rod(each) for each in entity["cylinders"]]
             robots[name] = _floats(rows).reshape(-1, 7)
-    return people, lost, robots
+        elif kind == PAIR:
+            pairs[name] = [_xyz(point) for point in entity["lines"][0]["points"][:2]]
+    return people, lost, robots, pairs
 
 
 def _ball(sphere: dict[str, Any]) -> list[float]:
@@ -264,22 +274,6 @@ def _forecast(data: dict[str, Any], times_s: list[float], rate_hz: float) -> Sha
     ahead_s = (np.asarray(data["steps"]) + 1) / (rate_hz or 25.0)
     nearest = [int(np.abs(ahead_s - time_s).argmin()) for time_s in times_s]
     return bodies_of(joints[:, nearest])
-
-
-def _nearest_line(bodies: Shapes, robot: Shapes) -> Any:
-    """Between the nearest parts of what is drawn."""
-    rows = bodies.reshape(-1, 7).astype(float)
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    if not len(rows) or not len(robot):
-        return None
-    parts = robot.astype(float)
-    apart = capsule_distance(_capsules(rows[:, None]), _capsules(parts[None]))
-    body, part = np.unravel_index(int(apart.argmin()), apart.shape)
-    return [end.round(4).tolist() for end in nearest_points(rows[body], parts[part])]
-
-
-def _capsules(rows: Floats) -> Capsules:
-    return Capsules(rows[..., :3], rows[..., 3:6], rows[..., 6])
 
 
 def _floats(values: Any) -> Shapes:

@@ -151,8 +151,7 @@ class Stage:
                 rgb = np.array(colour(robot["level"]) if known else GREY, np.uint8)
                 line.colors = np.broadcast_to(rgb, (1, 2, 3)).copy()
                 label.position = tuple(np.mean(ends, axis=0) + np.array([0, 0, 0.08]))
-                metres = robot["separation_m"]
-                label.text = "?" if metres is None else f"{metres:.2f} m"
+                label.text = robot["apart"]
 
 
 def _solids(picture: Picture, known: bool) -> tuple[Shapes, Any, Shapes]:

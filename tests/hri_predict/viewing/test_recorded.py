@@ -36,7 +36,17 @@ def test_a_recording_shows_what_the_live_view_showed(recording):
     low = [each.robots[:, :3].min(axis=0) for each in (then, live)]
     np.testing.assert_allclose(low[0], low[1], atol=0.3)
     assert then.zones.shape[0] == then.forecast.shape[0] == 1
-    assert was["line"] is not None
+
+
+def test_the_line_joins_the_deciding_pair_as_in_the_live_view(recording):
+    live = pictures([6.4])[0]  # a tick of which a picture was recorded: five a second are
+    then = RecordedPictures(recording).at(round(live.facts["node_s"] * 1e9))
+    assert then is not None
+    assert then.facts["node_s"] == live.facts["node_s"]
+    was, is_now = then.facts["robots"][0], live.facts["robots"][0]
+    np.testing.assert_allclose(was["line"], is_now["line"], atol=0.001)  # recorded in millimetres
+    assert (was["apart"], was["pair"]) == (is_now["apart"], is_now["pair"])
+    assert is_now["pair"].startswith("person 1's ")
 
 
 def test_the_timeline_has_the_levels_of_the_recording(recording):
