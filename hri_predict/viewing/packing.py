@@ -16,7 +16,7 @@ from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.skeleton import CANONICAL
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
-from hri_predict.viewing.room import room_of
+from hri_predict.viewing.room import SEES_NOTHING, room_of
 
 STEPS = 8
 """So many moments of the horizon are sent, now and its end among them."""
@@ -74,6 +74,8 @@ def facts_of(tick: Tick, config: Config) -> dict[str, Any]:
     reasons = (*(() if snapshot is None else snapshot.reasons), *_reasons(assessment))
     return {
         "node_s": tick.now_ns * 1e-9,
+        "places": [] if snapshot is None else _places(snapshot),
+        "sees": snapshot is not None and SEES_NOTHING.isdisjoint(snapshot.reasons),
         "state": tick.status.node_state.name,
         "robots": [_robot(advice, config) for advice in tick.advices],
         "people": [*tracked, *lost],
@@ -83,17 +85,18 @@ def facts_of(tick: Tick, config: Config) -> dict[str, Any]:
         "named": {zone.name: [zone.occupied, zone.entry_s] for zone in named},
         "zones": [],
         "times_s": [0.0],
-        "coverage": coverage_of(config),
         "room": room_of(config),
     }
 
 
-def coverage_of(config: Config) -> str:
-    """How often the zones hold the body, as configured."""
-    risk = config.node.risk
-    if not risk.uses_forecasts:
-        return "physical limits"
-    return f"{risk.coverage.level:.0%} of each {risk.coverage.of}"
+def _places(snapshot: PeopleSnapshot) -> list[list[float]]:
+    """x and y of each tracked person: the mean of the joints that were seen last."""
+    seen = (snapshot.joint_age_s <= 0) & np.isfinite(snapshot.last_positions).all(-1)
+    return [
+        joints[newest].mean(axis=0)[:2].round(3).tolist()
+        for joints, newest in zip(snapshot.last_positions, seen, strict=True)
+        if newest.any()
+    ]
 
 
 def pair_facts(
