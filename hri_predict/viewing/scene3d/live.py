@@ -4,6 +4,7 @@ It ends when they end. Run by ``feed``: ``python -m hri_predict.viewing.scene3d.
 """
 
 import argparse
+import math
 import os
 import signal
 import sys
@@ -14,7 +15,7 @@ from collections import deque
 from hri_predict.viewing.levels import worst
 from hri_predict.viewing.picture import Picture, read
 from hri_predict.viewing.scene3d.panel import STRIP_PARTS, page, strip
-from hri_predict.viewing.scene3d.server import address, serve
+from hri_predict.viewing.scene3d.server import add_legend, address, serve
 from hri_predict.viewing.scene3d.stage import Stage
 
 KEPT_S = 60.0
@@ -45,6 +46,13 @@ class Kept:
         with self._lock:
             return self._kept[-1] if self._kept else None
 
+    def copy(self) -> "Kept":
+        """The same pictures, which nobody forgets."""
+        other = Kept()
+        with self._lock:
+            other._kept = self._kept.copy()
+        return other
+
     def at(self, then_s: float) -> tuple[float, Picture] | None:
         """The newest picture that had come by then, or else the oldest."""
         with self._lock:
@@ -52,14 +60,26 @@ class Kept:
             return before[-1] if before else self._kept[0] if self._kept else None
 
     def levels(self, now_s: float) -> list[str]:
-        """The worst level in each part of the last minute; "" where there was no picture."""
+        """The worst level in each part of the last minute; "" where nothing was known.
+
+        A level holds until the next picture, or until the node has been silent for too long.
+        """
         parts: list[list[str]] = [[] for _ in range(STRIP_PARTS)]
         with self._lock:
-            for then_s, picture in self._kept:
-                part = int((1.0 - (now_s - then_s) / KEPT_S) * STRIP_PARTS)
-                if 0 <= part < STRIP_PARTS:
-                    parts[part] += [robot["level"] for robot in picture.facts["robots"]]
+            kept = list(self._kept)
+        ends = [*(then_s for then_s, _ in kept[1:]), now_s]
+        for (then_s, picture), end_s in zip(kept, ends, strict=True):
+            level = worst(robot["level"] for robot in picture.facts["robots"])
+            first = _part(now_s - then_s)
+            last = _part(now_s - min(end_s, then_s + SILENT_S))
+            for part in range(max(0, first), last + 1):
+                parts[part].append(level)
         return [worst(levels) if levels else "" for levels in parts]
+
+
+def _part(ago_s: float) -> int:
+    """Which part of the last minute was so long ago; negative: an earlier one."""
+    return min(math.floor((1.0 - ago_s / KEPT_S) * STRIP_PARTS), STRIP_PARTS - 1)
 
 
 class LiveView:
@@ -72,10 +92,11 @@ class LiveView:
         gui = self.server.gui
         self._page = gui.add_html("waiting for the node's first tick")
         self._ahead = gui.add_slider("zones ahead (s)", 0.0, 3.0, 0.05, 0.5)
-        self._pause = gui.add_checkbox("pause", False)
-        self._back = gui.add_slider("seconds back", -KEPT_S, 0.0, 0.1, 0.0)
         self._strip = gui.add_html("")
-        self._paused_s: float | None = None
+        self._back = gui.add_slider("seconds back", -KEPT_S, 0.0, 0.1, 0.0)
+        self._pause = gui.add_checkbox("pause", False)
+        add_legend(gui)
+        self._held: tuple[float, Kept] | None = None
         self._strip_s = 0.0
         self._shown: object = None
 
@@ -85,15 +106,15 @@ class LiveView:
         if newest is None:
             return
         paused = self._pause.value
-        self._paused_s = (self._paused_s or now_s) if paused else None
-        then_s = (self._paused_s or now_s) + self._back.value
+        self._held = (self._held or (now_s, self._kept.copy())) if paused else None
+        base_s, kept = self._held or (now_s, self._kept)
         is_now = not paused and self._back.value > -0.05
-        found = newest if is_now else self._kept.at(then_s)
+        found = newest if is_now else kept.at(base_s + self._back.value)
         assert found is not None
         stale = self._stale(now_s, newest[0], None if is_now else found[0])
         if now_s - self._strip_s > 0.5:
             self._strip_s = now_s
-            self._strip.content = strip(self._kept.levels(now_s))
+            self._strip.content = strip(kept.levels(base_s))
         horizon_s = max(found[1].facts["times_s"], default=0.0)
         if horizon_s > 0 and abs(self._ahead.max - horizon_s) > 0.01:
             self._ahead.value = min(self._ahead.value, horizon_s)  # type: ignore[misc]

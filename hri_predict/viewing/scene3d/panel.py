@@ -4,8 +4,30 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from hri_predict.viewing.levels import GREY, colour, css
+from hri_predict.viewing.levels import (
+    COLOURS,
+    FORECAST,
+    GREY,
+    GRID,
+    LOST,
+    PERSON,
+    VIEW,
+    colour,
+    css,
+)
 
+_LEGEND = (
+    (PERSON, "solid", "person as captured"),
+    (FORECAST, "faint", "where the person is predicted to be, up to zones ahead"),
+    (COLOURS["SLOW"], "faint", "zone: where the person may be at zones ahead; in the worst level"),
+    (COLOURS["SLOW"], "line", "robot, and the line to the deciding body part: in its level"),
+    (LOST, "faint", "lost person; shadow or floor where somebody could stand unseen"),
+    (VIEW, "line", "field of view"),
+    (COLOURS["CLEAR"], "line", "named zone: green empty, yellow entry predicted, red occupied"),
+    (GRID, "line", "floor: a line each half metre, brighter each metre"),
+)
+_TRACK = "6px 67px 0 120px"
+"""Above the track of the slider below it: viser has labels left of it, and a number right."""
 STRIP_PARTS = 240
 """A timeline has so many parts at most; each shows the worst level within."""
 
@@ -45,7 +67,37 @@ def strip(levels: Sequence[str]) -> str:
         rgb = css(colour(level))
         stops.append(f"{rgb} {i * width:.2f}% {end * width:.2f}%")
     bar = f"height:14px;border-radius:3px;background:linear-gradient(to right,{','.join(stops)})"
-    return f'<div style="padding:2px 12px"><div style="{bar}"></div></div>'
+    return f'<div style="padding:{_TRACK}"><div class="levels" style="{bar}"></div></div>'
+
+
+def legend() -> str:
+    """What is what in the scene."""
+    rows = "".join(
+        f'<tr><td style="padding-right:10px">{_swatch(rgb, shape)}</td><td>{escape(text)}</td></tr>'
+        for rgb, shape, text in _LEGEND
+    )
+    return (
+        f'<div style="padding:6px 12px"><table style="font-size:12px;opacity:.85">{rows}</table>'
+        f'<div style="font-size:12px;opacity:.85;margin-top:4px">{_levels()}</div></div>'
+    )
+
+
+def _swatch(rgb: tuple[int, int, int], shape: str) -> str:
+    size = "width:22px;height:3px" if shape == "line" else "width:14px;height:14px"
+    opacity = ".45" if shape == "faint" else "1"
+    return (
+        f'<div style="{size};margin:auto;border-radius:3px;background:{css(rgb)};'
+        f'opacity:{opacity}"></div>'
+    )
+
+
+def _levels() -> str:
+    """The levels' colours, each with its name on it."""
+    return " ".join(
+        f'<span style="background:{css(COLOURS[name])};color:#fff;border-radius:3px;'
+        f'padding:1px 5px;font-weight:700">{name}</span>'
+        for name in ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN")
+    )
 
 
 def _of_robot(robot: dict[str, Any]) -> list[tuple[str, str]]:
@@ -54,11 +106,20 @@ def _of_robot(robot: dict[str, Any]) -> list[tuple[str, str]]:
         ("robot's speed", metres(robot["speed_m_s"], "m/s")),
         ("separation", metres(robot["separation_m"], "m")),
     ]
-    if robot["detail"]:
-        rows.append(("detail", robot["detail"]))
+    if robot["pair"]:
+        rows += [("decides", robot["pair"]), ("apart", robot["apart"])]
+    if detail := _detail(robot):
+        rows.append(("detail", detail))
     if robot["clears"]:
         rows.append(("clears when", robot["clears"]))
     return rows
+
+
+def _detail(robot: dict[str, Any]) -> str:
+    """The detail without what stands in other rows: the reason, and what clears it."""
+    said = {robot["reason"], f"{robot['name']}: {robot['reason']}"}
+    parts = robot["detail"].split("; ")
+    return "; ".join(p for p in parts if p not in said and not p.startswith("clears when"))
 
 
 def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:

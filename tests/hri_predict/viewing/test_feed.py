@@ -17,7 +17,7 @@ from tests.hri_predict.viewing.staged import cell
 
 def test_a_feed_shows_that_a_picture_could_not_be_made_and_goes_on(caplog):
     with Feed([]) as feed:
-        feed.bind(object())  # type: ignore[arg-type]
+        feed._assembly = object()  # type: ignore[assignment]
         for _ in range(3):
             feed._newest = object()  # type: ignore[assignment]
             time.sleep(0.1)

@@ -6,6 +6,7 @@ ROBOT = {"name": "<arm>", "level": "CLEAR", "reason": "nothing & nobody", "clear
     "limit_m_s": 1.0,
     "separation_m": None,
     "speed_m_s": 0.25,
+    "pair": "",
 }
 FACTS = {"robots": [ROBOT], "state": "RUNNING", "people": [3, 7], "tracked": 1, "age_s": 0.02} | {
     "rate_hz": 25.0,
