@@ -14,7 +14,7 @@ from collections import deque
 
 from hri_predict.viewing.levels import worst
 from hri_predict.viewing.picture import Picture, read
-from hri_predict.viewing.scene3d.panel import STRIP_PARTS, page, strip
+from hri_predict.viewing.scene3d.panel import STRIP_PARTS, details, head, strip
 from hri_predict.viewing.scene3d.server import add_legend, address, serve
 from hri_predict.viewing.scene3d.stage import Stage
 
@@ -22,6 +22,8 @@ KEPT_S = 60.0
 DRAWN_HZ = 15.0
 SILENT_S = 1.0
 """No picture for so long: what is shown is not now, and grey."""
+NOW_S = 0.5
+"""Less than so far back is now: a pixel of the slider is a third of a second."""
 FAREWELL_S = 1.0
 """After the end, browsers are given so long to take the last, grey picture."""
 
@@ -90,11 +92,12 @@ class LiveView:
         self.server = serve(host, port)
         self._stage = Stage(self.server)
         gui = self.server.gui
-        self._page = gui.add_html("waiting for the node's first tick")
+        self._head = gui.add_html("waiting for the node's first tick")
         self._ahead = gui.add_slider("zones ahead (s)", 0.0, 3.0, 0.05, 0.5)
         self._strip = gui.add_html("")
         self._back = gui.add_slider("seconds back", -KEPT_S, 0.0, 0.1, 0.0)
         self._pause = gui.add_checkbox("pause", False)
+        self._details = gui.add_html("")
         add_legend(gui)
         self._held: tuple[float, Kept] | None = None
         self._strip_s = 0.0
@@ -108,7 +111,7 @@ class LiveView:
         paused = self._pause.value
         self._held = (self._held or (now_s, self._kept.copy())) if paused else None
         base_s, kept = self._held or (now_s, self._kept)
-        is_now = not paused and self._back.value > -0.05
+        is_now = not paused and self._back.value > -NOW_S
         found = newest if is_now else kept.at(base_s + self._back.value)
         assert found is not None
         stale = self._stale(now_s, newest[0], None if is_now else found[0])
@@ -124,7 +127,8 @@ class LiveView:
             return
         self._shown = shown
         picture = found[1]
-        self._page.content = page(picture.facts, stale=stale)
+        self._head.content = head(picture.facts, stale=stale)
+        self._details.content = details(picture.facts)
         self._stage.draw(picture, self._ahead.value, known=not stale or not is_now)
 
     def _stale(self, now_s: float, newest_s: float, shown_s: float | None) -> str:

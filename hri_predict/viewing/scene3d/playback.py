@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from hri_predict.viewing.recorded import RecordedPictures
-from hri_predict.viewing.scene3d.panel import STRIP_PARTS, page, strip
+from hri_predict.viewing.scene3d.panel import STRIP_PARTS, details, head, strip
 from hri_predict.viewing.scene3d.server import add_legend, address, serve
 from hri_predict.viewing.scene3d.stage import Stage
 
@@ -37,7 +37,7 @@ class Playback:
         self.server = serve(host, port)
         self._stage = Stage(self.server)
         gui = self.server.gui
-        self._page = gui.add_html("")
+        self._head = gui.add_html("")
         self._end_s = max(0.1, round(recorded.duration_s, 1))
         self._ahead = gui.add_slider("zones ahead (s)", 0.0, 3.0, 0.05, 0.5)
         gui.add_html(strip(recorded.levels(STRIP_PARTS)))
@@ -49,6 +49,7 @@ class Playback:
         self._buttons.on_click(lambda _: self._asked.append(self._buttons.value))
         for key, what in _KEYS:
             gui.add_command(what, hotkey=key).on_trigger(partial(self._ask, what))
+        self._details = gui.add_html("")
         add_legend(gui)
         self._position_s, self._set_s, self._last_s = 0.0, 0.0, 0.0
         self._shown: object = None
@@ -95,14 +96,16 @@ class Playback:
     def _show(self, ns: int) -> None:
         picture = self._recorded.at(ns)
         if picture is None:
-            self._page.content = "nothing was recorded here"
+            self._head.content, self._details.content = "nothing was recorded here", ""
+            self._shown = None
             return
         shown = (picture, self._ahead.value)
         if shown == self._shown:
             return
         self._shown = shown
-        when = picture.facts["utc"] if self._recorded.info.has_utc else ""
-        self._page.content = page(picture.facts, when=when)
+        when = picture.facts["utc"] if self._recorded.info.has_utc else "without UTC"
+        self._head.content = head(picture.facts, when=when)
+        self._details.content = details(picture.facts)
         self._stage.draw(picture, self._ahead.value)
 
 

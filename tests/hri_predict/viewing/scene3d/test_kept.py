@@ -13,23 +13,12 @@ from tests.hri_predict.viewing.scene3d.test_stage import ROOM
 
 
 def told(level: str) -> Picture:
-    robot: dict[str, Any] = {
-        "name": "arm",
-        "level": level,
-        "reason": f"because of {level}",
-        "clears": "",
-    }
-    robot |= {"detail": "", "limit_m_s": 0.0, "separation_m": None, "speed_m_s": None, "pair": ""}
-    robot |= {"line": None, "apart": "?", "capsules": 0}
-    facts: dict[str, Any] = {
-        "robots": [robot],
-        "people": [],
-        "tracked": 0,
-        "age_s": 0.02,
-        "state": "RUNNING",
-    }
+    robot: dict[str, Any] = {"name": "arm", "level": level, "reason": f"because of {level}"}
+    robot |= {"clears": "", "detail": "", "limit_m_s": 0.0, "separation_m": None, "pair": ""}
+    robot |= {"speed_m_s": None, "line": None, "apart": "?", "capsules": 0}
+    facts: dict[str, Any] = {"robots": [robot], "people": [], "tracked": 0, "state": "RUNNING"}
     facts |= {"coverage": "", "reasons": [], "zones": [], "times_s": [0.0, 1.2], "named": {}}
-    facts |= {"places": [], "sees": True, "room": ROOM}
+    facts |= {"age_s": 0.02, "places": [], "sees": True, "room": ROOM}
     return Picture(facts, **empty_shapes())
 
 
@@ -68,14 +57,14 @@ def test_a_silent_node_leaves_a_gap_in_the_timeline(kept):
 
 def test_the_slider_goes_back_in_time(view):
     view.draw(119.9)
-    assert "because of STOP" in view._page.content
+    assert "because of STOP" in view._head.content
     view._back.value = -15.0
     view.draw(119.9)
-    assert "because of CLEAR" in view._page.content
-    assert "NOT LIVE" in view._page.content
+    assert "because of CLEAR" in view._head.content
+    assert "NOT LIVE" in view._head.content
     view._back.value = 0.0
     view.draw(119.9)
-    assert "NOT LIVE" not in view._page.content
+    assert "NOT LIVE" not in view._head.content
 
 
 def test_a_paused_view_holds_its_picture_for_longer_than_pictures_are_kept(view, kept):
@@ -85,11 +74,11 @@ def test_a_paused_view_holds_its_picture_for_longer_than_pictures_are_kept(view,
     for second in range(120, 200):
         kept.add(told("WARN"), float(second))
         view.draw(float(second))
-    assert "because of STOP" in view._page.content
-    assert "80.1 s ago" in view._page.content or "79.1 s ago" in view._page.content
+    assert "because of STOP" in view._head.content
+    assert "80.1 s ago" in view._head.content or "79.1 s ago" in view._head.content
     view._back.value = -15.0
     view.draw(199.0)
-    assert "because of CLEAR" in view._page.content  # what came before the pause
+    assert "because of CLEAR" in view._head.content  # what came before the pause
     view._pause.value, view._back.value = False, 0.0
     view.draw(199.0)
-    assert "because of WARN" in view._page.content
+    assert "because of WARN" in view._head.content

@@ -31,7 +31,7 @@ def test_a_recording_plays_stands_and_goes_where_the_slider_is(playback):
 
     playback._at.value = 6.5
     playback.draw(20.1)
-    assert "arm: STOP" in playback._page.content
+    assert "arm: STOP" in playback._head.content
     assert playback._at.value == 6.5
 
     playback._play.value = True
@@ -58,7 +58,7 @@ def test_buttons_and_keys_go_to_the_next_change_and_the_next_picture(playback):
     playback.draw(now_s)
     assert press("level >") == pytest.approx(changes[1])
     assert press("level >") == pytest.approx(changes[2])
-    assert f"arm: {recorded.changes[2][1]}" in playback._page.content
+    assert f"arm: {recorded.changes[2][1]}" in playback._head.content
     assert press("< level") == pytest.approx(changes[1])
     there = press("step >")
     assert 0 < there - changes[1] <= 0.201  # five pictures a second, and one at each change
