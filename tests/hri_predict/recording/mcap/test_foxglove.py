@@ -104,7 +104,8 @@ def test_what_is_not_known_is_left_out_and_read_as_none(recorded):
 
 
 def test_a_line_joins_the_pair_that_the_advice_rests_on(recorded):
-    pair_m, lengths = None, []
+    pair_m: Any = None
+    lengths: list[Any] = []
     for _, channel, _, data in _read(recorded):
         if channel.topic == "/advice/arm":
             pair_m = data.get("grounds", {}).get("pair_m")
