@@ -1,1 +1,1 @@
-"""The operator's page: the cell's state from three metres away, and the history of alerts."""
+"""The operator's pages, of one cell and of many: legible from three metres."""

@@ -21,10 +21,8 @@ from urllib.parse import urlsplit
 from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import read
 
-TOLD_S = 0.2
-"""Browsers are told at most so often,"""
 SOONEST_S = 0.05
-"""or so often while alerts come and are marked as read,"""
+"""Browsers are told at most so often while alerts come, or are marked as read,"""
 QUIET_S = 0.5
 """and at least so often: a page that hears nothing for longer turns grey."""
 FAREWELL_S = 1.0
@@ -54,7 +52,13 @@ class Server(ThreadingHTTPServer):
     request_queue_size = 64
 
     def __init__(
-        self, host: str, port: int, state: State, name: str = "page", request_s: float = REQUEST_S
+        self,
+        *,
+        host: str,
+        port: int,
+        state: State,
+        name: str = "page",
+        request_s: float = REQUEST_S,
     ) -> None:
         if ":" in host:
             self.address_family = socket.AF_INET6
@@ -158,7 +162,7 @@ class _Handler(BaseHTTPRequestHandler):
             while not state.ended:
                 alerts = self._tell(alerts)
                 time.sleep(SOONEST_S)
-                state.wait_for_alerts(alerts, TOLD_S - SOONEST_S)
+                state.wait_for_alerts(alerts, state.told_s - SOONEST_S)
                 seen = state.wait(seen, QUIET_S)
             self._tell(alerts)
         except OSError:
@@ -222,7 +226,7 @@ def serve(state: State, name: str) -> None:
     args = parser.parse_args()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who feeds us gets it too; its end is our end
     os.nice(10)  # who feeds us goes first
-    server = Server(args.host, args.port, state, name)
+    server = Server(host=args.host, port=args.port, state=state, name=name)
     threading.Thread(target=server.serve_forever, name="pages", daemon=True).start()
     host, port = server.server_address[:2]
     address = f"[{host!s}]" if ":" in str(host) else str(host)

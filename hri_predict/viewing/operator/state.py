@@ -18,9 +18,11 @@ class State:
         history: of the alerts.
         ended: whether the pictures have ended.
         who: sends the pictures, as people call it.
+        told_s: browsers are told at most so often, unless there is an alert.
     """
 
     who = "the node"
+    told_s = 0.2
 
     def __init__(self) -> None:
         self.history = History()

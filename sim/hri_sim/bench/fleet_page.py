@@ -61,7 +61,7 @@ def page(cells: int, seconds: float) -> dict[str, Any]:
         memory_mib = resident_mib(fleet.pid)
         time.sleep(1.5)  # what was posted last is shown, or never
         told = json.loads(speakers.communicate("end\n", timeout=START_S)[0].splitlines()[-1])
-    row = {"cells": cells, "rate_hz": RATE_HZ, "load": round(load, 2)}
+    row: dict[str, Any] = {"cells": cells, "rate_hz": RATE_HZ, "load": round(load, 2)}
     row |= {"cpu_s_per_s": {who: round((after[who] - before[who]) / took_s, 3) for who in after}}
     row["memory_mib"] = round(memory_mib, 1)
     return row | {"superseded": told["superseded"]} | _figures(told["posted"], events)

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from hri_predict.viewing.feed import OPERATOR
-from hri_predict.viewing.operator.server import MAX_BROWSERS, MAX_CONNECTIONS, TOLD_S, Server
+from hri_predict.viewing.operator.server import MAX_BROWSERS, MAX_CONNECTIONS, Server
 from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import Picture, empty_shapes
 from tests.browser import CHROMIUM, Browser
@@ -29,7 +29,7 @@ def picture(level: str, reason: str = "a person is too close", number: int = 1) 
 
 @pytest.fixture
 def server():
-    made = Server("127.0.0.1", 0, State(), request_s=0.5)
+    made = Server(host="127.0.0.1", port=0, state=State(), request_s=0.5)
     threading.Thread(target=made.serve_forever, args=(0.05,), daemon=True).start()
     yield made
     made.state.end()
@@ -194,7 +194,7 @@ def test_an_alert_is_told_sooner_than_a_number(server):
     since = time.monotonic()
     server.state.take(picture("STOP", number=2), time.monotonic())
     assert next(told)["levels"][0]["level"] == "STOP"
-    assert time.monotonic() - since < TOLD_S  # 0.05 s, and 0.15 s for a busy machine
+    assert time.monotonic() - since < State.told_s  # 0.05 s, and 0.15 s for a busy machine
 
 
 def test_a_picture_that_waited_in_the_pipe_is_as_old_as_it_is():
