@@ -88,6 +88,31 @@ def axis_distance(start_1: Xyz, d1: Xyz, start_2: Xyz, d2: Xyz) -> Floats:
     return distance
 
 
+def nearest_points(first: Capsules, second: Capsules) -> tuple[Floats, Floats]:
+    """The points (3,) of two single capsules' surfaces that are nearest to each other.
+
+    They are as far apart as the capsules; where these overlap, by as much as they do. Where the
+    axes touch, both are the common point.
+    """
+    a1, a2 = first.a, second.a
+    d1, d2, r = first.b - a1, second.b - a2, a1 - a2
+    a, e, b, c, f = d1 @ d1, d2 @ d2, d1 @ d2, d1 @ r, d2 @ r
+    square = a * e - b * b
+    s = _share(float((b * f - c * e) / square)) if square > 1e-12 * a * e else 0.0
+    t = _share(float((b * s + f) / e)) if e > 0 else 0.0
+    s = _share(float((b * t - c) / a)) if a > 0 else 0.0
+    on_1, on_2 = a1 + s * d1, a2 + t * d2
+    gap = on_2 - on_1
+    length = float(np.sqrt(gap @ gap))
+    if length < 1e-9:
+        return on_1, on_2
+    return on_1 + gap * (first.radius / length), on_2 - gap * (second.radius / length)
+
+
+def _share(value: float) -> float:
+    return min(max(value, 0.0), 1.0)
+
+
 def horizontal_distance(capsules: Capsules, point: Floats) -> Floats:
     """Distance (...,) of each capsule's surface from the vertical line through ``point`` (3,).
 

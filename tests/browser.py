@@ -109,6 +109,25 @@ class Browser:
         except TimeoutError:
             raise TimeoutError(f"{text!r} is not in {self.text()!r}") from None
 
+    def box(self, element: str) -> tuple[float, float, float, float]:
+        """Left, top, right, bottom of an element, given as a JavaScript expression."""
+        rect = f"(r => [r.left, r.top, r.right, r.bottom])(({element}).getBoundingClientRect())"
+        left, top, right, bottom = self.evaluate(rect)
+        return left, top, right, bottom
+
+    def click(self, x: float, y: float) -> None:
+        """Click at a place of the page, with a mouse."""
+        for kind in ("mousePressed", "mouseReleased"):
+            where = {"x": x, "y": y, "button": "left", "clickCount": 1}
+            self.ask("Input.dispatchMouseEvent", type=kind, **where)
+
+    def press(self, letter: str) -> None:
+        """Press a letter's key."""
+        code = ord(letter.upper())
+        key = {"key": letter.lower(), "code": f"Key{letter.upper()}"}
+        for kind in ("keyDown", "keyUp"):
+            self.ask("Input.dispatchKeyEvent", type=kind, windowsVirtualKeyCode=code, **key)
+
     def screenshot(self) -> bytes:
         """The page as PNG."""
         return base64.b64decode(self.ask("Page.captureScreenshot", format="png")["data"])

@@ -15,7 +15,8 @@ WAITING = ("RELEASE_PENDING", "LATCHED")
 """Reasons that only say that what came before is not over."""
 _OF_NODE = ("STARTING", "STOPPING")
 GAP_NS = 2_000_000_000
-"""After so long without advice nobody knows what was advised: an episode ends there."""
+"""After so long without advice nobody knows what was advised: an episode ends there. It ends, too,
+where time goes back by so much: another file, of before the wall clock was set."""
 
 
 @dataclass(slots=True)
@@ -109,7 +110,7 @@ class EpisodeFinder:
         slowed = SEVERITY[level] >= SEVERITY["SLOW"]
         before, self._level[robot] = self._level.get(robot), level
         episode, ended = self._open.get(robot), None
-        if episode is not None and told.utc_ns - episode.phases[-1].last_ns > GAP_NS:
+        if episode is not None and abs(told.utc_ns - episode.phases[-1].last_ns) > GAP_NS:
             ended, episode = self._open.pop(robot), None
         if not slowed:
             if episode is not None:

@@ -31,6 +31,8 @@ TERMS = {
     "z_r": "Z_r uncertainty of the robot's place",
 }
 """The terms of ISO/TS 15066:2016, 5.5.4.2.3."""
+DRIFT_S = 0.01
+"""A wall clock that moves by less within a second was not set: clocks drift by 0.5 ms at most."""
 _QUIET = ("NONE", "PERSON_NEAR", "PERSON_APPROACHING", *WAITING)
 
 
@@ -150,7 +152,8 @@ def _clock_moved(about: Situation) -> float:
     """How far the wall clock was set against the node's in these seconds."""
     near = [t for t in about.window.clock if abs(t.utc_ns - about.advice.utc_ns) <= BEFORE_NS]
     moved = [number(told.data.get("utc_moved_s")) or 0.0 for told in near]
-    return max(moved, key=abs, default=0.0)
+    most = max(moved, key=abs, default=0.0)
+    return most if abs(most) >= DRIFT_S else 0.0
 
 
 def neighbours(about: Situation) -> dict[str, Any]:

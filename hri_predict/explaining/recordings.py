@@ -7,6 +7,9 @@ from pathlib import Path
 from hri_predict.errors import RecordingError
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 
+TWICE_NS = 1_000_000_000
+"""A file may begin so much before the last one ends: less is how clocks drift."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecordedFile:
@@ -26,6 +29,7 @@ class Recordings:
     Attributes:
         files: by their beginnings.
         notes: what could not be read, one line each, found so far.
+        twice: pairs of files, found so far, that say something about the same time.
 
     Raises:
         RecordingError: nothing there is a recording of this node, or they are of several cells.
@@ -34,6 +38,7 @@ class Recordings:
 
     def __init__(self, named: Sequence[Path]) -> None:
         self.notes: list[str] = []
+        self.twice: list[tuple[Path, Path]] = []
         found = [file for path in _paths(named) if (file := self._opened(path, named)) is not None]
         if not found:
             raise RecordingError(
@@ -101,12 +106,18 @@ class Recordings:
 
         Of a file that is cut or damaged, what comes before is given, and ``notes`` says so.
         """
+        before, newest_ns = self.files[0], 0
         for k, file in enumerate(self.files):
             late = end_ns is not None and file.start_ns >= end_ns
             later = self.files[k + 1].start_ns if k + 1 < len(self.files) else None
             early = start_ns is not None and later is not None and later < start_ns
-            if not (late or early):
-                yield from self._read(file, topics, start_ns, end_ns)
+            if late or early:
+                continue
+            for told in self._read(file, topics, start_ns, end_ns):
+                if newest_ns > told.utc_ns + TWICE_NS and before is not file:
+                    self._note_twice(before, file)
+                before, newest_ns = file, max(told.utc_ns, newest_ns if before is file else 0)
+                yield told
 
     def _read(
         self,
@@ -127,6 +138,13 @@ class Recordings:
             )
         except RecordingError as error:  # one message; the rest of this file cannot be trusted
             self._note(f"{error}; what comes after in this file is left out")
+
+    def _note_twice(self, first: RecordedFile, second: RecordedFile) -> None:
+        self.twice.append((first.path, second.path))
+        self._note(
+            f"{first.path.name} and {second.path.name} are of the same time: the wall clock was "
+            f"set back, or one is a copy; name one of them to know which is meant"
+        )
 
     def _note(self, line: str) -> None:
         if line not in self.notes:

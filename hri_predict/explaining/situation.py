@@ -59,10 +59,17 @@ def situation(recordings: Recordings, at: Asked, robot: str | None) -> Situation
     ``robot``, that of all robots.
 
     Raises:
-        ConfigError: nothing was recorded then, or there is no such robot.
+        ConfigError: nothing was recorded then, or twice, or there is no such robot.
     """
     start_ns, end_ns = at.start_ns - BEFORE_NS, at.start_ns + at.width_ns + AFTER_NS
+    known = len(recordings.twice)
     window = Window.of(recordings.read(TOPICS, start_ns=start_ns, end_ns=end_ns))
+    if len(recordings.twice) > known:
+        names = " or ".join(str(path) for path in recordings.twice[-1])
+        raise ConfigError(
+            f"--at {dated(at.start_ns, recordings)}: the seconds around were recorded twice: the "
+            f"wall clock was set back, or a file is a copy; name one file, {names}"
+        )
     found = {name: told for name, each in window.advice.items() if (told := _worst(each, at))}
     if robot is not None and robot not in found:
         there = found or window.advice

@@ -14,6 +14,8 @@ _DATED = re.compile(
     r"(\d{4}-\d{2}-\d{2})[T ](\d{1,2}:\d{2}(?::\d{2}(?:\.\d{1,9})?)?) ?(Z|[+-]\d{2}:?\d{2})?"
 )
 _SECONDS = re.compile(r"\d{1,9}(?:\.(\d{1,9}))?")
+_FIRST_S = round(datetime(1, 1, 1, tzinfo=UTC).timestamp())
+_LAST_S = round(datetime(9999, 12, 31, 23, 59, 59, tzinfo=UTC).timestamp())
 _HINT = "write 14:03:07 (UTC), 2026-03-09T14:03:07, or seconds since the start such as 12.4"
 
 
@@ -63,7 +65,8 @@ def dated(utc_ns: int, recordings: Recordings) -> str:
     if not recordings.info.has_utc:
         return f"{(utc_ns - recordings.start_ns) / NS:.2f}"
     seconds, rest = divmod(utc_ns, NS)
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 10_000_000:02d}"
+    at = datetime.fromtimestamp(min(max(seconds, _FIRST_S), _LAST_S), UTC)
+    return f"{at:%Y-%m-%dT%H:%M:%S}.{rest // 10_000_000:02d}"
 
 
 def _width(decimals: str) -> int:

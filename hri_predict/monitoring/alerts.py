@@ -239,16 +239,19 @@ class Alerts:
 
 
 def _append(path: Path, line: bytes) -> None:
-    """Append a line, on a line of its own: a full disk or a kill may have cut the last one short.
+    """Append a line, whole or not at all, on a line of its own: a kill may have cut the last one.
 
     Raises:
         OSError: it cannot be written.
     """
-    with path.open("a+b") as file:
-        if file.seek(0, os.SEEK_END):
+    with path.open("a+b", buffering=0) as file:
+        end = file.seek(0, os.SEEK_END)
+        if end:
             file.seek(-1, os.SEEK_END)
             line = line if file.read(1) == b"\n" else b"\n" + line
-        file.write(line)
+        if file.write(line) < len(line):  # the disk is full now: a part of a line says nothing
+            file.truncate(end)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def alert_file(settings: AlertSettings, base_dir: Path) -> Path | None:

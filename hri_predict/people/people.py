@@ -13,7 +13,7 @@ from hri_predict.people.body.inferred import Inference
 from hri_predict.people.body.posture_watch import PostureWatch
 from hri_predict.people.clock.scene_gate import SceneGate
 from hri_predict.people.inferring import with_inferred
-from hri_predict.people.lost.free_space import FreeSpace
+from hri_predict.people.lost.free_space import FREE_SPACE_M, FreeSpace
 from hri_predict.people.lost.lost_people import LostPeople
 from hri_predict.people.lost.remembered import RemembersLost
 from hri_predict.people.lost.unplaced import Unplaced, Why
@@ -28,8 +28,6 @@ from hri_predict.scene import Person, Scene
 from hri_predict.skeleton import JOINTS
 from hri_predict.source import SourceSettings
 
-FREE_SPACE_M = 60.0
-"""Where free space is seen, the node keeps a grid: larger ones would delay the advice."""
 ELSEWHERE_M = 2.5
 """In a refused scene, a body farther than this from its id's track is another body."""
 

@@ -66,6 +66,7 @@ class Grounds:
             nobody is here.
         person, segment, link: the deciding pair: the person's id, the body's segment by name, the
             robot's capsule by index.
+        pair: the body's segment and the robot's capsule of that pair, as they are now.
         pair_m: the distance of that pair now; negative where they overlap.
         separation_m: the least distance of all pairs now: the pair that decides over time need not
             be the nearest one.
@@ -82,6 +83,7 @@ class Grounds:
     person: int | None = None
     segment: str = ""
     link: int | None = None
+    pair: tuple[Capsules, Capsules] | None = None
     pair_m: float | None = None
     separation_m: float | None = None
     slack_m: float | None = None
@@ -99,6 +101,13 @@ class Grounds:
         if self.separation_m is None or self.slack_m is None:
             return None
         return self.separation_m - self.slack_m
+
+    @property
+    def pair_needed_m(self) -> float | None:
+        """What ``pair_m`` has to be for the robot's present motion."""
+        if self.pair_m is None or self.slack_m is None:
+            return None
+        return self.pair_m - self.slack_m
 
     @property
     def terms(self) -> ProtectiveDistance | None:

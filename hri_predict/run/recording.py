@@ -13,6 +13,7 @@ from hri_predict.recording.mcap.clocks import Clocks, SystemClocks, VirtualClock
 from hri_predict.recording.mcap.places import OneFile, Place, beside
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
+from hri_predict.run.coverage import zones_text
 from hri_predict.source import Source
 
 log = logging.getLogger(__name__)
@@ -91,6 +92,7 @@ def info_of(config: Config, source: Source, assembly: Assembly) -> RecordingInfo
         frames=tuple((name, pose) for name, pose in bases if pose is not None),
         predictor=config.predictor.name,
         forecast_rate_hz=config.predictor.rate_hz,
+        coverage=zones_text(config),
     )
 
 

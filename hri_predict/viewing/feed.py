@@ -17,6 +17,7 @@ from hri_predict.errors import ConfigError
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
 from hri_predict.run.assemble import Assembly
+from hri_predict.run.coverage import zones_text
 from hri_predict.run.session import View
 from hri_predict.viewing.packing import picture_of
 from hri_predict.viewing.picture import pack
@@ -44,6 +45,7 @@ class Feed(View):
         self._settings = tuple(settings)
         self.screens: list[Screen] = []
         self._assembly: Assembly | None = None
+        self._coverage = ""
         self._newest: Tick | None = None
         self._ticks = 0
         self._levels: dict[int, Level] = {}
@@ -61,6 +63,7 @@ class Feed(View):
 
     def bind(self, assembly: Assembly) -> None:
         """Take the assembly whose ticks are shown."""
+        self._coverage = zones_text(assembly.config)
         self._assembly = assembly
 
     def on_tick(self, tick: Tick) -> None:
@@ -137,6 +140,7 @@ class Feed(View):
             utc_s=time.time(),
             made_s=time.monotonic(),
             rate_hz=rate_hz or None,
+            coverage=self._coverage,
             dropped=self.dropped,
             changes=list(self._changes.copy()),
         )

@@ -1,30 +1,28 @@
 """Makes a picture of a tick, in the node's process but not in its loop."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules
+from hri_predict.geometry import Capsules, nearest_points
 from hri_predict.node.listeners import Tick
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice
 from hri_predict.protocol.reasons import Reason
+from hri_predict.recording.mcap.view import apart_text
 from hri_predict.risk.types import Grounds
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.skeleton import CANONICAL
-from hri_predict.viewing.nearest import nearest_points
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
-from hri_predict.viewing.room import room_of
+from hri_predict.viewing.room import SEES_NOTHING, room_of
 
 STEPS = 8
 """So many moments of the horizon are sent, now and its end among them."""
 _A = [segment.joint_a for segment in CANONICAL.segments]
 _B = [segment.joint_b for segment in CANONICAL.segments]
 _RADII = np.array([segment.radius for segment in CANONICAL.segments])
-_NAMES = CANONICAL.segment_names
 
 
 def picture_of(tick: Tick, assembly: Assembly) -> Picture:
@@ -53,9 +51,15 @@ def picture_of(tick: Tick, assembly: Assembly) -> Picture:
         rows = np.zeros((0, 7), np.float32) if known is None else _rows(known)
         robots.append(rows)
         robot["capsules"] = len(rows)
-        robot["speed_m_s"] = rests_on.speed_m_s
-        if snapshot is not None:
-            robot["line"] = _line(rests_on, rows, shapes["bodies"], facts["people"])
+        names, link = assembly.robots[advice.robot].capsule_names, rests_on.link
+        robot |= pair_facts(
+            line=None if rests_on.pair is None else np.stack(nearest_points(*rests_on.pair)),
+            pair_m=rests_on.pair_m,
+            needed_m=rests_on.pair_needed_m,
+            speed_m_s=rests_on.speed_m_s,
+            who=who_of(rests_on.person, rests_on.segment),
+            link=names[link] if link is not None and 0 <= link < len(names) else "",
+        )
     if robots:
         shapes["robots"] = np.concatenate(robots)
     return Picture(facts, **shapes)
@@ -70,6 +74,8 @@ def facts_of(tick: Tick, config: Config) -> dict[str, Any]:
     reasons = (*(() if snapshot is None else snapshot.reasons), *_reasons(assessment))
     return {
         "node_s": tick.now_ns * 1e-9,
+        "places": [] if snapshot is None else _places(snapshot),
+        "sees": snapshot is not None and SEES_NOTHING.isdisjoint(snapshot.reasons),
         "state": tick.status.node_state.name,
         "robots": [_robot(advice, config) for advice in tick.advices],
         "people": [*tracked, *lost],
@@ -79,17 +85,42 @@ def facts_of(tick: Tick, config: Config) -> dict[str, Any]:
         "named": {zone.name: [zone.occupied, zone.entry_s] for zone in named},
         "zones": [],
         "times_s": [0.0],
-        "coverage": coverage_of(config),
         "room": room_of(config),
     }
 
 
-def coverage_of(config: Config) -> str:
-    """How often the zones hold the body, as configured."""
-    risk = config.node.risk
-    if not risk.uses_forecasts:
-        return "physical limits"
-    return f"{risk.coverage.level:.0%} of each {risk.coverage.of}"
+def _places(snapshot: PeopleSnapshot) -> list[list[float]]:
+    """x and y of each tracked person: the mean of the joints that were seen last."""
+    seen = (snapshot.joint_age_s <= 0) & np.isfinite(snapshot.last_positions).all(-1)
+    return [
+        joints[newest].mean(axis=0)[:2].round(3).tolist()
+        for joints, newest in zip(snapshot.last_positions, seen, strict=True)
+        if newest.any()
+    ]
+
+
+def pair_facts(
+    *,
+    line: Floats | None = None,
+    pair_m: float | None = None,
+    needed_m: float | None = None,
+    speed_m_s: float | None = None,
+    who: str = "",
+    link: str = "",
+) -> dict[str, Any]:
+    """The deciding pair: its nearest points (2, 3), how far they are and, at the robot's speed,
+    have to be apart, and the names of both; ``None`` and "": not known."""
+    return {
+        "speed_m_s": speed_m_s,
+        "line": None if line is None or not np.isfinite(line).all() else line.round(4).tolist(),
+        "apart": apart_text(pair_m, needed_m, speed_m_s),
+        "pair": f"{who} - {link}" if who and link else who,
+    }
+
+
+def who_of(person: int | None, segment: str) -> str:
+    """``person 2's l_hand``."""
+    return "" if person is None else f"person {person}'s {segment}"
 
 
 def bodies_of(joints: Floats) -> Shapes:
@@ -122,17 +153,6 @@ def _forecast(
     return bodies_of(positions[np.arange(people)[:, None], step])
 
 
-def _line(grounds: Grounds, robot: Shapes, bodies: Shapes, people: Sequence[int]) -> Any:
-    """From the deciding segment to the deciding capsule of the robot; ``None`` if not known."""
-    if grounds.person not in people or grounds.segment not in _NAMES or grounds.link is None:
-        return None
-    body = bodies[people.index(grounds.person), _NAMES.index(grounds.segment)]
-    if grounds.link >= len(robot) or not np.isfinite(body).all():
-        return None
-    ends = nearest_points(body.astype(float), robot[grounds.link].astype(float))
-    return [end.round(4).tolist() for end in ends]
-
-
 def _robot(advice: Advice, config: Config) -> dict[str, Any]:
     return {
         "name": config.node.robots[advice.robot].name,
@@ -144,8 +164,7 @@ def _robot(advice: Advice, config: Config) -> dict[str, Any]:
         "limit_m_s": advice.speed_limit_m_s,
         "separation_m": advice.separation_m,
         "capsules": 0,
-        "speed_m_s": None,
-        "line": None,
+        **pair_facts(),
     }
 
 

@@ -15,16 +15,15 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import RecordingError
-from hri_predict.geometry import Capsules, capsule_distance
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 from hri_predict.recording.mcap.clocks import iso
+from hri_predict.recording.mcap.view import PAIR
 from hri_predict.viewing.levels import worst
-from hri_predict.viewing.nearest import nearest_points
-from hri_predict.viewing.packing import bodies_of, steps_of
+from hri_predict.viewing.packing import bodies_of, pair_facts, steps_of, who_of
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
-from hri_predict.viewing.room import room_of_text
+from hri_predict.viewing.room import SEES_NOTHING, room_of_text
 
 WINDOW_NS = 30_000_000_000
 WINDOWS = 4
@@ -90,17 +89,39 @@ class RecordedPictures:
             found.append(worst([self.level_at(start), *within]))
         return found
 
+    def change_beside(self, ns: int, by: int) -> int:
+        """When the level next changes after a time, or (``by`` -1) last changed before it."""
+        times = [then_ns for then_ns, _ in self.changes]
+        if by > 0:
+            index = bisect.bisect_right(times, ns)
+            return times[index] if index < len(times) else self.end_ns
+        index = bisect.bisect_left(times, ns)
+        return times[index - 1] if index else self.start_ns
+
+    def picture_beside(self, ns: int, by: int) -> int:
+        """When the next picture after a time was made, or (``by`` -1) the last one before it."""
+        number = (ns - self.start_ns) // WINDOW_NS
+        for each in (number, number + by):
+            times = [then_ns for then_ns, _ in self._window(each)]
+            found = [t for t in times if (t - ns) * by > 0]
+            if found:
+                return min(found, key=lambda t: abs(t - ns))
+        return min(max(ns + by * WINDOW_NS, self.start_ns), self.end_ns)
+
     def at(self, ns: int) -> Picture | None:
         """The newest picture at a time; ``None`` if there is none in the seconds before."""
-        number = (ns - self.start_ns) // WINDOW_NS
+        window = self._window((ns - self.start_ns) // WINDOW_NS)
+        index = bisect.bisect_right(window, ns, key=lambda each: each[0])
+        return window[index - 1][1] if index and ns - window[index - 1][0] < BEFORE_NS else None
+
+    def _window(self, number: int) -> list[tuple[int, Picture]]:
+        """The pictures of one window, and of the seconds before it."""
         if number not in self._windows:
             self._windows[number] = self._read(self.start_ns + number * WINDOW_NS)
             while len(self._windows) > WINDOWS:
                 self._windows.popitem(last=False)
         self._windows.move_to_end(number)
-        window = self._windows[number]
-        index = bisect.bisect_right(window, ns, key=lambda each: each[0])
-        return window[index - 1][1] if index and ns - window[index - 1][0] < BEFORE_NS else None
+        return self._windows[number]
 
     def _read(self, start_ns: int) -> list[tuple[int, Picture]]:
         messages = read_messages(
@@ -117,15 +138,31 @@ class RecordedPictures:
             ) from error
 
     def _pictures(self, messages: Iterator[Told]) -> Iterator[tuple[int, Picture]]:
-        """A picture after each /view/scene: statuses and advice of its tick stand before it."""
+        """A picture after each /view/scene, and wherever an advice changes between two of them.
+
+        Statuses and advice of a scene's tick stand before it.
+        """
         said = _Said()
         for told in messages:
             if told.topic.startswith("/advice"):
+                before = said.advice.get(told.topic)
                 said.advice[told.topic] = told
+                if before is not None and _says(before) == _says(told):
+                    continue
             else:
                 said.newest[told.topic] = told
-            if told.topic == "/view/scene":
-                yield told.utc_ns, said.picture(self._room, self.info.forecast_rate_hz)
+                if told.topic != "/view/scene":
+                    continue
+            scene = said.newest.get("/view/scene")
+            if scene is not None and told.node_ns - scene.node_ns < BEFORE_NS:
+                picture = said.picture(self._room, self.info.forecast_rate_hz, told)
+                picture.facts["coverage"] = self.info.coverage or "not recorded"
+                yield told.utc_ns, picture
+
+
+def _says(advice: Told) -> tuple[Any, ...]:
+    """What an advice says to whoever looks at a screen."""
+    return advice.data.get("level"), advice.data.get("reason"), advice.data.get("latch_id")
 
 
 @dataclass(slots=True)
@@ -135,14 +172,16 @@ class _Said:
     newest: dict[str, Told] = field(default_factory=dict)
     advice: dict[str, Told] = field(default_factory=dict)
 
-    def picture(self, room: dict[str, Any], rate_hz: float) -> Picture:
+    def picture(self, room: dict[str, Any], rate_hz: float, now: Told) -> Picture:
+        """The picture at a message: the newest scene, and what was said since."""
         scene = self.newest["/view/scene"]
         shapes = empty_shapes()
-        people, lost, robots = _entities(scene.data["entities"])
+        people, lost, robots, lines = _entities(scene.data["entities"])
         ids = [*people, *lost]
         bones = [*people.values(), *lost.values()]
         shapes["bodies"] = _padded(bones)
-        facts = self._facts(room, ids, len(people), scene)
+        facts = self._facts(room, ids, len(people), now)
+        facts["places"] = [each[:, :2].mean(axis=0).tolist() for each in people.values()]
         if (zones := self._fresh("/zones", scene)) is not None:
             steps = steps_of(len(zones["times_s"]))
             facts["zones"] = [int(id_) for id_ in zones["ids"]]
@@ -156,7 +195,7 @@ class _Said:
         for robot in facts["robots"]:
             rows = robots.get(robot["name"], shapes["robots"][:0])
             robot["capsules"] = len(rows)
-            robot["line"] = _nearest_line(shapes["bodies"], rows)
+            robot["line"] = lines.get(robot["name"])
             parts.append(rows)
         if parts:
             shapes["robots"] = np.concatenate(parts)
@@ -169,29 +208,31 @@ class _Said:
         return told.data
 
     def _facts(
-        self, room: dict[str, Any], ids: list[int], tracked: int, scene: Told
+        self, room: dict[str, Any], ids: list[int], tracked: int, now: Told
     ) -> dict[str, Any]:
         status = self.newest["/status"].data if "/status" in self.newest else {}
         named = status.get("named_zones", {})
+        reasons = [_reason(name) for name in status.get("reasons", [])]
         return {
-            "node_s": scene.node_ns * 1e-9,
-            "utc": iso(scene.utc_ns),
+            "node_s": now.node_ns * 1e-9,
+            "utc": iso(now.utc_ns),
             "state": str(status.get("node_state", "UNKNOWN")),
             "robots": [_robot(told.data) for told in self.advice.values()],
             "people": ids,
             "tracked": tracked,
             "age_s": status.get("age_s"),
-            "reasons": [_reason(name).text for name in status.get("reasons", [])],
+            "reasons": [reason.text for reason in reasons],
+            "sees": bool(status) and SEES_NOTHING.isdisjoint(reasons),
             "named": {name: [z["occupied"], z["entry_s"]] for name, z in named.items()},
             "zones": [],
             "times_s": [0.0],
-            "coverage": "",
             "room": room,
         }
 
 
 def _robot(data: dict[str, Any]) -> dict[str, Any]:
-    reason = _reason(data["reason"])
+    reason, why = _reason(data["reason"]), data.get("grounds") or {}
+    pair_m, slack_m = why.get("pair_m"), why.get("slack_m")
     return {
         "name": str(data.get("name", data.get("robot"))),
         "level": data["level"] if data["level"] in Level.__members__ else "UNKNOWN",
@@ -201,7 +242,13 @@ def _robot(data: dict[str, Any]) -> dict[str, Any]:
         "latch": data.get("latch_id", 0),
         "limit_m_s": data.get("speed_limit_m_s"),
         "separation_m": data.get("separation_m"),
-        "speed_m_s": data.get("speed_m_s"),
+        **pair_facts(
+            speed_m_s=data.get("speed_m_s"),
+            pair_m=pair_m,
+            needed_m=None if pair_m is None or slack_m is None else pair_m - slack_m,
+            who=who_of(why.get("person"), str(why.get("segment", ""))),
+            link=str(why.get("robot_capsule") or ""),
+        ),
     }
 
 
@@ -211,11 +258,13 @@ def _reason(name: Any) -> Reason:
 
 def _entities(
     entities: list[dict[str, Any]],
-) -> tuple[dict[int, Shapes], dict[int, Shapes], dict[str, Shapes]]:
-    """Bones of the people by id, of lost people by id, and robots' capsules by name."""
+) -> tuple[dict[int, Shapes], dict[int, Shapes], dict[str, Shapes], dict[str, Any]]:
+    """Bones of the people by id, of lost people by id, robots' capsules by name, and where the
+    deciding pair of each robot is nearest; recordings of older versions do not say that."""
     people: dict[int, Shapes] = {}
     lost: dict[int, Shapes] = {}
     robots: dict[str, Shapes] = {}
+    pairs: dict[str, Any] = {}
     for entity in entities:
         kind, _, name = entity["id"].partition(" ")
         if kind == "person":
@@ -228,7 +277,9 @@ def _entities(
             rows = [_ball(each) for each in entity["spheres"]]
             rows += [_rod(each) for each in entity["cylinders"]]
             robots[name] = _floats(rows).reshape(-1, 7)
-    return people, lost, robots
+        elif kind == PAIR:
+            pairs[name] = [_xyz(point) for point in entity["lines"][0]["points"][:2]]
+    return people, lost, robots, pairs
 
 
 def _ball(sphere: dict[str, Any]) -> list[float]:
@@ -264,22 +315,6 @@ def _forecast(data: dict[str, Any], times_s: list[float], rate_hz: float) -> Sha
     ahead_s = (np.asarray(data["steps"]) + 1) / (rate_hz or 25.0)
     nearest = [int(np.abs(ahead_s - time_s).argmin()) for time_s in times_s]
     return bodies_of(joints[:, nearest])
-
-
-def _nearest_line(bodies: Shapes, robot: Shapes) -> Any:
-    """Between the nearest parts of what is drawn."""
-    rows = bodies.reshape(-1, 7).astype(float)
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    if not len(rows) or not len(robot):
-        return None
-    parts = robot.astype(float)
-    apart = capsule_distance(_capsules(rows[:, None]), _capsules(parts[None]))
-    body, part = np.unravel_index(int(apart.argmin()), apart.shape)
-    return [end.round(4).tolist() for end in nearest_points(rows[body], parts[part])]
-
-
-def _capsules(rows: Floats) -> Capsules:
-    return Capsules(rows[..., :3], rows[..., 3:6], rows[..., 6])
 
 
 def _floats(values: Any) -> Shapes:

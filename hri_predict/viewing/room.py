@@ -1,41 +1,100 @@
-"""The regions of a room, for pictures: named zones and the field of view."""
+"""What a configuration says of a room, for pictures: what the sensor sees, and what it does not."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import yaml
+from pydantic import TypeAdapter
 
+from hri_predict.protocol.reasons import Reason
 from hri_predict.run.config import Config
-from hri_predict.settings import Region
+from hri_predict.settings import Region, Vector3
+
+SEES_NOTHING = frozenset(
+    {
+        Reason.NO_INPUT,
+        Reason.INPUT_STALE,
+        Reason.SOURCE_BLIND,
+        Reason.INPUT_FROZEN,
+        Reason.CLOCK_JUMP,
+        Reason.CLOCK_DRIFT,
+        Reason.INPUT_IMPOSSIBLE,
+        Reason.BODY_NOT_UPRIGHT,
+        Reason.PERSON_NOT_LOCATED,
+        Reason.TOO_MANY_PEOPLE,
+    }
+)
+"""With one of these, scenes prove of no place that nobody is there (``People``)."""
+_POINTS = TypeAdapter(list[Vector3])
 
 
 def room_of(config: Config) -> dict[str, Any]:
-    """The regions of a configuration."""
-    view = config.source.field_of_view
-    return {
-        "cell": config.path.stem,
-        "named": [{"name": zone.name, **_region(zone)} for zone in config.node.zones],
-        "view": None if view is None else _region(view),
-    }
+    """What a configuration says.
+
+    Where its source does not see free space (``sees_free_space``), ``shadows`` and ``viewpoints``
+    are empty: the configuration has none.
+    """
+    source, people = config.source, config.node.people
+    return _room(
+        cell=config.path.stem,
+        named=[(zone.name, zone) for zone in config.node.zones],
+        view=source.field_of_view,
+        shadows=source.shadows,
+        viewpoints=source.viewpoints,
+        sees_free_space=source.sees_free_space,
+        walls=people.room,
+        floor_m=people.floor_m,
+    )
 
 
 def room_of_text(text: str, cell: str) -> dict[str, Any]:
-    """The regions of a configuration's text, as a recording has it; what is wrong is left out."""
-    room: dict[str, Any] = {"cell": cell, "named": [], "view": None}
+    """The same of a configuration's text, as a recording has it; what is wrong is left out."""
     try:
         data = yaml.safe_load(text)
-        view = data["source"].get("field_of_view")
-        zones = data.get("zones") or []
-        room["view"] = None if view is None else _region(_checked(view))
-        room["named"] = [{"name": str(zone["name"]), **_region(_checked(zone))} for zone in zones]
+        source, view = data["source"], data["source"].get("field_of_view")
+        people = data.get("people") or {}
+        walls = people.get("room")
+        return _room(
+            cell=cell,
+            named=[(str(zone["name"]), _region(zone)) for zone in data.get("zones") or []],
+            view=None if view is None else _region(view),
+            shadows=[_region(each) for each in source.get("shadows") or []],
+            viewpoints=_POINTS.validate_python(source.get("viewpoints") or []),
+            sees_free_space=source.get("sees_free_space") is True,
+            walls=None if walls is None else _region(walls),
+            floor_m=float(people.get("floor_m", 0.0)),
+        )
     except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, RecursionError):
-        pass
-    return room
+        return _room(cell=cell)
 
 
-def _checked(data: dict[str, Any]) -> Region:
+def _room(
+    *,
+    cell: str,
+    named: Sequence[tuple[str, Region]] = (),
+    view: Region | None = None,
+    shadows: Sequence[Region] = (),
+    viewpoints: Sequence[Sequence[float]] = (),
+    sees_free_space: bool = False,
+    walls: Region | None = None,
+    floor_m: float = 0.0,
+) -> dict[str, Any]:
+    return {
+        "cell": cell,
+        "named": [{"name": name, **_plain(zone)} for name, zone in named],
+        "view": None if view is None else _plain(view),
+        "shadows": [_plain(shadow) for shadow in shadows],
+        "viewpoints": [[float(x) for x in point] for point in viewpoints],
+        "sees_free_space": sees_free_space,
+        "walls": None if walls is None else _plain(walls),
+        "floor_m": floor_m,
+    }
+
+
+def _region(data: dict[str, Any]) -> Region:
     return Region.model_validate({k: data[k] for k in Region.model_fields if k in data})
 
 
-def _region(region: Region) -> dict[str, Any]:
+def _plain(region: Region) -> dict[str, Any]:
     corners = [[float(x), float(y)] for x, y in region.polygon]
     return {"polygon": corners, "z_min": region.z_min, "z_max": region.z_max}

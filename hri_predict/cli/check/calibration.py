@@ -1,4 +1,4 @@
-"""``check``: what the zones rest on, how old their calibration is, and what it guarantees."""
+"""``check``: how old the zones' calibration is, and what it guarantees."""
 
 from datetime import date
 from typing import Any
@@ -12,26 +12,6 @@ from hri_predict.run.config import Config
 
 OLD_DAYS = 365
 """After a year most cells have other people, other work or another tracker."""
-
-
-def zones_text(config: Config) -> str:
-    """Describe the basis of the zones in one line, and claim no more than was measured."""
-    risk, name = config.node.risk, config.predictor.name
-    if not risk.uses_forecasts:
-        return f"mode {risk.mode} uses no forecast"
-    calibration = assemble.build_calibration(config)
-    if calibration is None:
-        return (
-            f"not calibrated for {name} with these settings: it is not known how often they hold "
-            f"people; see hri-predict calibrate"
-        )
-    coverage = risk.coverage
-    held = "each joint" if coverage.of == "joint" else "the whole body"
-    check = "checked live" if coverage.self_check else "not checked live"
-    return (
-        f"calibrated on {len(calibration.recordings)} recordings to hold {held} in "
-        f"{100 * coverage.level:g} % ({coverage.basis}), {check}"
-    )
 
 
 def calibration_facts(config: Config, today: date) -> dict[str, Any] | None:

@@ -16,7 +16,6 @@ from hri_predict.cli.check.calibration import (
     calibration_facts,
     calibration_lines,
     calibration_notes,
-    zones_text,
 )
 from hri_predict.cli.check.commissioned import (
     commissioning_facts,
@@ -53,6 +52,7 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
+from hri_predict.run.coverage import zones_text
 from hri_predict.run.ticks_told import race_notes, ticks_facts, ticks_line
 
 

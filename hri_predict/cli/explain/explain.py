@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from hri_predict.cli.common import without_effect
-from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.errors import ConfigError, RecordingError, nearest
 from hri_predict.explaining.episodes import episodes
 from hri_predict.explaining.explanation import explain as explained
 from hri_predict.explaining.explanation import is_slowed, listing, neighbours
@@ -98,11 +98,11 @@ def _width() -> int:
 def _print(found: dict[str, Any], recording: Path) -> None:
     for line in told(found, _width()):
         print(line)
-    nearest = found.get("nearest")
-    if nearest is None:
+    around = found.get("nearest")
+    if around is None:
         return
     for when, words in (("before", "the last slowdown before"), ("after", "the next one after")):
-        episode = nearest[when]
+        episode = around[when]
         print()
         if episode is None:
             print(f"{words}: none")
@@ -113,6 +113,12 @@ def _print(found: dict[str, Any], recording: Path) -> None:
 
 
 def _list(recordings: Recordings, robot: str | None, as_json: bool) -> None:
+    there = {name for file in recordings.files for name, _ in file.info.robots}
+    if robot is not None and there and robot not in there:
+        raise ConfigError(
+            f"--robot {robot}: no such robot{nearest(robot, there)}; there is: "
+            f"{', '.join(sorted(there))}"
+        )
     found = [e for e in episodes(recordings.read(["/advice"])) if robot in (None, e.robot)]
     found.sort(key=lambda episode: episode.start_ns)
     rows = [listing(episode, recordings) for episode in found]

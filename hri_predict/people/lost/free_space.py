@@ -22,6 +22,8 @@ from hri_predict.arrays import Bools, Floats, Ints
 from hri_predict.geometry import in_polygon, segment_distance
 from hri_predict.settings import Region
 
+FREE_SPACE_M = 60.0
+"""Where free space is seen, the node keeps a grid: larger ones would delay the advice."""
 CELL_M = 0.25
 BODY_M = 0.3
 """Half a body's width. A person this near to a hidden place may be half hidden, and be missed."""

@@ -56,12 +56,14 @@ def own_files(folder: Path, cell: str) -> list[Kept]:
 
 
 def too_old(files: Sequence[Kept], now: datetime, days: float | None, most: int) -> list[Kept]:
-    """Those that began more than ``days`` ago, ``most`` at most.
+    """Those of ``files``, oldest first, that began more than ``days`` ago, ``most`` at most.
 
-    A wall clock that is wrong by years must not cost everything before somebody notices.
+    A wall clock that is wrong by years must not cost everything before somebody notices: what is
+    old is so for the newest file, too.
     """
-    if days is None:
+    if days is None or not files:
         return []
+    now = min(now, files[-1].began)
     old = [kept for kept in files if (now - kept.began).total_seconds() > days * 86400]
     return old[:most]
 

@@ -35,6 +35,7 @@ class RecordingInfo:
         has_utc: read from a file: its log times are UTC. Recordings of format 1 and those of
             virtual runs have none.
         predictor: name of the predictor; ``forecast_rate_hz`` has its steps per second.
+        coverage: what its zones rest on, in words; "" in recordings of older versions.
     """
 
     joint_map: JointMap
@@ -47,6 +48,7 @@ class RecordingInfo:
     has_utc: bool = False
     predictor: str = ""
     forecast_rate_hz: float = 0.0
+    coverage: str = ""
 
     def to_metadata(self) -> dict[str, str]:
         """As MCAP metadata: strings only."""
@@ -66,6 +68,7 @@ class RecordingInfo:
             "frames": json.dumps([[name, pose.model_dump()] for name, pose in self.frames]),
             "predictor": self.predictor,
             "forecast_rate_hz": repr(self.forecast_rate_hz),
+            "coverage": self.coverage,
         }
 
     @classmethod
@@ -95,6 +98,7 @@ class RecordingInfo:
                 has_utc=metadata["format"] != "1" and metadata.get("clocks") == "system",
                 predictor=metadata.get("predictor", ""),
                 forecast_rate_hz=float(metadata.get("forecast_rate_hz", "0")),
+                coverage=metadata.get("coverage", ""),
             )
         except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
             raise RecordingError(f"its metadata are damaged ({error}); record it again") from error

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules
+from hri_predict.geometry import Capsules, nearest_points
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
 from hri_predict.recording.mcap import well_known
@@ -22,9 +22,11 @@ ROOM = "room"
 """The frame that everything else stands in: z up, as configured."""
 SHOWN_S = 0.5
 """The zones are drawn as they are so far ahead: about when a robot that is told now has stopped."""
-BODY_M = 0.09
+BODY_M, PAIR_M = 0.09, 0.02
 ZONE_OPACITY = 0.04
 """Of each capsule's parts: a zone has forty, one behind the other, and a person within."""
+PAIR = "separation"
+"""The name of the entity that joins the deciding pair of a robot begins with it."""
 LEVEL_RGB = {
     Level.UNKNOWN: (0.6, 0.2, 0.8),
     Level.CLEAR: (0.2, 0.7, 0.3),
@@ -46,12 +48,14 @@ class Seen:
         people: (id, (J, 3) joints, whether lost).
         zones: (id, (S, 2, 3) ends, (S,) radii).
         robots: (name, (C, 2, 3) ends, (C,) radii, level, label).
+        pairs: (robot's name, (2, 3) nearest points of the deciding pair, level, label).
     """
 
     people: list[tuple[int, Floats, bool]]
     zones: list[tuple[int, Floats, Floats]]
     robots: list[tuple[str, Floats | None, Floats | None, Level, str]]
     lifetime_s: float
+    pairs: list[tuple[str, Floats, Level, str]]
 
 
 def seen(tick: Tick, robots: tuple[str, ...], lifetime_s: float) -> Seen:
@@ -72,14 +76,30 @@ def seen(tick: Tick, robots: tuple[str, ...], lifetime_s: float) -> Seen:
             step = int(np.searchsorted(there.times_s, SHOWN_S).clip(0, len(there.times_s) - 1))
             zones = [(id_, *_ends(there.capsules, (p, step))) for p, id_ in enumerate(there.ids)]
     shown: list[tuple[str, Floats | None, Floats | None, Level, str]] = []
+    pairs: list[tuple[str, Floats, Level, str]] = []
     for advice in tick.advices:
         name = robots[advice.robot] if advice.robot < len(robots) else str(advice.robot)
-        known = grounds[advice.robot].capsules if advice.robot < len(grounds) else None
+        why = grounds[advice.robot] if advice.robot < len(grounds) else Grounds()
+        known = why.capsules
         ends, radius = _ends(known, ...) if known is not None else (None, None)
         limit = advice.speed_limit_m_s or 0.0
         label = f"{name}: {advice.level.name} {limit:.2f} m/s {advice.reason.name}"
         shown.append((name, ends, radius, advice.level, label))
-    return Seen(people, zones, shown, lifetime_s)
+        if why.pair is not None:
+            between = np.stack(nearest_points(*why.pair))
+            apart = apart_text(why.pair_m, why.pair_needed_m, why.speed_m_s)
+            pairs.append((name, between, advice.level, apart))
+    return Seen(people, zones, shown, lifetime_s, pairs)
+
+
+def apart_text(pair_m: float | None, needed_m: float | None, speed_m_s: float | None) -> str:
+    """How far the deciding pair is apart, and how far it has to be at the robot's speed."""
+    if pair_m is None:
+        return "?"
+    apart = f"{max(0.0, pair_m):.2f} m"
+    if needed_m is None or speed_m_s is None:
+        return apart
+    return f"{apart}, needs {max(0.0, needed_m):.2f} m at {speed_m_s:.2f} m/s"
 
 
 def _ends(capsules: Capsules, where: Any) -> tuple[Floats, Floats]:
@@ -113,6 +133,12 @@ def scene_update(picture: Seen, utc_ns: int) -> dict[str, Any]:
             top = own.reshape(-1, 3).max(axis=0)
             above = [*own[0, 0, :2].round(3).tolist(), round(float(top[2]) + 0.3, 3)]
             add(f"robot {name}", **solid, texts=[well_known.label(above, text, rgba)])
+    for name, between, level, text in picture.pairs:
+        if np.isfinite(between).all():
+            rgba = (*LEVEL_RGB[level], 1.0)
+            label = well_known.label(between.mean(axis=0).round(3).tolist(), text, rgba)
+            line = well_known.lines(between[None], PAIR_M, rgba)
+            add(f"{PAIR} {name}", lines=[line], texts=[label])
     return {"deletions": [], "entities": entities}
 
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
+from hri_predict.geometry import capsule_distance
 from hri_predict.risk.levels.advice import asked_of
-from hri_predict.risk.levels.pair import pair_m
+from hri_predict.risk.levels.pair import pair_of
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.separation.terms import Finding
@@ -45,6 +46,7 @@ def _of_one(
     _, people = asked_of(robot, found, bodies)
     named = [name for name, finding in _ways(found).items() if finding is people]
     way = "" if people is None else named[0] if named else "zones"
+    pair = None if people is None else pair_of(people, bodies, motion)
     moved_m = motion.clearance_m - settings.clearance_m
     return Grounds(
         speed_m_s=found.speed_m_s,
@@ -53,7 +55,8 @@ def _of_one(
         person=None if people is None else bodies.zones.ids[people.person],
         segment="" if people is None else bodies.zones.segments[people.segment],
         link=None if people is None else people.link,
-        pair_m=None if people is None else pair_m(people, bodies, motion),
+        pair=pair,
+        pair_m=None if pair is None else float(capsule_distance(*pair)),
         separation_m=None if people is None else people.separation_m,
         slack_m=None if people is None else people.slack_m,
         reaction_s=bodies.age_s + motion.until_braking_s,

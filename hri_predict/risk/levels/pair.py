@@ -8,8 +8,11 @@ from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.robots.motion import RobotMotion
 
 
-def pair_m(people: Finding, bodies: BodyZones, motion: RobotMotion) -> float | None:
-    """The distance now of the deciding pair; ``None`` if no capsule of the robot decides."""
+def pair_of(
+    people: Finding, bodies: BodyZones, motion: RobotMotion
+) -> tuple[Capsules, Capsules] | None:
+    """The deciding segment and capsule as they are now; ``None`` if no capsule of the robot
+    decides."""
     link, numbering = people.link, motion.model.numbering
     if numbering is not None:  # findings count the capsules of all tools
         own = np.flatnonzero(numbering == link)
@@ -19,4 +22,10 @@ def pair_m(people: Finding, bodies: BodyZones, motion: RobotMotion) -> float | N
     zones, pair = bodies.zones.capsules, (people.person, 0, people.segment)
     body = Capsules(zones.a[pair], zones.b[pair], zones.radius[pair])
     robot = motion.capsules
-    return float(capsule_distance(body, Capsules(robot.a[link], robot.b[link], robot.radius[link])))
+    return body, Capsules(robot.a[link], robot.b[link], robot.radius[link])
+
+
+def pair_m(people: Finding, bodies: BodyZones, motion: RobotMotion) -> float | None:
+    """The distance now of the deciding pair; ``None`` if no capsule of the robot decides."""
+    pair = pair_of(people, bodies, motion)
+    return None if pair is None else float(capsule_distance(*pair))

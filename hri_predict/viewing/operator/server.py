@@ -53,10 +53,10 @@ class Server(ThreadingHTTPServer):
 
     def __init__(
         self,
+        *,
         host: str,
         port: int,
         state: State,
-        *,
         name: str = "page",
         request_s: float = REQUEST_S,
     ) -> None:
@@ -226,7 +226,7 @@ def serve(state: State, name: str) -> None:
     args = parser.parse_args()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who feeds us gets it too; its end is our end
     os.nice(10)  # who feeds us goes first
-    server = Server(args.host, args.port, state, name=name)
+    server = Server(host=args.host, port=args.port, state=state, name=name)
     threading.Thread(target=server.serve_forever, name="pages", daemon=True).start()
     host, port = server.server_address[:2]
     address = f"[{host!s}]" if ":" in str(host) else str(host)

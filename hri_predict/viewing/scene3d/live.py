@@ -4,6 +4,7 @@ It ends when they end. Run by ``feed``: ``python -m hri_predict.viewing.scene3d.
 """
 
 import argparse
+import math
 import os
 import signal
 import sys
@@ -13,14 +14,16 @@ from collections import deque
 
 from hri_predict.viewing.levels import worst
 from hri_predict.viewing.picture import Picture, read
-from hri_predict.viewing.scene3d.panel import STRIP_PARTS, page, strip
-from hri_predict.viewing.scene3d.server import address, serve
+from hri_predict.viewing.scene3d.panel import STRIP_PARTS, details, head, strip
+from hri_predict.viewing.scene3d.server import add_legend, address, serve
 from hri_predict.viewing.scene3d.stage import Stage
 
 KEPT_S = 60.0
 DRAWN_HZ = 15.0
 SILENT_S = 1.0
 """No picture for so long: what is shown is not now, and grey."""
+NOW_S = 0.5
+"""Less than so far back is now: a pixel of the slider is a third of a second."""
 FAREWELL_S = 1.0
 """After the end, browsers are given so long to take the last, grey picture."""
 
@@ -45,6 +48,13 @@ class Kept:
         with self._lock:
             return self._kept[-1] if self._kept else None
 
+    def copy(self) -> "Kept":
+        """The same pictures, which nobody forgets."""
+        other = Kept()
+        with self._lock:
+            other._kept = self._kept.copy()
+        return other
+
     def at(self, then_s: float) -> tuple[float, Picture] | None:
         """The newest picture that had come by then, or else the oldest."""
         with self._lock:
@@ -52,14 +62,26 @@ class Kept:
             return before[-1] if before else self._kept[0] if self._kept else None
 
     def levels(self, now_s: float) -> list[str]:
-        """The worst level in each part of the last minute; "" where there was no picture."""
+        """The worst level in each part of the last minute; "" where nothing was known.
+
+        A level holds until the next picture, or until the node has been silent for too long.
+        """
         parts: list[list[str]] = [[] for _ in range(STRIP_PARTS)]
         with self._lock:
-            for then_s, picture in self._kept:
-                part = int((1.0 - (now_s - then_s) / KEPT_S) * STRIP_PARTS)
-                if 0 <= part < STRIP_PARTS:
-                    parts[part] += [robot["level"] for robot in picture.facts["robots"]]
+            kept = list(self._kept)
+        ends = [*(then_s for then_s, _ in kept[1:]), now_s]
+        for (then_s, picture), end_s in zip(kept, ends, strict=True):
+            level = worst(robot["level"] for robot in picture.facts["robots"])
+            first = _part(now_s - then_s)
+            last = _part(now_s - min(end_s, then_s + SILENT_S))
+            for part in range(max(0, first), last + 1):
+                parts[part].append(level)
         return [worst(levels) if levels else "" for levels in parts]
+
+
+def _part(ago_s: float) -> int:
+    """Which part of the last minute was so long ago; negative: an earlier one."""
+    return min(math.floor((1.0 - ago_s / KEPT_S) * STRIP_PARTS), STRIP_PARTS - 1)
 
 
 class LiveView:
@@ -70,12 +92,14 @@ class LiveView:
         self.server = serve(host, port)
         self._stage = Stage(self.server)
         gui = self.server.gui
-        self._page = gui.add_html("waiting for the node's first tick")
+        self._head = gui.add_html("waiting for the node's first tick")
         self._ahead = gui.add_slider("zones ahead (s)", 0.0, 3.0, 0.05, 0.5)
-        self._pause = gui.add_checkbox("pause", False)
-        self._back = gui.add_slider("seconds back", -KEPT_S, 0.0, 0.1, 0.0)
         self._strip = gui.add_html("")
-        self._paused_s: float | None = None
+        self._back = gui.add_slider("seconds back", -KEPT_S, 0.0, 0.1, 0.0)
+        self._pause = gui.add_checkbox("pause", False)
+        self._details = gui.add_html("")
+        add_legend(gui)
+        self._held: tuple[float, Kept] | None = None
         self._strip_s = 0.0
         self._shown: object = None
 
@@ -85,15 +109,15 @@ class LiveView:
         if newest is None:
             return
         paused = self._pause.value
-        self._paused_s = (self._paused_s or now_s) if paused else None
-        then_s = (self._paused_s or now_s) + self._back.value
-        is_now = not paused and self._back.value > -0.05
-        found = newest if is_now else self._kept.at(then_s)
+        self._held = (self._held or (now_s, self._kept.copy())) if paused else None
+        base_s, kept = self._held or (now_s, self._kept)
+        is_now = not paused and self._back.value > -NOW_S
+        found = newest if is_now else kept.at(base_s + self._back.value)
         assert found is not None
         stale = self._stale(now_s, newest[0], None if is_now else found[0])
         if now_s - self._strip_s > 0.5:
             self._strip_s = now_s
-            self._strip.content = strip(self._kept.levels(now_s))
+            self._strip.content = strip(kept.levels(base_s))
         horizon_s = max(found[1].facts["times_s"], default=0.0)
         if horizon_s > 0 and abs(self._ahead.max - horizon_s) > 0.01:
             self._ahead.value = min(self._ahead.value, horizon_s)  # type: ignore[misc]
@@ -103,7 +127,8 @@ class LiveView:
             return
         self._shown = shown
         picture = found[1]
-        self._page.content = page(picture.facts, stale=stale)
+        self._head.content = head(picture.facts, stale=stale)
+        self._details.content = details(picture.facts)
         self._stage.draw(picture, self._ahead.value, known=not stale or not is_now)
 
     def _stale(self, now_s: float, newest_s: float, shown_s: float | None) -> str:

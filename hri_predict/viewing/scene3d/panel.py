@@ -4,32 +4,74 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from hri_predict.viewing.levels import GREY, colour, css
+from hri_predict.viewing.levels import (
+    COLOURS,
+    FORECAST,
+    GREY,
+    GRID,
+    LOST,
+    PERSON,
+    VIEW,
+    Rgb,
+    colour,
+    css,
+)
 
+_LEGEND = (
+    (PERSON, "solid", "person as captured"),
+    (FORECAST, "faint", "where the person is predicted to be, up to zones ahead"),
+    (COLOURS["SLOW"], "faint", "zone: where the person may be at zones ahead; in the worst level"),
+    (COLOURS["SLOW"], "line", "robot, and the line to the deciding body part: in its level"),
+    (LOST, "faint", "lost person; shadow or floor where somebody could stand unseen"),
+    (VIEW, "line", "field of view"),
+    (COLOURS["CLEAR"], "line", "named zone: green empty, yellow entry predicted, red occupied"),
+    (GRID, "line", "floor: a line each half metre, brighter each metre"),
+)
+_LIVE: Rgb = (60, 75, 90)
+_ONE_LINE = "white-space:nowrap;overflow:hidden;text-overflow:ellipsis"
+_TRACK = "6px 67px 0 120px"
+"""Above the track of the slider below it: viser has labels left of it, and a number right."""
 STRIP_PARTS = 240
 """A timeline has so many parts at most; each shows the worst level within."""
 
 
-def badge(word: str, rgb: tuple[int, int, int], line: str) -> str:
-    """A large word on a colour, and a line under it."""
-    return (
-        f'<div style="background:{css(rgb)};color:#fff;border-radius:6px;padding:8px 12px;'
-        f'margin:4px 0"><div style="font-size:26px;font-weight:800;letter-spacing:1px">'
-        f'{escape(word)}</div><div style="font-size:13px">{escape(line)}</div></div>'
-    )
+def head(facts: dict[str, Any], *, stale: str = "", when: str = "") -> str:
+    """The levels of a picture: ``stale`` says why it is not now, in grey; ``when`` it was recorded.
 
-
-def page(facts: dict[str, Any], *, stale: str = "", when: str = "") -> str:
-    """The panel for a picture; ``stale`` says why it is not now, in grey; ``when`` it was."""
-    parts = [_table([("recorded", when)])] if when else []
-    if stale:
-        parts.append(badge("NOT LIVE", GREY, stale))
+    Its height is always the same for the same robots, so that nothing below it moves under a hand.
+    """
+    if when:
+        parts = [_line("RECORDED", GREY, when)]
+    else:
+        parts = [_line("NOT LIVE", GREY, stale) if stale else _line("LIVE", _LIVE, "")]
     for robot in facts["robots"]:
         rgb = GREY if stale else colour(robot["level"])
         parts.append(badge(f"{robot['name']}: {robot['level']}", rgb, robot["reason"]))
-        parts.append(_table(_of_robot(robot)))
-    parts.append(_table(_of_cell(facts)))
-    return '<div style="padding:0 12px 8px">' + "".join(parts) + "</div>"
+    return '<div style="padding:0 12px">' + "".join(parts) + "</div>"
+
+
+def details(facts: dict[str, Any]) -> str:
+    """What else is known of a picture."""
+    tables = [_table(_of_robot(robot)) for robot in facts["robots"]]
+    return f'<div style="padding:0 12px">{"".join(tables)}{_table(_of_cell(facts))}</div>'
+
+
+def badge(word: str, rgb: Rgb, line: str) -> str:
+    """A large word on a colour, and a line under it."""
+    return (
+        f'<div style="background:{css(rgb)};color:#fff;border-radius:6px;padding:8px 12px;'
+        f'margin:4px 0"><div style="font-size:26px;font-weight:800;letter-spacing:1px;{_ONE_LINE}">'
+        f'{escape(word)}</div><div style="font-size:13px;{_ONE_LINE}">{escape(line)}</div></div>'
+    )
+
+
+def _line(word: str, rgb: Rgb, line: str) -> str:
+    """A word on a colour, and what is said of it beside."""
+    return (
+        f'<div style="font-size:13px;{_ONE_LINE}"><span style="background:{css(rgb)};color:#fff;'
+        f'border-radius:4px;padding:1px 8px;font-weight:800">{escape(word)}</span> {escape(line)}'
+        "</div>"
+    )
 
 
 def strip(levels: Sequence[str]) -> str:
@@ -45,20 +87,60 @@ def strip(levels: Sequence[str]) -> str:
         rgb = css(colour(level))
         stops.append(f"{rgb} {i * width:.2f}% {end * width:.2f}%")
     bar = f"height:14px;border-radius:3px;background:linear-gradient(to right,{','.join(stops)})"
-    return f'<div style="padding:2px 12px"><div style="{bar}"></div></div>'
+    return f'<div style="padding:{_TRACK}"><div class="levels" style="{bar}"></div></div>'
+
+
+def legend() -> str:
+    """What is what in the scene."""
+    rows = "".join(
+        f'<tr><td style="padding-right:10px">{_swatch(rgb, shape)}</td><td>{escape(text)}</td></tr>'
+        for rgb, shape, text in _LEGEND
+    )
+    return (
+        f'<div style="padding:6px 12px"><table style="font-size:12px;opacity:.85">{rows}</table>'
+        f'<div style="font-size:12px;opacity:.85;margin-top:4px">{_levels()}</div></div>'
+    )
+
+
+def _swatch(rgb: Rgb, shape: str) -> str:
+    size = "width:22px;height:3px" if shape == "line" else "width:14px;height:14px"
+    opacity = ".45" if shape == "faint" else "1"
+    return (
+        f'<div style="{size};margin:auto;border-radius:3px;background:{css(rgb)};'
+        f'opacity:{opacity}"></div>'
+    )
+
+
+def _levels() -> str:
+    """The levels' colours, each with its name on it."""
+    return " ".join(
+        f'<span style="background:{css(COLOURS[name])};color:#fff;border-radius:3px;'
+        f'padding:1px 5px;font-weight:700">{name}</span>'
+        for name in ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN")
+    )
 
 
 def _of_robot(robot: dict[str, Any]) -> list[tuple[str, str]]:
     rows = [
+        (robot["name"], robot["reason"]),
         ("speed limit", metres(robot["limit_m_s"] or 0.0, "m/s")),
         ("robot's speed", metres(robot["speed_m_s"], "m/s")),
         ("separation", metres(robot["separation_m"], "m")),
     ]
-    if robot["detail"]:
-        rows.append(("detail", robot["detail"]))
+    if robot["pair"]:
+        rows += [("decides", robot["pair"]), ("apart", robot["apart"])]
+    if detail := _detail(robot):
+        rows.append(("detail", detail))
     if robot["clears"]:
         rows.append(("clears when", robot["clears"]))
     return rows
+
+
+def _detail(robot: dict[str, Any]) -> str:
+    """The detail without what stands in other rows: the reason, and what clears it."""
+    said = {robot["reason"], f"{robot['name']}: {robot['reason']}"}
+    parts = robot["detail"].split("; ")
+    return "; ".join(p for p in parts if p not in said and not p.startswith("clears when"))
 
 
 def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:

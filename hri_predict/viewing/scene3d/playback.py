@@ -1,14 +1,31 @@
 """Plays a recording in the 3D view: a timeline of levels, play, pause, speed."""
 
 import time
+from collections import deque
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 from hri_predict.viewing.recorded import RecordedPictures
-from hri_predict.viewing.scene3d.panel import STRIP_PARTS, page, strip
-from hri_predict.viewing.scene3d.server import address, serve
+from hri_predict.viewing.scene3d.panel import STRIP_PARTS, details, head, strip
+from hri_predict.viewing.scene3d.server import add_legend, address, serve
 from hri_predict.viewing.scene3d.stage import Stage
 
 DRAWN_HZ = 10.0
+PLAY = "play or stop"
+_STEPS = {
+    "< level": (RecordedPictures.change_beside, -1),
+    "< step": (RecordedPictures.picture_beside, -1),
+    "step >": (RecordedPictures.picture_beside, 1),
+    "level >": (RecordedPictures.change_beside, 1),
+}
+_KEYS: tuple[tuple[Any, str], ...] = (
+    ("P", "< level"),
+    ("J", "< step"),
+    ("K", PLAY),
+    ("L", "step >"),
+    ("N", "level >"),
+)
 SPEEDS = ("0.25", "0.5", "1", "2", "5", "20")
 
 
@@ -20,13 +37,20 @@ class Playback:
         self.server = serve(host, port)
         self._stage = Stage(self.server)
         gui = self.server.gui
-        self._page = gui.add_html("")
+        self._head = gui.add_html("")
         self._end_s = max(0.1, round(recorded.duration_s, 1))
-        self._at = gui.add_slider("seconds", 0.0, self._end_s, 0.1, 0.0)
+        self._ahead = gui.add_slider("zones ahead (s)", 0.0, 3.0, 0.05, 0.5)
         gui.add_html(strip(recorded.levels(STRIP_PARTS)))
+        self._at = gui.add_slider("seconds", 0.0, self._end_s, 0.1, 0.0)
         self._play = gui.add_checkbox("play", False)
         self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
-        self._ahead = gui.add_slider("zones ahead (s)", 0.0, 3.0, 0.05, 0.5)
+        self._asked: deque[str] = deque(maxlen=20)
+        self._buttons = gui.add_button_group("go to", tuple(_STEPS))
+        self._buttons.on_click(lambda _: self._asked.append(self._buttons.value))
+        for key, what in _KEYS:
+            gui.add_command(what, hotkey=key).on_trigger(partial(self._ask, what))
+        self._details = gui.add_html("")
+        add_legend(gui)
         self._position_s, self._set_s, self._last_s = 0.0, 0.0, 0.0
         self._shown: object = None
 
@@ -50,22 +74,38 @@ class Playback:
             if self._position_s >= self._recorded.duration_s:
                 self._position_s = self._recorded.duration_s
                 self._play.value = False  # type: ignore[misc]
+        while self._asked:
+            self._do(self._asked.popleft())
         self._set_s = round(min(self._position_s, self._end_s), 1)
         if abs(self._at.value - self._set_s) > 0.01:
             self._at.value = self._set_s  # type: ignore[misc]
         self._show(self._recorded.start_ns + round(self._position_s * 1e9))
 
+    def _ask(self, what: str, _: Any) -> None:
+        self._asked.append(what)
+
+    def _do(self, what: str) -> None:
+        """What a button or a key asks."""
+        if what == PLAY:
+            self._play.value = not self._play.value  # type: ignore[misc]
+            return
+        find, by = _STEPS[what]
+        ns = find(self._recorded, self._recorded.start_ns + round(self._position_s * 1e9), by)
+        self.go((ns - self._recorded.start_ns) * 1e-9)
+
     def _show(self, ns: int) -> None:
         picture = self._recorded.at(ns)
         if picture is None:
-            self._page.content = "nothing was recorded here"
+            self._head.content, self._details.content = "nothing was recorded here", ""
+            self._shown = None
             return
         shown = (picture, self._ahead.value)
         if shown == self._shown:
             return
         self._shown = shown
-        when = picture.facts["utc"] if self._recorded.info.has_utc else ""
-        self._page.content = page(picture.facts, when=when)
+        when = picture.facts["utc"] if self._recorded.info.has_utc else "without UTC"
+        self._head.content = head(picture.facts, when=when)
+        self._details.content = details(picture.facts)
         self._stage.draw(picture, self._ahead.value)
 
 

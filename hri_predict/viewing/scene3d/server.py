@@ -6,6 +6,8 @@ import socket
 
 import viser
 
+from hri_predict.viewing.scene3d.panel import legend
+
 TITLE = "hri-predict"
 
 
@@ -24,6 +26,12 @@ def serve(host: str, port: int) -> viser.ViserServer:
     )
     server.gui.main_panel.dock_right()
     return server
+
+
+def add_legend(gui: viser.GuiApi) -> None:
+    """Say what is what in the scene; it can be folded away."""
+    with gui.add_folder("legend"):
+        gui.add_html(legend())
 
 
 def address(server: viser.ViserServer) -> str:

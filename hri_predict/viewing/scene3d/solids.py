@@ -1,11 +1,17 @@
 """Capsules as scaled copies of one sphere and one cylinder: a few numbers each for the browser."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.viewing.picture import Shapes
 
-_AROUND, _RINGS = 14, 7
+_AROUND, _RINGS = 18, 9
+_SRGB = np.arange(256) / 255.0
+_LINEAR = np.round(
+    255.0 * np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4)
+).astype(np.uint8)
 
 
 def sphere() -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
@@ -33,6 +39,14 @@ def _sides(rings: int) -> NDArray[np.uint32]:
     b = (ring * _AROUND + (first + 1) % _AROUND).ravel()
     c, d = a + _AROUND, b + _AROUND
     return np.concatenate((np.stack((a, c, b), -1), np.stack((b, c, d), -1))).astype(np.uint32)
+
+
+def linear(colours: Any) -> NDArray[np.uint8]:
+    """Colours as a batch wants them: it takes them for linear light, not for sRGB (IEC 61966-2-1).
+
+    Without this they are paler than the same colours in the panel.
+    """
+    return _LINEAR[np.asarray(colours, np.uint8)]
 
 
 def spheres_of(capsules: Shapes) -> tuple[Shapes, Shapes]:

@@ -1,19 +1,24 @@
 """Draws pictures into viser's scene: a few batched nodes, whatever the number of people."""
 
-import contextlib
 from typing import Any
 
 import numpy as np
-from viser import BatchedMeshHandle, LabelHandle, LineSegmentsHandle, SceneNodeHandle, ViserServer
+from viser import BatchedMeshHandle, ViserServer
 
-from hri_predict.viewing.levels import COLOURS, GREY, Rgb, colour, worst
+from hri_predict.viewing.levels import FORECAST, GREY, GRID, LOST, PERSON, colour, worst
 from hri_predict.viewing.picture import Picture, Shapes
-from hri_predict.viewing.scene3d.solids import cylinder, cylinders_of, sphere, spheres_of
+from hri_predict.viewing.scene3d.solids import cylinder, cylinders_of, linear, sphere, spheres_of
+from hri_predict.viewing.scene3d.surroundings import Surroundings
+from hri_predict.viewing.scene3d.tags import Tags
 
-PERSON: Rgb = (20, 85, 200)
-LOST: Rgb = (150, 60, 200)
-FORECAST: Rgb = (90, 190, 255)
-VIEW: Rgb = (70, 130, 150)
+SKY, SUN = 1.6, 1.8
+"""Brightness of the lights."""
+GHOSTS = 3
+"""So many bodies of each forecast are drawn; more of them hide each other."""
+LOOK_FROM_M = np.array([2.5, -3.3, 2.2])
+"""From the place that is looked at, at the start."""
+LOOK_AT_M, ASIDE_M = 0.6, 0.9
+"""That place's height, and how far it may lie from the robots, towards the room's middle."""
 ZONE_OPACITY, LOST_OPACITY, FORECAST_OPACITY = 0.045, 0.07, 0.4
 _NOWHERE = np.array([[0, 0, -50, 0, 0, -50, 1e-3]], np.float32)
 """Drawn where nothing is to be drawn: a batch is never empty."""
@@ -49,7 +54,7 @@ class _Solids:
     def draw(self, capsules: Shapes, colours: Any, opacities: Shapes) -> None:
         """Show these (N, 7) capsules, with (N, 3) colours and (N,) opacities."""
         sound = np.isfinite(capsules).all(axis=1)
-        capsules, colours = capsules[sound], np.asarray(colours, np.uint8)[sound]
+        capsules, colours = capsules[sound], linear(colours)[sound]
         opacities = np.asarray(opacities, np.float32)[sound]
         if not len(capsules):
             capsules, colours, opacities = _NOWHERE, np.zeros((1, 3), np.uint8), _NONE
@@ -73,86 +78,55 @@ class Stage:
         self._server = server
         self._solid = _Solids(server, "bodies", opacity=None)
         self._clear = _Solids(server, "zones", opacity=0.1)
-        self._room: Any = None
-        self._regions: list[SceneNodeHandle] = []
-        self._outlines: dict[str, LineSegmentsHandle] = {}
-        self._lines: dict[int, tuple[LineSegmentsHandle, LabelHandle]] = {}
+        self._surroundings = Surroundings(server)
+        self._tags = Tags(server)
+        self._looked = False
         server.scene.set_up_direction("+z")
-        server.scene.configure_default_lights(cast_shadow=False)
+        server.scene.configure_default_lights(enabled=False)
+        server.scene.configure_environment_map(hdri=None)  # it would bleach the levels' colours
+        server.scene.add_light_hemisphere("/sky", ground_color=(90, 90, 100), intensity=SKY)
+        server.scene.add_light_directional("/sun", intensity=SUN, position=(2.0, -3.0, 5.0))
         server.scene.add_grid(
             "/floor",
             cell_size=0.5,
             cell_color=(48, 52, 58),
-            section_color=(72, 78, 86),
+            section_color=GRID,
+            section_size=1.0,
             infinite_grid=True,
             fade_distance=18.0,
         )
-        server.initial_camera.position = (3.6, -3.0, 2.7)
-        server.initial_camera.look_at = (0.9, 0.3, 0.75)
+        self._look_at(np.array([0.0, 0.0, LOOK_AT_M]))
 
     def draw(self, picture: Picture, ahead_s: float, *, known: bool = True) -> None:
         """Show a picture with the zones ``ahead_s`` from its tick; grey if it is not ``known``."""
+        if len(picture.robots) and not self._looked:
+            self._looked = True
+            self._look_at(np.array([*_middle(picture), LOOK_AT_M]))
         times = np.asarray(picture.facts["times_s"])
         step = int(np.abs(times - ahead_s).argmin()) if len(times) else 0
         with self._server.atomic():
-            self._draw_room(picture.facts, known)
+            self._surroundings.draw(picture.facts, known)
             self._solid.draw(*_solids(picture, known))
             self._clear.draw(*_see_through(picture, step, known))
-            self._draw_lines(picture.facts, known)
+            self._tags.draw(picture, known)
         self._server.flush()
 
-    def _draw_room(self, facts: dict[str, Any], known: bool) -> None:
-        if facts["room"] != self._room:
-            self._room = facts["room"]
-            for handle in self._regions:
-                with contextlib.suppress(Exception):  # viser removed it with its parent
-                    handle.remove()
-            self._regions, self._outlines = [], {}
-            if self._room["view"] is not None:
-                self._region("field of view", self._room["view"], VIEW)
-            for zone in self._room["named"]:
-                self._region(zone["name"], zone, GREY)
-        for zone in self._room["named"]:
-            occupied, entry_s = facts["named"].get(zone["name"], [False, None])
-            shown = COLOURS["STOP" if occupied else "WARN" if entry_s is not None else "CLEAR"]
-            outline = self._outlines[zone["name"]]
-            rgb = np.array(shown if known else GREY, np.uint8)
-            outline.colors = np.broadcast_to(rgb, outline.points.shape).copy()
+    def _look_at(self, place: Any) -> None:
+        """Let browsers look at a place (3,), those that are here and those that come."""
+        at = tuple(float(x) for x in place)
+        seen_from = tuple(float(x) for x in place + LOOK_FROM_M)
+        cameras: list[Any] = [client.camera for client in self._server.get_clients().values()]
+        for camera in (self._server.initial_camera, *cameras):
+            camera.look_at, camera.position = at, seen_from
 
-    def _region(self, name: str, region: dict[str, Any], rgb: Rgb) -> None:
-        """A prism as its edges, with its name."""
-        floor = np.array([[*corner, region["z_min"]] for corner in region["polygon"]])
-        roof = floor + np.array([0.0, 0.0, region["z_max"] - region["z_min"]])
-        edges = [(floor, np.roll(floor, -1, 0)), (roof, np.roll(roof, -1, 0)), (floor, roof)]
-        points = np.concatenate([np.stack(edge, axis=1) for edge in edges]).astype(np.float32)
-        path = f"/regions/{len(self._regions)}"
-        line = self._server.scene.add_line_segments(path, points, rgb, thickness=0.015)
-        label = self._server.scene.add_label(f"{path}/name", name, position=tuple(floor[0]))
-        self._outlines[name] = line
-        self._regions += [label, line]
 
-    def _draw_lines(self, facts: dict[str, Any], known: bool) -> None:
-        """Each robot's separation: a line from the deciding body part, with its length."""
-        for index, robot in enumerate(facts["robots"]):
-            ends = robot["line"]
-            if index not in self._lines:
-                if ends is None:
-                    continue
-                path, points = f"/separation/{index}", np.array([ends], np.float32)
-                scene = self._server.scene
-                self._lines[index] = (
-                    scene.add_line_segments(path, points, GREY, thickness=0.025),
-                    scene.add_label(f"/separation_label/{index}", "", anchor="bottom-center"),
-                )
-            line, label = self._lines[index]
-            line.visible = label.visible = ends is not None
-            if ends is not None:
-                line.points = np.array([ends], np.float32)
-                rgb = np.array(colour(robot["level"]) if known else GREY, np.uint8)
-                line.colors = np.broadcast_to(rgb, (1, 2, 3)).copy()
-                label.position = tuple(np.mean(ends, axis=0) + np.array([0, 0, 0.08]))
-                metres = robot["separation_m"]
-                label.text = "?" if metres is None else f"{metres:.2f} m"
+def _middle(picture: Picture) -> Any:
+    """(2,) on the floor, between the robots and the middle of what the sensor sees."""
+    robots, view = picture.robots[:, :2].mean(axis=0), picture.facts["room"]["view"]
+    if view is None:
+        return robots
+    way = np.mean(view["polygon"], axis=0) - robots
+    return robots + way * min(0.5, ASIDE_M / max(float(np.hypot(*way)), 1e-9))
 
 
 def _solids(picture: Picture, known: bool) -> tuple[Shapes, Any, Shapes]:
@@ -173,7 +147,8 @@ def _see_through(picture: Picture, step: int, known: bool) -> tuple[Shapes, Any,
     """The forecast up to a step, fading, and the zones at it."""
     forecast, zones = picture.forecast, picture.zones
     until = max(1, step)
-    steps = list(range(1, until + 1)) if forecast.shape[1] > 1 else []
+    shown = np.unique(np.linspace(1, until, min(GHOSTS, until)).round().astype(int))
+    steps = shown.tolist() if forecast.shape[1] > 1 else []
     ghosts = forecast[:, steps]
     people, count, segments = ghosts.shape[:3]
     fading = FORECAST_OPACITY * (1.0 - 0.8 * np.arange(count) / max(count, 1))

@@ -2,8 +2,11 @@
 
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.explaining.episodes import episodes
 from hri_predict.explaining.recordings import Recordings
+from hri_predict.explaining.situation import situation
+from hri_predict.explaining.times import Asked
 from tests.hri_predict.explaining.made_up import NOON, SECOND, told, written
 
 
@@ -73,3 +76,27 @@ def test_files_of_two_cells_are_refused(tmp_path):
     written(tmp_path / "b.mcap", told("CC"), cell="weld")
     with pytest.raises(RecordingError, match="several cells"):
         Recordings([tmp_path])
+
+
+def test_files_of_the_same_time_are_told_and_their_episodes_stay_apart(tmp_path):
+    """The wall clock was set back by a minute while the robot stood."""
+    written(tmp_path / "a.mcap", [(at + 60, *rest) for at, *rest in told("CX" + 50 * "X")])
+    written(tmp_path / "b.mcap", [(at + 62, *rest) for at, *rest in told(50 * "X" + "C")])
+    found = Recordings([tmp_path])
+    both = list(episodes(found.read(["/advice"])))
+    assert [e.stopped_ns for e in both] == [5 * SECOND, 5 * SECOND]
+    assert len(found.twice) == 1
+    assert "a.mcap and b.mcap are of the same time" in found.notes[0]
+    with pytest.raises(ConfigError, match=r"recorded twice.*name one file, .*a\.mcap or .*b\.mcap"):
+        situation(found, Asked(NOON + 64 * SECOND, SECOND), None)
+    one = situation(Recordings([tmp_path / "a.mcap"]), Asked(NOON + 64 * SECOND, SECOND), None)
+    assert one.episode is not None
+
+
+def test_files_that_meet_are_not_of_the_same_time(tmp_path):
+    written(tmp_path / "a.mcap", told(50 * "X"))
+    written(tmp_path / "b.mcap", told("XC"), utc_ns=NOON + round(4.5 * SECOND))
+    found = Recordings([tmp_path])
+    (episode,) = episodes(found.read(["/advice"]))
+    assert episode.end_ns is not None
+    assert found.twice == []

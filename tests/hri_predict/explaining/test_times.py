@@ -4,6 +4,7 @@ import pytest
 
 from hri_predict.errors import ConfigError
 from hri_predict.explaining.recordings import Recordings
+from hri_predict.explaining.situation import situation
 from hri_predict.explaining.times import NS, asked, dated, shown
 from tests.hri_predict.explaining.made_up import NOON, SECOND, told, written
 
@@ -80,3 +81,9 @@ def test_what_is_shown_can_be_asked(noon):
     at_ns = NOON + 7_250_000_000
     assert shown(at_ns, noon) == "12:00:07.2"
     assert asked(dated(at_ns, noon), noon).start_ns == at_ns
+
+
+@pytest.mark.parametrize("text", ["0001-01-01T00:00:00+23:59", "9999-12-31T23:59:59-23:59"])
+def test_a_time_before_or_after_all_dates_is_one_line(noon, text):
+    with pytest.raises(ConfigError, match="not recorded"):
+        situation(noon, asked(text, noon), None)

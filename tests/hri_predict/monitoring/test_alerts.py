@@ -1,6 +1,7 @@
 import errno
 import io
 import json
+import subprocess
 import sys
 
 import pytest
@@ -215,3 +216,20 @@ def test_after_a_line_that_was_cut_short_the_next_stands_on_its_own(tmp_path):
     cut, whole = (tmp_path / "a.jsonl").read_text().splitlines()
     assert cut == '{"level": "st'
     assert json.loads(whole)["level"] == "stop"
+
+
+def test_a_line_that_no_longer_fits_on_the_disk_leaves_no_part(tmp_path):
+    """A limit of the file's size is a full disk that a test can have."""
+    code = (
+        "import resource, signal; from pathlib import Path; from hri_predict.monitoring import "
+        "alerts; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); resource.setrlimit("
+        "resource.RLIMIT_FSIZE, (100, 100)); path = Path('a.jsonl'); line = b'x' * 39 + b'\\n'\n"
+        "for _ in range(2): alerts._append(path, line)\n"
+        "try: alerts._append(path, line)\n"
+        "except OSError as error: print(error.strerror)\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert run.stdout == "No space left on device\n"
+    assert (tmp_path / "a.jsonl").read_bytes() == 2 * (b"x" * 39 + b"\n")

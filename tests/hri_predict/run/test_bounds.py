@@ -99,8 +99,8 @@ def test_no_number_may_be_absurdly_near_to_zero_or_without_end(model, key):
     for constraints in numbers(field.annotation, field.metadata):
         if key in ELSEWHERE and not any(isinstance(c, Ge | Gt) for c in constraints):
             continue
-        least = [c.ge for c in constraints if isinstance(c, Ge)]
-        greatest = [c.le for c in constraints if isinstance(c, Le)]
+        least: list[Any] = [c.ge for c in constraints if isinstance(c, Ge)]
+        greatest: list[Any] = [c.le for c in constraints if isinstance(c, Le)]
         greatest += [c.lt for c in constraints if isinstance(c, Lt)]
         assert not [c for c in constraints if isinstance(c, Gt)], "say the least value with ge"
         assert least, "say the least value with ge"

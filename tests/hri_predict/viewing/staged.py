@@ -1,4 +1,4 @@
-"""Real ticks of the demo's cell, with a named zone and a field of view, as pictures to show."""
+"""Real ticks of the demo's cell, with a named zone, and a camera that does not see everything."""
 
 import tempfile
 import time
@@ -11,12 +11,20 @@ from hri_predict.node.listeners import Tick
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
+from hri_predict.run.coverage import zones_text
 from hri_predict.run.session import Options, View, run
 from hri_predict.viewing.feed import Feed
 from hri_predict.viewing.packing import picture_of
 from hri_predict.viewing.picture import Picture
 
 VIEW = {"polygon": [[-1.6, -1.8], [4.2, -1.8], [4.2, 3.2], [-1.6, 3.2]], "z_min": 0, "z_max": 2.6}
+PALLET = {"polygon": [[2.4, 1.7], [3.4, 1.7], [3.4, 2.6], [2.4, 2.6]], "z_max": 1.4}
+SEEN = {
+    "field_of_view": VIEW,
+    "sees_free_space": True,
+    "shadows": [PALLET],
+    "viewpoints": [[-1.6, 3.2, 2.6]],
+}
 BENCH = {"name": "bench", "level": "none"} | {
     "polygon": [[1.0, -0.9], [2.0, -0.9], [2.0, 0.6], [1.0, 0.6]],
     "z_max": 1.2,
@@ -43,14 +51,15 @@ class _Kept(View):
             picture = picture_of(tick, self._assembly)
             changes = list(self._feed._changes)
             picture.facts.update(utc_s=time.time(), rate_hz=25.0, dropped=0, changes=changes)
+            picture.facts["coverage"] = zones_text(self._assembly.config)
             self.pictures.append(picture)
 
 
 def cell(folder: Path, predictor: str = "constant_velocity", **more: Any) -> Config:
-    """The demo's cell with a named zone and a field of view."""
+    """The demo's cell with a named zone, a field of view, and a pallet's shadow in it."""
     text = configuration.shipped("demo.yaml").read_text(encoding="utf-8")
     data = yaml.safe_load(text) | {"zones": [BENCH]} | more
-    data["source"]["field_of_view"] = VIEW
+    data["source"] |= SEEN
     data["predictor"]["name"] = predictor
     path = folder / "press-4.yaml"
     path.write_text(yaml.safe_dump(data), encoding="utf-8")

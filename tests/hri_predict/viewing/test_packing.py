@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -45,8 +46,10 @@ def test_the_forecast_begins_near_the_body(near):
 def test_the_separation_line_is_as_long_as_said(near):
     robot = near.facts["robots"][0]
     one, other = np.array(robot["line"])
-    # said: with the person's and the robot's uncertainty taken off, at most a decimetre or so
-    assert np.linalg.norm(one - other) == pytest.approx(robot["separation_m"], abs=0.15)
+    said_m = float(robot["apart"].split()[0])
+    assert np.linalg.norm(one - other) == pytest.approx(said_m, abs=0.006)  # two digits are said
+    assert robot["apart"].endswith("at 0.00 m/s")  # the level is STOP
+    assert re.fullmatch(r"person 1's \w+ - \w+", robot["pair"])
 
 
 def test_a_picture_is_small_enough_and_plain_data(near):

@@ -36,7 +36,17 @@ def test_a_recording_shows_what_the_live_view_showed(recording):
     low = [each.robots[:, :3].min(axis=0) for each in (then, live)]
     np.testing.assert_allclose(low[0], low[1], atol=0.3)
     assert then.zones.shape[0] == then.forecast.shape[0] == 1
-    assert was["line"] is not None
+
+
+def test_the_line_joins_the_deciding_pair_as_in_the_live_view(recording):
+    live = pictures([6.4])[0]  # a tick of which a picture was recorded: five a second are
+    then = RecordedPictures(recording).at(round(live.facts["node_s"] * 1e9))
+    assert then is not None
+    assert then.facts["node_s"] == live.facts["node_s"]
+    was, is_now = then.facts["robots"][0], live.facts["robots"][0]
+    np.testing.assert_allclose(was["line"], is_now["line"], atol=0.001)  # recorded in millimetres
+    assert (was["apart"], was["pair"]) == (is_now["apart"], is_now["pair"])
+    assert is_now["pair"].startswith("person 1's ")
 
 
 def test_the_timeline_has_the_levels_of_the_recording(recording):
@@ -45,6 +55,15 @@ def test_the_timeline_has_the_levels_of_the_recording(recording):
     assert levels[0] == "UNKNOWN"  # the node starts
     assert {"SLOW", "STOP"} <= set(levels)
     assert recorded.level_at(recorded.end_ns) == recorded.changes[-1][1]
+
+
+def test_a_picture_says_the_level_of_its_moment_not_of_the_last_scene(recording):
+    """Scenes are recorded five times a second, advice with each tick."""
+    recorded = RecordedPictures(recording)
+    for ns, level in recorded.changes[1:]:
+        then = recorded.at(ns)
+        assert then is not None
+        assert then.facts["robots"][0]["level"] == level
 
 
 def test_outside_of_a_recording_there_is_nothing(recording):
@@ -80,4 +99,6 @@ def test_the_regions_come_from_the_configuration_as_recorded(tmp_path):
     "text", ["", "]", "source: 3", "source: {field_of_view: {polygon: x}}", json.dumps({"a": 1})]
 )
 def test_a_configuration_that_makes_no_sense_has_no_regions(text):
-    assert room_of_text(text, "x") == {"cell": "x", "named": [], "view": None}
+    room = room_of_text(text, "x")
+    assert room.pop("cell") == "x"
+    assert not any(room.values())

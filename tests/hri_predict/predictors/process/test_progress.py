@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Any
 
 import pytest
 
@@ -19,11 +20,12 @@ SOON_S = 20.0
 @pytest.fixture
 def process():
     """A function that starts a program and waits until it says that it began."""
-    started = []
+    started: list[Any] = []
 
-    def start(program):
+    def start(program: str) -> int:
         child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE)
         started.append(child)
+        assert child.stdout is not None
         child.stdout.readline()
         return child.pid
 

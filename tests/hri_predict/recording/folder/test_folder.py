@@ -126,13 +126,23 @@ def test_files_of_others_are_never_removed(tmp_path):
     assert len(list(tmp_path.glob("press-4-2020010[23]*"))) == 2
 
 
-def test_a_wrong_wall_clock_costs_two_old_files_and_not_all(tmp_path):
+def test_a_wrong_wall_clock_costs_nothing_at_first_and_then_two_old_files_each_time(tmp_path):
     days = [_of_another_run(tmp_path, f"press-4-2026030{d}T060000Z.mcap", 0.1) for d in range(1, 9)]
     wall = Wall()
     wall.offset_ns += 20 * 365 * 86400 * 10**9  # the battery of the clock is empty
     with Recorder(_place(tmp_path, keep_days=30), INFO, threaded=False, clocks=wall) as recorder:
         _scenes(recorder, 0, 10)
-    assert sum(path.exists() for path in days) == 6
+        assert all(path.exists() for path in days)
+        _scenes(recorder, 25 * 61, 10)  # a second file of the wrong time
+    assert [path.exists() for path in days] == 2 * [False] + 6 * [True]
+
+
+def test_a_file_that_is_too_old_goes(tmp_path):
+    old = _of_another_run(tmp_path, "press-4-20260101T060000Z.mcap", 0.1)
+    newer = _of_another_run(tmp_path, "press-4-20260308T060000Z.mcap", 0.1)
+    with Recorder(_place(tmp_path, keep_days=30), INFO, threaded=False, clocks=Wall()) as recorder:
+        _scenes(recorder, 0, 10)
+    assert (old.exists(), newer.exists()) == (False, True)
 
 
 def test_where_others_need_the_disk_it_makes_room_or_waits(tmp_path, caplog):

@@ -6,6 +6,7 @@ Oracles: the mcap library reads, jsonschema validates, and Foxglove's own messag
 
 import base64
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,22 @@ def test_what_is_not_known_is_left_out_and_read_as_none(recorded):
         assert {k: v for k, v in filled.items() if v is not None} | (
             {} if grounds is None else {"grounds": plain["grounds"]}
         ) == plain
+
+
+def test_a_line_joins_the_pair_that_the_advice_rests_on(recorded):
+    pair_m: Any = None
+    lengths: list[Any] = []
+    for _, channel, _, data in _read(recorded):
+        if channel.topic == "/advice/arm":
+            pair_m = data.get("grounds", {}).get("pair_m")
+        for entity in data.get("entities", ()):
+            if entity["id"] == "separation arm":
+                ends = [[point[k] for k in "xyz"] for point in entity["lines"][0]["points"]]
+                lengths.append((math.dist(*ends), pair_m))
+                assert entity["texts"][0]["text"].startswith(f"{max(0.0, pair_m):.2f} m")
+    assert len(lengths) > 10
+    for length, said_m in lengths:
+        assert length == pytest.approx(abs(said_m), abs=0.002)  # both ends in millimetres
 
 
 def _as_protobuf(data: Any) -> Any:

@@ -67,7 +67,7 @@ def test_without_fresh_pictures_names_are_told_and_no_level():
 
 
 def test_its_files_come_from_the_same_server():
-    server = Server("127.0.0.1", 0, FleetState(), name="fleet")
+    server = Server(host="127.0.0.1", port=0, state=FleetState(), name="fleet")
     threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     try:
         for path in ("/", "/fleet.js", "/fleet.css", "/common.js", "/common.css"):

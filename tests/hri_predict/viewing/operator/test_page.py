@@ -29,7 +29,7 @@ def picture(level: str, reason: str = "a person is too close", number: int = 1) 
 
 @pytest.fixture
 def server():
-    made = Server("127.0.0.1", 0, State(), request_s=0.5)
+    made = Server(host="127.0.0.1", port=0, state=State(), request_s=0.5)
     threading.Thread(target=made.serve_forever, args=(0.05,), daemon=True).start()
     yield made
     made.state.end()

@@ -23,6 +23,57 @@ def scene(browser: Browser) -> np.ndarray:
     return image[:, : image.shape[1] - 420, :3]
 
 
+PAUSE = "[...document.querySelectorAll('input[type=checkbox]')].at(-1).click()"
+
+
+def track(number: int) -> str:
+    """The track of a slider, for JavaScript."""
+    return f"document.querySelectorAll('.mantine-Slider-track')[{number}]"
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.timeout(300)
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_the_sliders_move_the_forecast_and_go_back_in_time():
+    clear, stop = pictures([3.0, 5.2])
+    with Shown(VIEWER) as view, Browser(900, 800) as browser:
+        view.show(clear)
+        browser.open(view.url)
+        browser.wait_for_text(f"arm: {clear.facts['robots'][0]['level']}")
+        time.sleep(4.0)
+        view.show(stop)
+        browser.wait_for_text(stop.facts["robots"][0]["apart"])
+        wait_for(lambda: faded_in(browser), 120)
+        left, top, right, bottom = browser.box(track(0))
+        middle = 0.5 * (top + bottom)
+        browser.click(left + 1, middle)
+        time.sleep(3.0)  # software draws about one frame a second
+        now = scene(browser)
+        time.sleep(2.0)
+        assert np.abs(scene(browser) - now).max() < 0.02  # nothing moves by itself
+        browser.click(right - 1, middle)
+        time.sleep(3.0)
+        ahead = np.abs(scene(browser) - now).max(axis=-1) > 0.1
+        assert ahead.mean() > 0.01  # zones grow, and bodies are drawn ahead
+
+        left, top, right, bottom = browser.box(track(1))
+        browser.click(left + (right - left) * (1 - 6.0 / 60), 0.5 * (top + bottom))
+        browser.wait_for_text("NOT LIVE", 10)
+        assert "s ago" in browser.text()
+        assert browser.box(track(1)) == (left, top, right, bottom)  # it did not move under a hand
+        browser.click(right - 1, 0.5 * (top + bottom))
+        wait_for(lambda: "NOT LIVE" not in browser.text(), 10)
+        browser.evaluate(PAUSE)
+        browser.wait_for_text("NOT LIVE", 10)
+        view.show(clear)
+        time.sleep(2.0)
+        assert stop.facts["robots"][0]["apart"] in browser.text()  # held
+        browser.evaluate(PAUSE)
+        wait_for(lambda: stop.facts["robots"][0]["apart"] not in browser.text(), 10)
+        assert browser.console == []
+
+
 @pytest.mark.long
 @pytest.mark.realtime
 @pytest.mark.timeout(240)

@@ -1,11 +1,12 @@
 from hri_predict.viewing.levels import COLOURS, GREY, css, worst
-from hri_predict.viewing.scene3d.panel import page, strip
+from hri_predict.viewing.scene3d.panel import details, head, strip
 
 ROBOT = {"name": "<arm>", "level": "CLEAR", "reason": "nothing & nobody", "clears": ""} | {
     "detail": "",
     "limit_m_s": 1.0,
     "separation_m": None,
     "speed_m_s": 0.25,
+    "pair": "",
 }
 FACTS = {"robots": [ROBOT], "state": "RUNNING", "people": [3, 7], "tracked": 1, "age_s": 0.02} | {
     "rate_hz": 25.0,
@@ -15,19 +16,19 @@ FACTS = {"robots": [ROBOT], "state": "RUNNING", "people": [3, 7], "tracked": 1, 
 
 
 def test_names_and_reasons_are_text():
-    html = page(FACTS)
+    html = head(FACTS) + details(FACTS)
     assert "<arm>" not in html
     assert "&lt;arm&gt;: CLEAR" in html
     assert "nothing &amp; nobody" in html
 
 
 def test_lost_people_are_named():
-    assert "1, lost: 7" in page(FACTS)
+    assert "1, lost: 7" in details(FACTS)
 
 
 def test_a_picture_that_is_not_of_now_is_grey():
-    assert css(COLOURS["CLEAR"]) in page(FACTS)
-    stale = page(FACTS, stale="nothing for 3 s")
+    assert css(COLOURS["CLEAR"]) in head(FACTS)
+    stale = head(FACTS, stale="nothing for 3 s")
     assert css(COLOURS["CLEAR"]) not in stale
     assert css(GREY) in stale
     assert "nothing for 3 s" in stale

@@ -31,7 +31,7 @@ def test_a_recording_plays_stands_and_goes_where_the_slider_is(playback):
 
     playback._at.value = 6.5
     playback.draw(20.1)
-    assert "arm: STOP" in playback._page.content
+    assert "arm: STOP" in playback._head.content
     assert playback._at.value == 6.5
 
     playback._play.value = True
@@ -40,6 +40,34 @@ def test_a_recording_plays_stands_and_goes_where_the_slider_is(playback):
         playback.draw(20.0 + tenth / 10)
     assert not playback._play.value  # at the end it stands
     assert playback._at.value == pytest.approx(playback._recorded.duration_s, abs=0.1)
+
+
+def test_buttons_and_keys_go_to_the_next_change_and_the_next_picture(playback):
+    recorded = playback._recorded
+    changes = [(ns - recorded.start_ns) * 1e-9 for ns, _ in recorded.changes]
+    assert len(changes) > 3
+    now_s = 10.0
+
+    def press(what: str) -> float:
+        nonlocal now_s
+        now_s += 0.1
+        playback._ask(what, None)
+        playback.draw(now_s)
+        return playback._position_s
+
+    playback.draw(now_s)
+    assert press("level >") == pytest.approx(changes[1])
+    assert press("level >") == pytest.approx(changes[2])
+    assert f"arm: {recorded.changes[2][1]}" in playback._head.content
+    assert press("< level") == pytest.approx(changes[1])
+    there = press("step >")
+    assert 0 < there - changes[1] <= 0.201  # five pictures a second, and one at each change
+    assert 0 < press("step >") - there <= 0.201
+    assert press("< step") == pytest.approx(there)
+    for _ in range(len(changes)):
+        press("level >")
+    assert playback._position_s == pytest.approx(recorded.duration_s)
+    assert press("play or stop") == pytest.approx(recorded.duration_s)
 
 
 def test_nobody_can_publish_the_view_beyond_its_address(playback):

@@ -1,0 +1,24 @@
+"""What the zones of a run rest on, for people: of ``check``, the 3D view and recordings."""
+
+from hri_predict.run.assemble import build_calibration
+from hri_predict.run.config import Config
+
+
+def zones_text(config: Config) -> str:
+    """Describe the basis of the zones in one line, and claim no more than was measured."""
+    risk, name = config.node.risk, config.predictor.name
+    if not risk.uses_forecasts:
+        return f"mode {risk.mode} uses no forecast"
+    calibration = build_calibration(config)
+    if calibration is None:
+        return (
+            f"not calibrated for {name} with these settings: it is not known how often they hold "
+            f"people; see hri-predict calibrate"
+        )
+    coverage = risk.coverage
+    held = "each joint" if coverage.of == "joint" else "the whole body"
+    check = "checked live" if coverage.self_check else "not checked live"
+    return (
+        f"calibrated on {len(calibration.recordings)} recordings to hold {held} in "
+        f"{100 * coverage.level:g} % ({coverage.basis}), {check}"
+    )

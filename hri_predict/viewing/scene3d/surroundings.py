@@ -1,0 +1,156 @@
+"""Draws the room: what the sensor sees and does not see, and the named zones."""
+
+import contextlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from viser import BatchedMeshHandle, LineSegmentsHandle, SceneNodeHandle, ViserServer
+
+from hri_predict.viewing.levels import COLOURS, GREY, LOST, VIEW, Rgb
+from hri_predict.viewing.picture import Shapes
+from hri_predict.viewing.scene3d.solids import linear
+from hri_predict.viewing.unseen import UnseenFloor
+
+UNSEEN_OPACITY, SHADOW_OPACITY = 0.30, 0.22
+ABOVE_M = 0.006
+"""The unseen floor is drawn so high above the floor's grid."""
+_CAMERA_M = 0.07
+_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]], np.float32)
+_SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
+_NO_TILES = np.array([[0.0, 0.0, 1e-3, 1e-3]])
+"""Drawn far below the floor where there is none: a batch is never empty."""
+
+
+class Surroundings:
+    """The room in one server's scene."""
+
+    def __init__(self, server: ViserServer) -> None:
+        self._server = server
+        self._room: Any = None
+        self._parts: list[SceneNodeHandle] = []
+        self._outlines: dict[str, LineSegmentsHandle] = {}
+        self._unseen = UnseenFloor(_NO_ROOM)
+        self._tiles = np.zeros((0, 4))
+        self._floor: BatchedMeshHandle | None = None
+
+    def draw(self, facts: dict[str, Any], known: bool) -> None:
+        """Show the room of a picture; grey if the picture is not ``known`` to be of now."""
+        if facts["room"] != self._room:
+            self._room = facts["room"]
+            self._build()
+        for zone in self._room["named"]:
+            occupied, entry_s = facts["named"].get(zone["name"], [False, None])
+            shown = COLOURS["STOP" if occupied else "WARN" if entry_s is not None else "CLEAR"]
+            outline = self._outlines[zone["name"]]
+            rgb = linear(shown if known else GREY)
+            outline.colors = np.broadcast_to(rgb, outline.points.shape).copy()
+        tiles = self._unseen.tiles(facts["places"], sees=facts["sees"] and known)
+        if not np.array_equal(tiles, self._tiles):
+            self._tiles = tiles
+            self._lay(tiles)
+
+    def _build(self) -> None:
+        for part in self._parts:
+            with contextlib.suppress(Exception):  # viser removed it with its parent
+                part.remove()
+        self._parts, self._outlines = [], {}
+        room = self._room
+        if room["view"] is not None:
+            self._region("field of view", room["view"], VIEW)
+        for shadow in room["shadows"]:
+            self._region("shadow", shadow, LOST)
+        self._walls_of(room["shadows"])
+        for index, point in enumerate(room["viewpoints"]):
+            path = f"/cameras/{index}"
+            ball = self._server.scene.add_icosphere(path, _CAMERA_M, VIEW, position=tuple(point))
+            name = self._server.scene.add_label(f"{path}/name", "camera")
+            self._parts += [name, ball]
+        for zone in room["named"]:
+            self._outlines[zone["name"]] = self._region(zone["name"], zone, GREY)
+        self._unseen = UnseenFloor(room)
+
+    def _region(self, name: str, region: dict[str, Any], rgb: Rgb) -> LineSegmentsHandle:
+        """A prism as its edges, with its name."""
+        floor, roof = _floor_and_roof(region)
+        edges = [(floor, np.roll(floor, -1, 0)), (roof, np.roll(roof, -1, 0)), (floor, roof)]
+        points = np.concatenate([np.stack(edge, axis=1) for edge in edges]).astype(np.float32)
+        path = f"/regions/{len(self._parts)}"
+        line = self._server.scene.add_line_segments(
+            path, points, rgb, thickness=1.6, thickness_units="screen"
+        )
+        label = self._server.scene.add_label(f"{path}/name", name, position=tuple(floor[0]))
+        self._parts += [label, line]
+        return line
+
+    def _walls_of(self, regions: list[dict[str, Any]]) -> None:
+        """The sides of all these prisms, see-through, as one mesh."""
+        if not regions:
+            return
+        vertices, faces = sides_of(regions)
+        self._parts.append(
+            self._server.scene.add_mesh_simple(
+                "/shadows",
+                vertices,
+                faces,
+                color=LOST,
+                opacity=SHADOW_OPACITY,
+                side="double",
+                flat_shading=True,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+        )
+
+    def _lay(self, tiles: NDArray[np.float64]) -> None:
+        """Show the floor that is not seen free, as one batch of tiles."""
+        height = self._room["floor_m"] + ABOVE_M if len(tiles) else -50.0
+        tiles = tiles if len(tiles) else _NO_TILES
+        ones = np.ones((len(tiles), 1))
+        positions = np.concatenate((tiles[:, :2], height * ones), axis=1).astype(np.float32)
+        scales = np.concatenate((tiles[:, 2:], ones), axis=1).astype(np.float32)
+        turns = np.tile(np.array([1, 0, 0, 0], np.float32), (len(tiles), 1))
+        if self._floor is None:
+            self._floor = self._server.scene.add_batched_meshes_simple(
+                "/unseen",
+                _SQUARE,
+                _SQUARE_FACES,
+                batched_wxyzs=turns,
+                batched_positions=positions,
+                batched_scales=scales,
+                batched_colors=LOST,
+                opacity=UNSEEN_OPACITY,
+                lod="off",
+                side="double",
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+            return
+        self._floor.batched_wxyzs = turns
+        self._floor.batched_positions = positions
+        self._floor.batched_scales = scales
+
+
+def sides_of(regions: list[dict[str, Any]]) -> tuple[Shapes, NDArray[np.uint32]]:
+    """Vertices and triangles of the upright sides of prisms."""
+    vertices: list[NDArray[np.float64]] = []
+    faces: list[NDArray[np.intp]] = []
+    start = 0
+    for region in regions:
+        floor, roof = _floor_and_roof(region)
+        count = len(floor)
+        a = np.arange(count)
+        b = (a + 1) % count
+        vertices += [floor, roof]
+        corners = [np.stack((a, b, b + count), 1), np.stack((a, b + count, a + count), 1)]
+        faces += [start + each for each in corners]
+        start += 2 * count
+    return np.concatenate(vertices).astype(np.float32), np.concatenate(faces).astype(np.uint32)
+
+
+def _floor_and_roof(region: dict[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    floor = np.array([[*corner, region["z_min"]] for corner in region["polygon"]])
+    return floor, floor + np.array([0.0, 0.0, region["z_max"] - region["z_min"]])
+
+
+_NO_ROOM: dict[str, Any] = {"walls": None, "view": None, "sees_free_space": False}
