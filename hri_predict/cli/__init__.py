@@ -36,6 +36,8 @@ def main() -> None:
             _misused(error, explain())
         if type(error).__name__ == "Abort":  # typer turns Ctrl-C into this
             sys.exit(130)
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            _fail(f"{error.filename}: {error.strerror}; choose a shorter one")
         if not (isinstance(error, OSError) and error.errno in _NO_ROOM and error.filename is None):
             raise
         sys.stdout = None

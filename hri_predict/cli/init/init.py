@@ -1,6 +1,7 @@
 """``init``: write a first configuration that passes ``check`` as it is."""
 
 import json
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +16,8 @@ from hri_predict.files import YAML_ENDINGS, load_yaml
 from hri_predict.settings import set_key
 
 SCHEMA_FILE = "hri-predict.schema.json"
+
+_LONGEST_NAME = 200  # bytes: beside it comes a file with a longer one while it is written
 
 
 def init(
@@ -62,7 +65,7 @@ def init(
 
     Example: hri-predict init cell.yaml --simulated --yes
     """
-    beside = path.with_name(SCHEMA_FILE)
+    beside = path.parent / SCHEMA_FILE
     _refuse_existing(path, beside if with_schema else None, force)
     if simulated:
         without_effect({"--source": source, "--link": link or None}, "with --simulated")
@@ -98,9 +101,12 @@ def _refuse_existing(path: Path, beside: Path | None, force: bool) -> None:
     Raises:
         ConfigError: a file would be overwritten that the user may need.
     """
-    if path.is_dir() or path.suffix not in YAML_ENDINGS:
+    # os.path takes names that are too long
+    if os.path.isdir(path) or path.suffix not in YAML_ENDINGS:
         raise ConfigError(f"{path}: name a file that ends in .yaml")
-    if not path.parent.is_dir():
+    if len(os.fsencode(path.name)) > _LONGEST_NAME:
+        raise ConfigError(f"{path}: its name is too long; choose a shorter one")
+    if not os.path.isdir(path.parent):
         raise ConfigError(f"{path}: no folder {path.parent}; make it, or name another")
     if force:
         return

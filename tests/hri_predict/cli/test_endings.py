@@ -123,3 +123,12 @@ def test_check_refuses_what_a_run_would_refuse(monkeypatch, capsys, tmp_path, li
     assert ended.value.code == 2
     assert len(error.splitlines()) == 1
     assert said in error
+
+
+def test_a_name_that_is_too_long_is_one_line(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["hri-predict", "evidence", 300 * "a"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: {300 * 'a'}: File name too long")

@@ -185,6 +185,9 @@ def test_somebody_elses_schema_is_never_replaced_without_force(call, tmp_path):
         (["--yes", "--set", "rate_hz"], "--set rate_hz: write it as key=value"),
         (["--yes", "--simulated", "--source", "udp"], "--source: has no effect with --simulated"),
         (["cell.txt", "--yes"], "cell.txt: name a file that ends in .yaml"),
+        ([".", "--yes"], ".: name a file that ends in .yaml"),
+        (["", "--yes"], ".: name a file that ends in .yaml"),
+        ([300 * "c" + ".yaml", "--yes"], 300 * "c" + ".yaml: its name is too long"),
         (["none/cell.yaml", "--yes"], "none/cell.yaml: no folder none"),
     ],
 )
