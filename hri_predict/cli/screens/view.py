@@ -10,6 +10,9 @@ from hri_predict.errors import RecordingError
 from hri_predict.viewing.feed import LOOPBACK, VIEWER, ScreenSettings, check_port, check_viser
 from hri_predict.viewing.recorded import RecordedPictures
 
+LARGE_BYTES = 50_000_000
+"""To read the levels of so much takes a second, or some: it is said."""
+
 
 def view(
     *,
@@ -30,6 +33,8 @@ def view(
     check_viser()
     check_port(ScreenSettings("port", VIEWER, port, host))
     try:
+        if (size := recording.stat().st_size) > LARGE_BYTES:
+            print(f"view: reading the levels of {size / 1e6:.0f} MB", file=sys.stderr, flush=True)
         recorded = RecordedPictures(recording)
     except OSError as error:
         raise RecordingError(
