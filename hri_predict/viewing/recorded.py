@@ -20,6 +20,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 from hri_predict.recording.mcap.clocks import iso
 from hri_predict.recording.mcap.view import PAIR
+from hri_predict.skeleton import PARENTS
 from hri_predict.viewing.levels import worst
 from hri_predict.viewing.packing import bodies_of, pair_facts, steps_of, who_of
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
@@ -32,6 +33,9 @@ BEFORE_NS = 2_000_000_000
 OLD_NS = 600_000_000
 """Zones and forecasts of longer ago are not those of this picture: three are missing."""
 BONE_M = 0.06
+FARTHEST_M = 1e4
+_CHILDREN = [joint for joint, parent in enumerate(PARENTS) if parent >= 0]
+"""A recorded bone goes from each of these joints to its parent."""
 _TOPICS = ("/status", "/advice", "/zones", "/forecast", "/view/scene")
 _WRONG = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 
@@ -220,7 +224,7 @@ class _Said:
             "robots": [_robot(told.data) for told in self.advice.values()],
             "people": ids,
             "tracked": tracked,
-            "age_s": status.get("age_s"),
+            "age_s": _number(status.get("age_s")),
             "reasons": [reason.text for reason in reasons],
             "sees": bool(status) and SEES_NOTHING.isdisjoint(reasons),
             "named": {name: [z["occupied"], z["entry_s"]] for name, z in named.items()},
@@ -232,7 +236,7 @@ class _Said:
 
 def _robot(data: dict[str, Any]) -> dict[str, Any]:
     reason, why = _reason(data["reason"]), data.get("grounds") or {}
-    pair_m, slack_m = why.get("pair_m"), why.get("slack_m")
+    pair_m, slack_m = _number(why.get("pair_m")), _number(why.get("slack_m"))
     return {
         "name": str(data.get("name", data.get("robot"))),
         "level": data["level"] if data["level"] in Level.__members__ else "UNKNOWN",
@@ -240,10 +244,10 @@ def _robot(data: dict[str, Any]) -> dict[str, Any]:
         "clears": reason.clears_when,
         "detail": str(data.get("detail", "")),
         "latch": data.get("latch_id", 0),
-        "limit_m_s": data.get("speed_limit_m_s"),
-        "separation_m": data.get("separation_m"),
+        "limit_m_s": _number(data.get("speed_limit_m_s")),
+        "separation_m": _number(data.get("separation_m")),
         **pair_facts(
-            speed_m_s=data.get("speed_m_s"),
+            speed_m_s=_number(data.get("speed_m_s")),
             pair_m=pair_m,
             needed_m=None if pair_m is None or slack_m is None else pair_m - slack_m,
             who=who_of(why.get("person"), str(why.get("segment", ""))),
@@ -270,9 +274,8 @@ def _entities(
         if kind == "person":
             line = entity["lines"][0]
             ends = _floats([[p["x"], p["y"], p["z"]] for p in line["points"]]).reshape(-1, 6)
-            radii = np.full((len(ends), 1), BONE_M, np.float32)
             seen = line["color"]["a"] >= 1.0
-            (people if seen else lost)[int(name)] = np.concatenate((ends, radii), axis=1)
+            (people if seen else lost)[int(name)] = _body(ends)
         elif kind == "robot":
             rows = [_ball(each) for each in entity["spheres"]]
             rows += [_rod(each) for each in entity["cylinders"]]
@@ -280,6 +283,17 @@ def _entities(
         elif kind == PAIR:
             pairs[name] = [_xyz(point) for point in entity["lines"][0]["points"][:2]]
     return people, lost, robots, pairs
+
+
+def _body(bones: Shapes) -> Shapes:
+    """(S, 7) a body of its (B, 6) bones; of one that was not seen wholly, the bones alone."""
+    if len(bones) != len(_CHILDREN):
+        radii = np.full((len(bones), 1), BONE_M, np.float32)
+        return np.concatenate((bones, radii), axis=1)
+    joints = np.empty((1, len(PARENTS), 3))
+    joints[0, [PARENTS[child] for child in _CHILDREN]] = bones[:, 3:]
+    joints[0, _CHILDREN] = bones[:, :3]
+    return bodies_of(joints)[0]
 
 
 def _ball(sphere: dict[str, Any]) -> list[float]:
@@ -318,4 +332,11 @@ def _forecast(data: dict[str, Any], times_s: list[float], rate_hz: float) -> Sha
 
 
 def _floats(values: Any) -> Shapes:
-    return np.array(values, dtype=np.float32)
+    """Those that no room has become NaN, and are not drawn."""
+    found = np.array(values, dtype=np.float64)
+    return np.where(np.abs(found) < FARTHEST_M, found, np.nan).astype(np.float32)
+
+
+def _number(value: Any) -> float | None:
+    """A number of a message; ``None`` if it says something else."""
+    return float(value) if isinstance(value, int | float) else None

@@ -11,6 +11,9 @@ from hri_predict.viewing.feed import VIEWER, check_viser
 from hri_predict.viewing.recorded import RecordedPictures
 from hri_predict.viewing.screen import LOOPBACK, ScreenSettings, check_port
 
+LARGE_BYTES = 50_000_000
+"""To read the levels of so much takes a second, or some: it is said."""
+
 
 def view(
     *,
@@ -31,6 +34,8 @@ def view(
     check_viser()
     check_port(ScreenSettings("port", VIEWER, port, host))
     try:
+        if (size := recording.stat().st_size) > LARGE_BYTES:
+            print(f"view: reading the levels of {size / 1e6:.0f} MB", file=sys.stderr, flush=True)
         recorded = RecordedPictures(recording)
     except OSError as error:
         raise RecordingError(

@@ -11,6 +11,7 @@ Of a file that was cut (the node was killed, the power went), everything before 
 import json
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,8 @@ def recording_info(path: str | Path) -> RecordingInfo:
             for record in records(file):
                 if isinstance(record, Metadata) and record.name == METADATA:
                     return RecordingInfo.from_metadata(record.metadata)
+        except RecordingError as error:
+            raise RecordingError(f"recording {path}: {error}") from error
         except CUT:
             pass
     raise RecordingError(f"recording {path}: was not recorded by hri-predict; name another file")
@@ -108,7 +111,8 @@ def read_messages(
     """
     names: dict[int, str] = {}
     with Path(path).open("rb") as file:
-        found = records(file, start_utc_ns, end_utc_ns)
+        wanted = None if topics is None else partial(_is_wanted, topics=topics)
+        found = records(file, start_utc_ns, end_utc_ns, wanted)
         while True:
             try:
                 record = next(found, None)

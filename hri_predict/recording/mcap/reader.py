@@ -3,19 +3,20 @@
 import json
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import zstandard
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Channel, Chunk, Footer, Message, Metadata
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.stream_reader import CRCValidationError, StreamReader
 
 from hri_predict.errors import RecordingError
 from hri_predict.link import Received
 from hri_predict.recording.mcap.format import received_from_dict, scene_from_dict, whole
 from hri_predict.recording.mcap.info import METADATA, RecordingInfo
+from hri_predict.recording.mcap.within import Unpacker, within
 from hri_predict.recording.recording import Recording, check_gaps
 from hri_predict.scene import Scene
 
@@ -97,28 +98,35 @@ def read_mcap(path: Path) -> Recording:
     )
 
 
-def records(file: Any, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Any]:
+def records(
+    file: Any,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    is_wanted: Callable[[str], bool] | None = None,
+) -> Iterator[Any]:
     """The records of a file, chunks unpacked; those outside of the log times are left packed.
 
-    The first chunk is always unpacked: it names the channels.
+    The first chunk is always unpacked: it names the channels. ``is_wanted``, of a topic: messages
+    of others are left out.
 
     Raises:
         one of ``CUT``: the file ends here, or is damaged.
     """
-    reader = StreamReader(
-        file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_LIMIT
-    )
-    is_first = True
-    for record in reader.records:
+    found: Iterator[Any]
+    unpacker = Unpacker(is_wanted)
+    if start_ns is None and end_ns is None and is_wanted is None:
+        found = StreamReader(
+            file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_LIMIT
+        ).records
+    else:
+        found = within(file, start_ns, end_ns, _RECORD_LIMIT)
+    for record in found:
         if isinstance(record, Chunk):
-            early = start_ns is not None and record.message_end_time < start_ns
-            late = end_ns is not None and record.message_start_time >= end_ns
-            if (early or late) and not is_first:
-                continue
-            is_first = False
             _check_unpacked(record)
-            yield from breakup_chunk(record, validate_crc=True)
+            yield from unpacker.records(record)
         else:
+            if isinstance(record, Channel):
+                unpacker.see(record)
             yield record
 
 

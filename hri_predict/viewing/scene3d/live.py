@@ -15,7 +15,7 @@ from collections import deque
 from hri_predict.viewing.levels import worst
 from hri_predict.viewing.picture import Picture, read
 from hri_predict.viewing.scene3d.panel import STRIP_PARTS, details, head, strip
-from hri_predict.viewing.scene3d.server import add_legend, address, serve
+from hri_predict.viewing.scene3d.server import MAX_AHEAD_S, add_legend, address, bounded, serve
 from hri_predict.viewing.scene3d.stage import Stage
 
 KEPT_S = 60.0
@@ -93,7 +93,7 @@ class LiveView:
         self._stage = Stage(self.server)
         gui = self.server.gui
         self._head = gui.add_html("waiting for the node's first tick")
-        self._ahead = gui.add_slider("zones ahead (s)", 0.0, 3.0, 0.05, 0.5)
+        self._ahead = gui.add_slider("zones ahead (s)", 0.0, MAX_AHEAD_S, 0.05, 0.5)
         self._strip = gui.add_html("")
         self._back = gui.add_slider("seconds back", -KEPT_S, 0.0, 0.1, 0.0)
         self._pause = gui.add_checkbox("pause", False)
@@ -108,11 +108,12 @@ class LiveView:
         newest = self._kept.newest()
         if newest is None:
             return
-        paused = self._pause.value
+        paused, back_s = self._pause.value, bounded(self._back.value, -KEPT_S, 0.0)
+        ahead_s = bounded(self._ahead.value, 0.0, MAX_AHEAD_S)
         self._held = (self._held or (now_s, self._kept.copy())) if paused else None
         base_s, kept = self._held or (now_s, self._kept)
-        is_now = not paused and self._back.value > -NOW_S
-        found = newest if is_now else kept.at(base_s + self._back.value)
+        is_now = not paused and back_s > -NOW_S
+        found = newest if is_now else kept.at(base_s + back_s)
         assert found is not None
         stale = self._stale(now_s, newest[0], None if is_now else found[0])
         if now_s - self._strip_s > 0.5:
@@ -120,16 +121,16 @@ class LiveView:
             self._strip.content = strip(kept.levels(base_s))
         horizon_s = max(found[1].facts["times_s"], default=0.0)
         if horizon_s > 0 and abs(self._ahead.max - horizon_s) > 0.01:
-            self._ahead.value = min(self._ahead.value, horizon_s)  # type: ignore[misc]
+            self._ahead.value = ahead_s = min(ahead_s, horizon_s)  # type: ignore[misc]
             self._ahead.max = round(horizon_s, 2)
-        shown = (found[0], stale, self._ahead.value)
+        shown = (found[0], stale, ahead_s)
         if shown == self._shown:
             return
         self._shown = shown
         picture = found[1]
         self._head.content = head(picture.facts, stale=stale)
         self._details.content = details(picture.facts)
-        self._stage.draw(picture, self._ahead.value, known=not stale or not is_now)
+        self._stage.draw(picture, ahead_s, known=not stale or not is_now)
 
     def _stale(self, now_s: float, newest_s: float, shown_s: float | None) -> str:
         """Why the picture is not of now; "" if it is."""
@@ -163,10 +164,14 @@ def main() -> None:
     threading.Thread(target=_take, args=(kept,), name="pictures", daemon=True).start()
     view = LiveView(args.host, args.port, kept)
     print(address(view.server), flush=True)
-    while not kept.ended:
+    try:
+        while not kept.ended:
+            view.draw(time.monotonic())
+            time.sleep(1.0 / DRAWN_HZ)
         view.draw(time.monotonic())
-        time.sleep(1.0 / DRAWN_HZ)
-    view.draw(time.monotonic())
+    except Exception as error:  # rather no view than one that stands still
+        print(f"the view ends: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+        os._exit(1)
     time.sleep(FAREWELL_S)
     os._exit(0)  # viser's threads may wait for browsers
 

@@ -50,6 +50,11 @@ def head(facts: dict[str, Any], *, stale: str = "", when: str = "") -> str:
     return '<div style="padding:0 12px">' + "".join(parts) + "</div>"
 
 
+def note(text: str) -> str:
+    """A text instead of a picture's levels."""
+    return f'<div style="padding:8px 12px">{escape(text)}</div>'
+
+
 def details(facts: dict[str, Any]) -> str:
     """What else is known of a picture."""
     tables = [_table(_of_robot(robot)) for robot in facts["robots"]]
@@ -151,8 +156,9 @@ def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("node", facts["state"].lower()),
         ("people", f"{tracked}" + (f", lost: {', '.join(map(str, lost))}" if lost else "")),
         ("age", "-" if age is None else f"{age * 1e3:.0f} ms"),
-        ("rate", "-" if rate is None else f"{rate:.1f} Hz"),
     ]
+    if rate is not None:
+        rows.append(("rate", f"{rate:.1f} Hz"))
     if facts["coverage"]:
         rows.append(("coverage", facts["coverage"]))
     rows += [("", reason) for reason in facts["reasons"]]

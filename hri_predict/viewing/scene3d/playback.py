@@ -6,9 +6,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from hri_predict.errors import RecordingError
+from hri_predict.viewing.picture import Picture
 from hri_predict.viewing.recorded import RecordedPictures
-from hri_predict.viewing.scene3d.panel import STRIP_PARTS, details, head, strip
-from hri_predict.viewing.scene3d.server import add_legend, address, serve
+from hri_predict.viewing.scene3d.panel import STRIP_PARTS, details, head, note, strip
+from hri_predict.viewing.scene3d.server import MAX_AHEAD_S, add_legend, address, bounded, serve
 from hri_predict.viewing.scene3d.stage import Stage
 
 DRAWN_HZ = 10.0
@@ -26,6 +28,7 @@ _KEYS: tuple[tuple[Any, str], ...] = (
     ("L", "step >"),
     ("N", "level >"),
 )
+NOTHING = "no picture was recorded here; with view_hz: 0 there are none"
 SPEEDS = ("0.25", "0.5", "1", "2", "5", "20")
 
 
@@ -39,7 +42,7 @@ class Playback:
         gui = self.server.gui
         self._head = gui.add_html("")
         self._end_s = max(0.1, round(recorded.duration_s, 1))
-        self._ahead = gui.add_slider("zones ahead (s)", 0.0, 3.0, 0.05, 0.5)
+        self._ahead = gui.add_slider("zones ahead (s)", 0.0, MAX_AHEAD_S, 0.05, 0.5)
         gui.add_html(strip(recorded.levels(STRIP_PARTS)))
         self._at = gui.add_slider("seconds", 0.0, self._end_s, 0.1, 0.0)
         self._play = gui.add_checkbox("play", False)
@@ -53,6 +56,7 @@ class Playback:
         add_legend(gui)
         self._position_s, self._set_s, self._last_s = 0.0, 0.0, 0.0
         self._shown: object = None
+        self._last: Picture | None = None
 
     @property
     def url(self) -> str:
@@ -67,10 +71,11 @@ class Playback:
     def draw(self, now_s: float) -> None:
         """Move on by the time since the last call, and draw."""
         since_s, self._last_s = now_s - self._last_s, now_s
-        if abs(self._at.value - self._set_s) > 0.01:  # somebody moved it
-            self._position_s = self._at.value
+        asked_s = bounded(self._at.value, 0.0, self._end_s)
+        if abs(asked_s - self._set_s) > 0.01:  # somebody moved it
+            self._position_s = asked_s
         elif self._play.value:
-            self._position_s += min(since_s, 1.0) * float(self._speed.value)
+            self._position_s += min(since_s, 1.0) * _factor(self._speed.value)
             if self._position_s >= self._recorded.duration_s:
                 self._position_s = self._recorded.duration_s
                 self._play.value = False  # type: ignore[misc]
@@ -89,24 +94,53 @@ class Playback:
         if what == PLAY:
             self._play.value = not self._play.value  # type: ignore[misc]
             return
+        if what not in _STEPS:
+            return
         find, by = _STEPS[what]
         ns = find(self._recorded, self._recorded.start_ns + round(self._position_s * 1e9), by)
         self.go((ns - self._recorded.start_ns) * 1e-9)
 
     def _show(self, ns: int) -> None:
-        picture = self._recorded.at(ns)
+        why = NOTHING
+        try:
+            picture = self._recorded.at(ns)
+        except RecordingError as error:
+            picture, why = None, str(error)
         if picture is None:
-            self._head.content, self._details.content = "nothing was recorded here", ""
-            self._shown = None
+            self._show_nothing(why)
             return
-        shown = (picture, self._ahead.value)
+        ahead_s = self._limited(picture)
+        shown = (picture, ahead_s)
         if shown == self._shown:
             return
-        self._shown = shown
+        self._shown, self._last = shown, picture
         when = picture.facts["utc"] if self._recorded.info.has_utc else "without UTC"
         self._head.content = head(picture.facts, when=when)
         self._details.content = details(picture.facts)
-        self._stage.draw(picture, self._ahead.value)
+        self._stage.draw(picture, ahead_s)
+
+    def _show_nothing(self, why: str) -> None:
+        """Say why there is no picture, and let the last one stand in grey."""
+        if self._shown == why:
+            return
+        self._shown = why
+        self._head.content, self._details.content = note(why), ""
+        if self._last is not None:
+            self._stage.draw(self._last, 0.0, known=False)
+
+    def _limited(self, picture: Picture) -> float:
+        """How far ahead zones are drawn; the slider ends where the horizon does."""
+        ahead_s = bounded(self._ahead.value, 0.0, MAX_AHEAD_S)
+        horizon_s = max(picture.facts["times_s"], default=0.0)
+        if horizon_s > 0 and abs(self._ahead.max - horizon_s) > 0.01:
+            self._ahead.value = ahead_s = min(ahead_s, horizon_s)  # type: ignore[misc]
+            self._ahead.max = round(horizon_s, 2)
+        return ahead_s
+
+
+def _factor(speed: str) -> float:
+    """A speed of the list; whoever reaches the port can send any text."""
+    return float(speed) if speed in SPEEDS else 1.0
 
 
 def play(recorded: RecordedPictures, host: str, port: int, told: Callable[[str], None]) -> None:

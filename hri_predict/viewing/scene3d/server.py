@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import logging
 import socket
 
 import viser
@@ -9,6 +10,13 @@ import viser
 from hri_predict.viewing.scene3d.panel import legend
 
 TITLE = "hri-predict"
+MAX_AHEAD_S = 3.0
+"""Where the slider of zones ahead ends until the horizon is known."""
+
+
+def bounded(value: float, low: float, high: float) -> float:
+    """A slider's value; whoever reaches the port can send any number, and NaN."""
+    return min(max(value, low), high) if value == value else low
 
 
 def serve(host: str, port: int) -> viser.ViserServer:
@@ -18,6 +26,8 @@ def serve(host: str, port: int) -> viser.ViserServer:
     """
     if not port:
         port = _free(host)
+    # whoever reaches the port could fill the node's log with tracebacks of what they send
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
     with contextlib.redirect_stdout(io.StringIO()):  # its banner
         server = viser.ViserServer(host=host, port=port, label=TITLE, verbose=False)
     server.request_share_url = _refuse  # type: ignore[method-assign]

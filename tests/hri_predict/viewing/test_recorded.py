@@ -1,12 +1,17 @@
 import json
+import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hri_predict.errors import RecordingError
+from hri_predict.recording import read_messages
 from hri_predict.run.session import Options, run
+from hri_predict.viewing import recorded as recorded_pictures
 from hri_predict.viewing.recorded import RecordedPictures
 from hri_predict.viewing.room import room_of_text
+from hri_predict.viewing.scene3d.panel import details, head
 from tests.hri_predict.viewing.staged import BENCH, cell, pictures
 
 
@@ -35,6 +40,8 @@ def test_a_recording_shows_what_the_live_view_showed(recording):
     assert np.linalg.norm(middle[0] - middle[1]) < 0.5
     low = [each.robots[:, :3].min(axis=0) for each in (then, live)]
     np.testing.assert_allclose(low[0], low[1], atol=0.3)
+    assert then.bodies.shape == live.bodies.shape
+    np.testing.assert_allclose(then.bodies[..., 6], live.bodies[..., 6], atol=1e-6)  # radii
     assert then.zones.shape[0] == then.forecast.shape[0] == 1
 
 
@@ -79,6 +86,55 @@ def test_a_cut_recording_is_shown_to_the_cut(recording, tmp_path):
     recorded = RecordedPictures(cut)
     assert 0 < recorded.duration_s < RecordedPictures(recording).duration_s
     assert recorded.at(recorded.end_ns) is not None
+
+
+def test_the_coverage_is_that_of_the_live_view(recording):
+    recorded = RecordedPictures(recording)
+    then, live = recorded.at(recorded.end_ns), pictures([1.0])[0]
+    assert then is not None
+    assert then.facts["coverage"] == live.facts["coverage"] != ""
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_damaged_recording_is_shown_or_refused_in_one_line(recording, tmp_path, seed):
+    drawn = random.Random(seed)
+    data = bytearray(recording.read_bytes())
+    for _ in range(drawn.choice((1, 5, 50))):
+        data[drawn.randrange(len(data))] = drawn.randrange(256)
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data[: drawn.choice((len(data), drawn.randrange(len(data))))])
+    said = f"recording {damaged}: "
+    try:
+        recorded = RecordedPictures(damaged)
+        recorded.levels(50)
+        for k in range(3):
+            recorded.at(recorded.start_ns + (recorded.end_ns - recorded.start_ns) * k // 2)
+    except RecordingError as error:
+        said = str(error)
+    assert said.startswith(f"recording {damaged}: ")
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("value", [None, "x", [], {}, True, -1, 1e308, 10**30])
+@pytest.mark.parametrize("key", ["level", "reason", "grounds", "speed_limit_m_s", "detail"])
+def test_an_odd_message_is_shown_or_refused_in_one_line(recording, monkeypatch, key, value):
+    def odd(*args, **kwargs):
+        for told in read_messages(*args, **kwargs):
+            if told.topic.startswith("/advice"):
+                told = replace(told, data={**told.data, key: value})
+            yield told
+
+    monkeypatch.setattr(recorded_pictures, "read_messages", odd)
+    said = ""
+    try:
+        recorded = RecordedPictures(recording)
+        recorded.levels(50)
+        found = recorded.at(recorded.end_ns)
+        assert found is not None
+        assert head(found.facts) + details(found.facts)
+    except RecordingError as error:
+        said = str(error)
+    assert said == "" or "damaged" in said
 
 
 def test_another_file_is_refused_with_the_remedy(tmp_path):
