@@ -5,6 +5,7 @@ import random
 import socket
 import subprocess
 import time
+from typing import Any
 
 import pytest
 
@@ -16,7 +17,7 @@ from tests.hri_predict.viewing.staged import pictures
 
 viser = pytest.importorskip("viser", reason="the extra viewer is not installed")
 
-PROTOCOL = f"viser-v{viser.__version__}"
+PROTOCOL: Any = f"viser-v{viser.__version__}"
 
 
 def upgraded(port: int) -> socket.socket:
