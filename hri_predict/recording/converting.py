@@ -9,10 +9,10 @@ from hri_predict.recording.formats.amass import write_amass
 from hri_predict.recording.formats.bvh_writer import write_bvh
 from hri_predict.recording.formats.c3d import write_c3d
 from hri_predict.recording.formats.csv_table import write_csv
+from hri_predict.recording.formats.mcap_writer import write_mcap
 from hri_predict.recording.formats.npz import write_pack
 from hri_predict.recording.formats.trc import write_trc
 from hri_predict.recording.frames import Written
-from hri_predict.recording.mcap.writer import write_mcap
 from hri_predict.recording.recording import Recording
 
 WRITERS: dict[str, Callable[[Path, Recording], Written]] = {

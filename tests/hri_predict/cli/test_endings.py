@@ -131,4 +131,5 @@ def test_a_name_that_is_too_long_is_one_line(monkeypatch, capsys):
         cli.main()
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"error: {300 * 'a'}: File name too long")
+    assert line.startswith(f"error: {300 * 'a'}")
+    assert "File name too long; choose a shorter one" in line
