@@ -1,0 +1,34 @@
+"""Mistakes of ``hri-predict view``: one line each."""
+
+import pytest
+from typer.testing import CliRunner
+
+from hri_predict.cli.commands import app
+from hri_predict.errors import HriPredictError
+
+pytest.importorskip("viser", reason="the extra viewer is not installed")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("none.mcap", None, "cannot be read (No such file or directory); name another file"),
+        ("text.mcap", b"hello", "was not recorded by hri-predict; name another file"),
+        ("empty.mcap", b"", "was not recorded by hri-predict; name another file"),
+        (".", None, "cannot be read (Is a directory); name another file"),
+    ],
+)
+def test_what_is_no_recording_is_one_line(tmp_path, name, content, said):
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    result = CliRunner().invoke(app, ["view", str(path)])
+    assert isinstance(result.exception, HriPredictError)
+    assert said in str(result.exception)
+    assert "\n" not in str(result.exception)
+
+
+def test_an_absurd_port_is_one_line(tmp_path):
+    result = CliRunner().invoke(app, ["view", str(tmp_path / "x.mcap"), "--port", "70000"])
+    assert isinstance(result.exception, HriPredictError)
+    assert "give a port from 0 to 65535" in str(result.exception)
