@@ -191,9 +191,9 @@ def use(settings: Any) -> None:
 
 @contextlib.contextmanager
 def unhurried() -> Iterator[None]:
-    """Within, neither the log nor ``sys.stderr`` waits for who reads it.
+    """Writing to the log and to ``sys.stderr`` never waits for the reader in this context.
 
-    If the reader is still stuck at the end, it stays so: the program must be able to end.
+    If the reader is still stuck at the end, writing goes on so: the program must be able to end.
     """
     before = sys.stderr
     try:

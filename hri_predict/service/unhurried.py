@@ -99,7 +99,7 @@ class Unhurried(io.TextIOBase):
                 if rest:
                     self._lose(rest)
                 elif self._untold:
-                    told = f"warning: {self._untold} lines were lost: nobody took them\n".encode()
+                    told = f"warning: lines lost that nobody took: {self._untold}\n".encode()
                     self._waiting.appendleft(told)
                     self._bytes += len(told)
                     self._untold = 0

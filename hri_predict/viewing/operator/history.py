@@ -17,7 +17,7 @@ class History:
 
     Attributes:
         missed: changes that never arrived, because pictures were dropped for too long.
-        forgotten: alerts that nobody had read when newer ones of their cell took their place.
+        forgotten: unread alerts that newer ones pushed out.
         version: rises with each change of what is kept.
     """
 

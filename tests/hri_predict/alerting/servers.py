@@ -100,9 +100,29 @@ def serving(server: socketserver.BaseServer) -> Iterator[None]:
 
 
 @contextmanager
+def accepting(talk: Callable[[socket.socket], None]) -> Iterator[int]:
+    """A port; ``talk`` has each connection in a thread of its own."""
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def accept() -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=talk, args=(connection,), daemon=True).start()
+
+    threading.Thread(target=accept, daemon=True).start()
+    try:
+        yield listener.getsockname()[1]
+    finally:
+        listener.shutdown(socket.SHUT_RDWR)
+        listener.close()
+
+
+@contextmanager
 def silent_server(word: bytes = b"", every_s: float = 0.05) -> Iterator[int]:
     """A port that accepts and never answers, or sends ``word`` now and then without an end."""
-    listener = socket.create_server(("127.0.0.1", 0))
     ended = threading.Event()
 
     def drip(connection: socket.socket) -> None:
@@ -113,27 +133,16 @@ def silent_server(word: bytes = b"", every_s: float = 0.05) -> Iterator[int]:
                 except OSError:
                     return
 
-    def accept() -> None:
-        while True:
-            try:
-                connection, _ = listener.accept()
-            except OSError:
-                return
-            threading.Thread(target=drip, args=(connection,), daemon=True).start()
-
-    threading.Thread(target=accept, daemon=True).start()
-    try:
-        yield listener.getsockname()[1]
-    finally:
-        ended.set()
-        listener.shutdown(socket.SHUT_RDWR)
-        listener.close()
+    with accepting(drip) as port:
+        try:
+            yield port
+        finally:
+            ended.set()
 
 
 @contextmanager
 def flooding_server(first: bytes, then: bytes) -> Iterator[tuple[int, list[int]]]:
     """A port that sends ``first`` and then ``then`` as fast as it is taken; how much was taken."""
-    listener = socket.create_server(("127.0.0.1", 0))
     taken = [0]
 
     def flood(connection: socket.socket) -> None:
@@ -146,20 +155,8 @@ def flooding_server(first: bytes, then: bytes) -> Iterator[tuple[int, list[int]]
             except OSError:
                 return
 
-    def accept() -> None:
-        while True:
-            try:
-                connection, _ = listener.accept()
-            except OSError:
-                return
-            threading.Thread(target=flood, args=(connection,), daemon=True).start()
-
-    threading.Thread(target=accept, daemon=True).start()
-    try:
-        yield listener.getsockname()[1], taken
-    finally:
-        listener.shutdown(socket.SHUT_RDWR)
-        listener.close()
+    with accepting(flood) as port:
+        yield port, taken
 
 
 IN_BUFFERS = 20_000_000

@@ -8,22 +8,10 @@ from hypothesis import strategies as st
 from hri_predict.monitoring.fleet import MAX_CELLS, CellRow, Fleet
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed import Keyed, KeyedSender, prefix
-from hri_predict.protocol.messages import Advice, Level, Message, NodeState, Schema, Status
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Level, Message, NodeState, Schema
+from tests.hri_predict.monitoring.said import CLEAR, OURS, RUNNING
 
 S = 1_000_000_000
-CLEAR = Advice(
-    robot=0,
-    level=Level.CLEAR,
-    reason=Reason.NONE,
-    speed_limit_m_s=1.0,
-    separation_m=2.5,
-    age_s=0.05,
-)
-RUNNING = Status(
-    node_state=NodeState.RUNNING, reason=Reason.NONE, people=2, predictor=0, cycle=9, age_s=0.05
-)
-OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 
 
 class Node:

@@ -5,7 +5,8 @@ from dataclasses import replace
 from hri_predict.monitoring.fleet_changes import KEPT
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
-from tests.hri_predict.viewing.many import CLEAR, RUNNING, SCHEMA, Cells
+from tests.hri_predict.monitoring.said import CLEAR, OURS, RUNNING
+from tests.hri_predict.viewing.many import Cells
 
 
 def seen(cells: Cells) -> list[tuple[str, int | None, str]]:
@@ -18,7 +19,7 @@ def test_a_cell_that_joins_clear_is_no_alert() -> None:
         cells.say("press", message)
         cells.changes.look()
     cells.pass_s(0.4)
-    cells.say("press", SCHEMA, RUNNING, CLEAR)
+    cells.say("press", OURS, RUNNING, CLEAR)
     cells.changes.look()
     assert seen(cells) == []
 
@@ -64,10 +65,10 @@ def test_each_change_comes_once_and_names_its_cell() -> None:
 def test_a_stop_between_two_looks_at_all_is_seen() -> None:
     cells = Cells()
     for level in (Level.CLEAR, Level.STOP, Level.CLEAR):
-        assert cells.say("press", SCHEMA, RUNNING, replace(CLEAR, level=level))
+        assert cells.say("press", OURS, RUNNING, replace(CLEAR, level=level))
         cells.changes.look_at("plant", "press")
     assert [level for _, _, level in seen(cells)] == ["STOP", "CLEAR"]
-    assert not cells.say("press", SCHEMA, RUNNING, CLEAR)  # nothing new
+    assert not cells.say("press", OURS, RUNNING, CLEAR)  # nothing new
 
 
 def test_silence_is_one_alert_of_the_cell_and_its_end_another() -> None:
@@ -83,7 +84,7 @@ def test_silence_is_one_alert_of_the_cell_and_its_end_another() -> None:
 
 def test_of_several_robots_the_alert_says_which() -> None:
     cells = Cells()
-    cells.say("press", SCHEMA, RUNNING, CLEAR, replace(CLEAR, robot=1, level=Level.STOP))
+    cells.say("press", OURS, RUNNING, CLEAR, replace(CLEAR, robot=1, level=Level.STOP))
     cells.changes.look()
     assert seen(cells) == [("plant/press", 1, "STOP")]
 

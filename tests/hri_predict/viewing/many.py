@@ -6,25 +6,13 @@ from typing import Any
 from hri_predict.monitoring.fleet import Fleet
 from hri_predict.monitoring.fleet_changes import FleetChanges
 from hri_predict.monitoring.fleet_levels import tile
-from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed import KeyedSender, prefix
-from hri_predict.protocol.messages import Advice, Level, Message, NodeState, Schema, Status
+from hri_predict.protocol.messages import Level, Message, NodeState, Status
 from hri_predict.protocol.reasons import Reason
 from hri_predict.viewing.picture import Picture, empty_shapes
+from tests.hri_predict.monitoring.said import CLEAR, OURS, RUNNING
 
 S = 1_000_000_000
-CLEAR = Advice(
-    robot=0,
-    level=Level.CLEAR,
-    reason=Reason.NONE,
-    speed_limit_m_s=1.0,
-    separation_m=2.5,
-    age_s=0.05,
-)
-RUNNING = Status(
-    node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=0, age_s=0.05
-)
-SCHEMA = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 
 
 class Cells:
@@ -47,7 +35,7 @@ class Cells:
 
     def advise(self, cell: str, level: Level, reason: Reason = Reason.NONE, **more: Any) -> None:
         """A whole cycle of a running node."""
-        self.say(cell, SCHEMA, RUNNING, replace(CLEAR, level=level, reason=reason, **more))
+        self.say(cell, OURS, RUNNING, replace(CLEAR, level=level, reason=reason, **more))
 
     def pass_s(self, seconds: float) -> None:
         """Let time pass."""
@@ -96,7 +84,7 @@ def forty() -> Picture:
                 level, reason, limit = levels[name]
                 if name not in quiet:
                     advice = replace(CLEAR, level=level, reason=reason, speed_limit_m_s=limit)
-                    cells.say(name, SCHEMA, own.get(name, RUNNING), advice)
+                    cells.say(name, OURS, own.get(name, RUNNING), advice)
             cells.changes.look()
             cells.pass_s(0.15)
             cells.utc_s += seconds / 5
