@@ -99,7 +99,7 @@ class Unhurried(io.TextIOBase):
                 if rest:
                     self._lose(rest)
                 elif self._untold:
-                    told = f"warning: lines were lost because nobody took them: {self._untold}\n".encode()
+                    told = f"warning: lines were lost, nobody took them: {self._untold}\n".encode()
                     self._waiting.appendleft(told)
                     self._bytes += len(told)
                     self._untold = 0

@@ -1,6 +1,8 @@
 """``check`` says what would be kept as evidence."""
 
+import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -34,9 +36,11 @@ def test_none_is_told_too(tmp_path):
     assert evidence_notes(None) == []
 
 
-def test_too_little_room_and_a_file_in_the_way_are_told(facts, tmp_path):
-    (note,) = evidence_notes(facts(max_mb=1e12))
-    assert "MB are free there" in note
+def test_too_little_room_and_a_file_in_the_way_are_told(facts, tmp_path, monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=5e6))
+        (note,) = evidence_notes(facts(max_mb=6))
+    assert "only 5 MB are free there" in note
     (tmp_path / "kept").write_text("")
     (note,) = evidence_notes(facts())
     assert "is a file" in note
