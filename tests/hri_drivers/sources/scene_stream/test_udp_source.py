@@ -147,7 +147,7 @@ def test_multicast(hear, wire):
         ({"host": "::1", "multicast_group": "239.0.0.1"}, "multicast needs an IPv4 'host'"),
         ({"port": 70000}, "less than or equal to 65535"),
         ({"key": "secret"}, "did you mean 'key_file'"),
-        ({"max_skew_s": 0}, "greater than 0"),
+        ({"max_skew_s": 0}, "greater than or equal to 0.001"),
     ],
 )
 def test_a_wrong_configuration_is_refused_in_one_line(settings, why):
