@@ -129,6 +129,12 @@ def make_skeleton(
     )
 
 
+def in_words(part: str) -> str:
+    """``right hand`` for ``r_hand``: a part of a body or of a robot, for people to read."""
+    side = {"l_": "left ", "r_": "right "}.get(part[:2], "")
+    return (side + part[2:] if side else part).replace("_", " ")
+
+
 def path_lengths(parents: Sequence[int], bone_lengths: Sequence[float]) -> Floats:
     """(J, J) length of the path through the tree between any two joints.
 

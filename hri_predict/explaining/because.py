@@ -11,7 +11,7 @@ from hri_predict.explaining.times import NS, Asked
 from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import RecordingInfo, Told
-from hri_predict.skeleton import CANONICAL
+from hri_predict.skeleton import CANONICAL, in_words
 
 STANDS_M_S = 0.01
 _LATCH = re.compile(r"latch (\d+): ([^;]*)$")
@@ -48,8 +48,8 @@ def brief(told: Told, info: RecordingInfo) -> str:
     part, person = part_of(told), person_of(told)
     if not part or person is None:
         return reason_text(reason).partition(";")[0]
-    link = link_of(told, info).replace("_", " ")
-    where = f"{worded(part)} {metres(distance_of(told))} from {link}"
+    link = in_words(link_of(told, info))
+    where = f"{in_words(part)} {metres(distance_of(told))} from {link}"
     return f"person {person}'s {where}, {_SHORT.get(reason, reason_text(reason))}"
 
 
@@ -98,18 +98,12 @@ def needed_by(advice: Told) -> float | None:
     return None if has_m is None or slack_m is None else has_m - slack_m
 
 
-def worded(part: str) -> str:
-    """``right hand`` for ``r_hand``."""
-    side = {"l_": "left ", "r_": "right "}.get(part[:2], "")
-    return side + part.removeprefix("l_").removeprefix("r_").replace("_", " ")
-
-
 def _of_person(about: Situation) -> str:
     """``person 2's right hand was 0.42 m from the forearm; 0.78 m were needed at 0.6 m/s``."""
     person, part = person_of(about.advice), part_of(about.advice)
     who = "somebody" if person is None else f"person {person}"
-    who += f"'s {worded(part)}" if part else ""
-    link = link_of(about.advice, about.info).replace("_", " ")
+    who += f"'s {in_words(part)}" if part else ""
+    link = in_words(link_of(about.advice, about.info))
     distance = f"{metres(distance_of(about.advice))} from the {link or 'robot'}"
     return f"{who} was {distance}; {_needed(about.advice)}{_forecast(about)}"
 
@@ -144,7 +138,7 @@ def _lost(about: Situation) -> str:
     seen = next((p for p in about.people if p["id"] == person), None)
     ago_s = None if seen is None else seen["last_seen_s"]
     since = "" if ago_s is None else f" {ago_s:.1f} s before"
-    link = link_of(about.advice, about.info).replace("_", " ") or "robot"
+    link = in_words(link_of(about.advice, about.info)) or "robot"
     return (
         f"person {person if person is not None else '?'} vanished{since} and may still be here "
         f"(lost): at worst {metres(distance_of(about.advice))} from the {link}; "
@@ -242,7 +236,11 @@ def _too_fast(about: Situation) -> str:
 
 
 def _pending(about: Situation) -> str:
-    return f"it waited for new captures to confirm that it may go on; before that: {_origin(about)}"
+    if about.advice.data.get("level") == "SLOW":
+        waited = "it could move again, at first slowly: the speed limit rose step by step"
+    else:
+        waited = "it waited for new captures to confirm that it may go on"
+    return f"{waited}; before that: {_origin(about)}"
 
 
 def _latched(about: Situation) -> str:

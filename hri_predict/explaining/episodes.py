@@ -76,6 +76,13 @@ class Episode:
         return max(self.phases, key=telling)
 
     @property
+    def is_of_run(self) -> bool:
+        """Whether nothing but the run's start or its end kept the robot from moving."""
+        if any(phase.level in ("STOP", "FAULT") for phase in self.phases):
+            return False
+        return self.phases[0].reason == "STARTING" or self.worst.reason in _OF_NODE
+
+    @property
     def stopped_ns(self) -> int:
         """How long of it the robot had to stand."""
         return sum(p.last_ns - p.first.utc_ns for p in self.phases if p.level in STOPS)

@@ -149,7 +149,7 @@ def history(about: Situation, episode: Episode) -> dict[str, Any]:
 
 
 def _clock_moved(about: Situation) -> float:
-    """How far the wall clock was set against the node's in these seconds."""
+    """How far the wall clock was set in these seconds; 0 where it only ran unevenly, as all do."""
     near = [t for t in about.window.clock if abs(t.utc_ns - about.advice.utc_ns) <= BEFORE_NS]
     moved = [number(told.data.get("utc_moved_s")) or 0.0 for told in near]
     most = max(moved, key=abs, default=0.0)

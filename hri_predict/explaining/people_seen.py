@@ -8,10 +8,10 @@ from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import listed, text, whole
 from hri_predict.explaining.window import Window, newest
 from hri_predict.recording import RecordingInfo, Told
-from hri_predict.skeleton import JOINTS
+from hri_predict.skeleton import JOINTS, in_words
 
 _SPEED_UNKNOWN = re.compile(r"speed of person (\d+) unknown")
-_FAST = re.compile(r"person (\d+) is fast: (\w+) ([\d.]+) m/s")
+_FAST = re.compile(r"person (\d+) is fast: ([\w ]+?) ([\d.]+) m/s")
 _PRESENT_NS = NS // 2
 """Whoever is in no scene for longer is not tracked."""
 
@@ -90,5 +90,5 @@ def _speed(detail: str, person: int) -> str:
         return "unknown yet"
     for match in _FAST.finditer(detail):
         if int(match[1]) == person:
-            return f"fast: {text(match[2])} {match[3]} m/s"
+            return f"fast: {in_words(text(match[2]))} {match[3]} m/s"
     return ""

@@ -4,9 +4,10 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from hri_predict.explaining.because import worded
+from hri_predict.explaining.because import STANDS_M_S
 from hri_predict.explaining.explanation import TERMS
 from hri_predict.explaining.values import metres
+from hri_predict.skeleton import in_words
 
 _WAYS = {
     "zones": "by the zones over time",
@@ -14,7 +15,6 @@ _WAYS = {
     "contact": "as a permitted contact",
 }
 SHOWN_PHASES = 12
-_SAME_M = 0.01
 
 
 def told(found: Mapping[str, Any], width: int = 80) -> Iterator[str]:
@@ -52,7 +52,7 @@ def _paragraphs(found: Mapping[str, Any]) -> Iterator[str]:
 
 def _asked(found: Mapping[str, Any]) -> Iterator[str]:
     limit, speed, age = found["speed_limit_m_s"], found["speed_m_s"], found["age_s"]
-    parts = [f"{found['level']} ({found['reason']})", f"limit {limit or 0.0:.2f} m/s"]
+    parts = [f"{found['level']} ({found['reason']})", f"speed limit {limit or 0.0:.2f} m/s"]
     parts += [] if speed is None else [f"the robot moved at {speed:.2f} m/s"]
     parts += [] if age is None else [f"on a capture {age * 1e3:.0f} ms old"]
     yield "; ".join(parts)
@@ -69,7 +69,7 @@ def _seen(people: Iterable[Mapping[str, Any]]) -> Iterator[str]:
             parts.append(f"capture {person['age_s'] * 1e3:.0f} ms old")
         parts.append(f"{person['observed']} of {person['joints']} joints observed")
         if person["missing"] and person["observed"]:
-            parts.append("not: " + ", ".join(person["missing"]))
+            parts.append("not: " + ", ".join(map(in_words, person["missing"])))
         parts += [f"speed {person['speed']}"] if person["speed"] else []
         yield "; ".join(parts)
     if nobody:
@@ -83,33 +83,52 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     if found["person"] is None:
         yield "nobody was there"
         return
-    part, link = worded(found["body_part"]), found["robot_part"].replace("_", " ")
-    way = _WAYS.get(found["way"], found["way"])
-    yield f"person {found['person']}'s {part} to the {link}, judged {way}:"
-    yield f"there was    {_right(found['separation_m'])}"
-    yield f"needed       {_right(found['needed_m'])}  at {found['speed_m_s'] or 0.0:.2f} m/s"
-    short = found["short_m"]
+    part, link = in_words(found["body_part"]), in_words(found["robot_part"])
+    short, stands = found["short_m"], (found["speed_m_s"] or 0.0) < STANDS_M_S
+    motion = "to start" if stands else f"at {found['speed_m_s']:.2f} m/s"
+    yield f"From person {found['person']}'s {part} to the robot's {link}, the pair that decided,"
+    yield f"judged {_WAYS.get(found['way'], found['way'])}:"
+    yield _row("distance then, from surface to surface", found["separation_m"])
+    yield _row(f"distance that the robot needed {motion}", found["needed_m"])
+    if found["way"] == "zones" and found["needed_m"] is not None:
+        kept = sum(found["terms_m"][term] or 0.0 for term in ("c", "z_d", "z_r"))
+        yield _row(
+            "  of it, by which both may come nearer until it stands", found["needed_m"] - kept
+        )
+        yield _row("  of it, kept between them: C + Z_d + Z_r", kept)
     if short is not None:
-        yield f"{'missing  ' if short > 0 else 'to spare '}    {_right(abs(short))}"
-    has_m, nearest_m = found["separation_m"], found["nearest_m"]
-    if has_m is not None and nearest_m is not None and has_m - nearest_m > _SAME_M:
-        yield f"nearest      {_right(nearest_m)}  another pair, which does not decide"
-    if found["predicted_separation_m"] is not None:
-        yield f"predicted    {_right(found['predicted_separation_m'])}  at least, until it stands"
+        yield _row("missing" if short > 0 else "to spare", abs(short))
     if short is not None and short <= 0 and not found["limit_m_s"]:
         yield (
             "That is for the robot as it moved. To move on or to start it needs more: room for its "
             "slowest speed (risk.min_speed_m_s), and to be released risk.band_m beside."
         )
+    yield "From any part of a body to any part of the robot:"
+    yield _row("least distance then", found["nearest_m"])
+    if found["predicted_separation_m"] is not None:
+        meant = "least distance of where bodies may be, until it stands"
+        yield _row(meant, found["predicted_separation_m"])
+    yield from _standard(found)
+
+
+def _standard(found: Mapping[str, Any]) -> Iterator[str]:
+    """The terms of the standard's distance, and whether it decided."""
     reaction, stopping = found["reaction_s"] or 0.0, found["stopping_s"] or 0.0
+    decided = "which decided" if found["way"] == "standard" else "for comparison: it did not decide"
     yield (
-        f"ISO/TS 15066 at that speed, T_r {reaction * 1e3:.0f} ms and T_s {stopping * 1e3:.0f} ms:"
+        f"Protective separation distance of ISO/TS 15066 ({decided}), with the robot at "
+        f"{found['speed_m_s'] or 0.0:.2f} m/s, reaction time T_r {reaction * 1e3:.0f} ms, stopping "
+        f"time T_s {stopping * 1e3:.0f} ms:"
     )
     for name, meaning in TERMS.items():
-        yield f"  {meaning:<42}{_right(found['terms_m'][name])}"
+        yield _row(meaning, found["terms_m"][name])
     if found["human_m_s"]:
         yield f"  (S_h with the person's own speed, {found['human_m_s']:.1f} m/s)"
-    yield f"  {'S_p sum':<42}{_right(found['protective_m'])}"
+    yield _row("S_p sum of these: the distance that the standard asks for", found["protective_m"])
+
+
+def _row(what: str, value: float | None) -> str:
+    return f"  {what:<58}{_right(value)}"
 
 
 def _right(value: float | None) -> str:
@@ -126,8 +145,12 @@ def _forecast(found: Mapping[str, Any] | None) -> Iterator[str]:
             yield f"{error['ahead_s']:.1f} s ahead: person {found['person']} was not seen then"
             continue
         of_part = error["segment_m"]
-        part = "" if of_part is None else f"; the deciding part {of_part * 1e3:.0f} mm"
-        yield f"{error['ahead_s']:.1f} s ahead: off by {error['mean_m'] * 1e3:.0f} mm{part}"
+        name = in_words(found["segment"]) if found.get("segment") else "deciding part"
+        part = "" if of_part is None else f"; of the {name} {of_part * 1e3:.0f} mm"
+        yield (
+            f"{error['ahead_s']:.1f} s ahead: off by {error['mean_m'] * 1e3:.0f} mm, mean of all "
+            f"joints{part}"
+        )
 
 
 def _history(found: Mapping[str, Any] | None) -> Iterator[str]:

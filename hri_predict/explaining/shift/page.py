@@ -4,10 +4,10 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hri_predict.explaining.because import worded
 from hri_predict.explaining.episodes import LEVELS
 from hri_predict.explaining.shift.charts import COLOURS, histogram, legend, level_bars
 from hri_predict.markup import Content, Markup, document, join, table, tag
+from hri_predict.skeleton import in_words
 
 _STYLE = """
 * { box-sizing: border-box; }
@@ -130,7 +130,7 @@ def _near(robot: Mapping[str, Any]) -> Markup:
         return tag("p", "No near miss: nobody was within a fifth of the distance needed.")
     rows = [
         (
-            f"{worded(pair['body_part'])} to {pair['robot_part'].replace('_', ' ')}",
+            f"{in_words(pair['body_part'])} to {in_words(pair['robot_part'])}",
             pair["count"],
             f"{pair['least_m']:.2f} m",
         )

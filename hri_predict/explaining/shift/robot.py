@@ -45,6 +45,7 @@ class RobotShift:
         self.not_recorded_s = 0.0
         self.hours: dict[int, Hour] = {}
         self.kinds: dict[tuple[str, str], Kind] = {}
+        self.stops = Kind()  # without those that are only a run's start or end
         self.separation, self.limits = Spread(0.1), Spread(0.01)
         self.ages = Spread(0.001)
         self.near: dict[tuple[str, str], list[float]] = {}
@@ -94,13 +95,16 @@ class RobotShift:
     def _ended(self, episode: Episode, info: RecordingInfo) -> None:
         worst = episode.worst
         stops = worst.level in STOPS
+        is_stop = stops and not episode.is_of_run
         lasted_ns = episode.stopped_ns if stops else episode.last_ns - episode.start_ns
         seconds = lasted_ns / NS
         kind = self.kinds.setdefault((worst.level, worst.reason), Kind())
         kind.count += 1
         kind.seconds += seconds
-        if not stops:
+        if not is_stop:
             return
+        self.stops.count += 1
+        self.stops.seconds += seconds
         self.hours.setdefault(episode.start_ns // HOUR_NS, Hour()).stops += 1
         row = {
             "utc_ns": worst.first.utc_ns,

@@ -7,7 +7,7 @@ import yaml
 
 from hri_predict.explaining.because import reason_text
 from hri_predict.explaining.counters import rise
-from hri_predict.explaining.episodes import LEVELS, STOPS, robot_of
+from hri_predict.explaining.episodes import LEVELS, robot_of
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.foresight import Foresight
 from hri_predict.explaining.shift.robot import HOUR_NS, LONGEST, RobotShift
@@ -147,7 +147,6 @@ def tally(recordings: Recordings, start_ns: int | None, end_ns: int | None) -> d
 def _robot(robot: RobotShift, top_m_s: float | None, recordings: Recordings) -> dict[str, Any]:
     seconds = sum(robot.seconds.values())
     top = top_m_s or max((edge for edge, weight in robot.limits.rows(1001) if weight), default=0.0)
-    stops = [kind for (level, _), kind in robot.kinds.items() if level in STOPS]
     near = [m for found in robot.near.values() for m in found]
     mean = robot.limits.mean
     return {
@@ -155,8 +154,8 @@ def _robot(robot: RobotShift, top_m_s: float | None, recordings: Recordings) -> 
         "seconds": round(seconds, 1),
         "not_recorded_s": round(robot.not_recorded_s, 1),
         "seconds_at": {name: round(robot.seconds[name], 1) for name in LEVELS},
-        "stops": sum(kind.count for kind in stops),
-        "stopped_s": round(sum(kind.seconds for kind in stops), 1),
+        "stops": robot.stops.count,
+        "stopped_s": round(robot.stops.seconds, 1),
         "causes": [
             {
                 "level": level,

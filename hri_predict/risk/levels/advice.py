@@ -28,7 +28,7 @@ from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.skeleton import JOINTS
+from hri_predict.skeleton import JOINTS, in_words
 
 STANDS_M_S = 0.01
 """A robot that is slower stands, as far as words go."""
@@ -167,7 +167,7 @@ class Levels:
             bodies,
             findings.named,
             demand=demand,
-            level=advised.level,
+            advised=advised,
             reason=reason,
             who=who,
             found=findings.robots[robot],
@@ -318,7 +318,7 @@ def _detail(
     named: Sequence[NamedZoneState],
     *,
     demand: Demand,
-    level: Level,
+    advised: Advised,
     reason: Reason,
     who: Finding | None,
     found: RobotFindings,
@@ -327,20 +327,22 @@ def _detail(
     if reason is Reason.NONE:
         return ""
     ids, speeds = bodies.zones.ids, bodies.speeds
-    is_clear = level is Level.CLEAR
-    parts = [f"{robot.name}: {'nobody is too close; note: ' if is_clear else ''}{reason.text}"]
+    is_clear = advised.level is Level.CLEAR
+    text, clears_when = _released(advised, robot.risk) or (reason.text, reason.clears_when)
+    parts = [f"{robot.name}: {'nobody is too close; note: ' if is_clear else ''}{text}"]
     if demand.reason not in (Reason.NONE, reason):
         parts.append(demand.reason.text)
     if who is not None:
         segment, apart_m = bodies.zones.segments[who.segment], who.pair_m
         if apart_m is None and found.motion is not None:
             apart_m = pair_m(who, bodies, found.motion)
-        parts.append(f"person {ids[who.person]}, {segment}, {where(robot, who, apart_m)}")
+        part = in_words(segment)
+        parts.append(f"person {ids[who.person]}, {part}, {where(robot, who, apart_m)}")
         if who.slack_m < 0:
             stands = found.speed_m_s < STANDS_M_S
             parts.append(f"{-who.slack_m:.2f} m {_TOO_NEAR_TO_START if stands else _TOO_CLOSE}")
     for i in compress(count(), speeds.fast.tolist()):
-        joint = JOINTS[speeds.fastest_joint[i]]
+        joint = in_words(JOINTS[speeds.fastest_joint[i]])
         parts.append(f"person {ids[i]} is fast: {joint} {speeds.fastest_m_s[i]:.1f} m/s")
     parts += [
         f"speed of person {ids[i]} unknown" for i in compress(count(), speeds.unknown.tolist())
@@ -351,7 +353,21 @@ def _detail(
         parts.append("zone " + ", ".join(names))
     if robot.tools and found.tool is None:
         parts.append("no tool is confirmed: the worst of all counts")
-    return "; ".join(parts if is_clear else [*parts, f"clears when {reason.clears_when}"])
+    return "; ".join(parts if is_clear else [*parts, f"clears when {clears_when}"])
+
+
+def _released(advised: Advised, risk: RiskSettings) -> tuple[str, str] | None:
+    """What a robot waits for that may move again or soon will, and what ends that, in words."""
+    if advised.reason is not Reason.RELEASE_PENDING:
+        return None
+    if advised.level is not Level.SLOW:
+        confirm = f"{risk.release_captures} new captures in a row confirm it"
+        return "what stopped it has cleared", confirm
+    return (
+        f"it may move again, at first slowly: the speed limit rises by {risk.speed_rise_m_s2:g} m/s"
+        f" each second",
+        "it has risen to what people allow",
+    )
 
 
 def where(robot: RobotConstants, people: Finding, apart_m: float | None = None) -> str:
@@ -361,5 +377,5 @@ def where(robot: RobotConstants, people: Finding, apart_m: float | None = None) 
     """
     if robot.risk.mode == "fixed":
         return f"{max(people.slack_m + robot.fixed_radius_m, 0.0):.2f} m from the base's axis"
-    link = robot.model.capsule_names[people.link]
+    link = in_words(robot.model.capsule_names[people.link])
     return f"{max(people.separation_m if apart_m is None else apart_m, 0.0):.2f} m from {link}"

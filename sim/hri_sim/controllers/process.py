@@ -72,14 +72,22 @@ def main(arguments: Sequence[str]) -> int:
     threading.Thread(target=_wait_for_end_of_input, args=(orphaned,), daemon=True).start()
     gc.collect()
     gc.freeze()
-    print(json.dumps({"port": port}), flush=True)
+    _tell({"port": port})
     try:
         _run(station=station, transport=transport, clock=clock, ended=ended, orphaned=orphaned)
     finally:
         transport.close()
-        with contextlib.suppress(OSError):  # the reader may be gone
-            print(json.dumps(asdict(station.report())), flush=True)
+        _tell(asdict(station.report()))
     return 0
+
+
+def _tell(what: dict[str, Any]) -> None:
+    """Print one line of JSON. A node that was killed does not read it, and its end is seen then."""
+    try:
+        print(json.dumps(what), flush=True)
+    except OSError:
+        # What could not be written is still kept, and Python would try again at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _run(

@@ -193,6 +193,28 @@ def test_a_job_that_cannot_be_done_is_one_line_and_status_2(tmp_path: Path):
     assert len(done.stderr.strip().splitlines()) == 1
 
 
+def test_a_node_that_is_killed_before_its_controller_is_ready_leaves_no_traceback(tmp_path: Path):
+    (post,) = posts([SerialLinkSettings(name="drive", simulate=DRIVE)], [ARM], None)
+    wiring = Wiring.create(tmp_path / "wiring", ["drive"])
+    job = tmp_path / "job.json"
+    job.write_text(json.dumps(job_for(post, tmp_path / "wiring", ["drive"], 1.0)))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hri_sim.controllers.process", str(job)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdin.close()
+    process.stdout.close()  # as the kernel does for a process that was killed
+    with process.stderr:
+        assert process.stderr.read() == b""
+    assert process.wait(WAIT_S) == 0
+    wiring.close()
+
+
 # --- the cell in real time -----------------------------------------------------------------------
 
 
