@@ -71,7 +71,8 @@ class Episode:
         def telling(phase: Phase) -> tuple[bool, int, bool, int]:
             lasted_ns = phase.last_ns - phase.first.utc_ns
             says_more = phase.reason not in WAITING
-            return phase.reason not in _OF_NODE, SEVERITY[phase.level], says_more, lasted_ns
+            cause = phase if says_more else self.cause_before(phase.first.utc_ns) or phase
+            return cause.reason not in _OF_NODE, SEVERITY[phase.level], says_more, lasted_ns
 
         return max(self.phases, key=telling)
 

@@ -14,7 +14,7 @@ from hri_predict.recording.mcap.view import apart_text
 from hri_predict.risk.types import Grounds
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
-from hri_predict.skeleton import CANONICAL
+from hri_predict.skeleton import CANONICAL, in_words
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
 from hri_predict.viewing.room import SEES_NOTHING, room_of
 
@@ -114,13 +114,13 @@ def pair_facts(
         "speed_m_s": speed_m_s,
         "line": None if line is None or not np.isfinite(line).all() else line.round(4).tolist(),
         "apart": apart_text(pair_m, needed_m, speed_m_s),
-        "pair": f"{who} - {link}" if who and link else who,
+        "pair": f"{who} - {in_words(link)}" if who and link else who,
     }
 
 
 def who_of(person: int | None, segment: str) -> str:
-    """``person 2's l_hand``."""
-    return "" if person is None else f"person {person}'s {segment}"
+    """``person 2's left hand``."""
+    return "" if person is None else f"person {person}'s {in_words(segment)}"
 
 
 def bodies_of(joints: Floats) -> Shapes:

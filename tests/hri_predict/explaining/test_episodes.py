@@ -73,3 +73,25 @@ def test_a_part_of_a_shift(tmp_path):
     recordings = Recordings([written(tmp_path / "a.mcap", told("C" * 20 + "X" * 20))])
     part = tally(recordings, recordings.start_ns + 2 * SECOND, None)
     assert part["robots"][0]["seconds_at"]["CLEAR"] == 0.0
+
+
+def of_run(levels):
+    """A start of the node, then these levels at 10 a second, then its end."""
+    start = [(0.1 * k, "/advice/arm", advice("UNKNOWN", "STARTING")) for k in range(3)]
+    wait = [(0.3 + 0.1 * k, "/advice/arm", advice("UNKNOWN", "RELEASE_PENDING")) for k in range(5)]
+    rest = [(0.8 + at, topic, message) for at, topic, message in told(levels)]
+    end = [(0.8 + 0.1 * len(levels), "/advice/arm", advice("UNKNOWN", "STOPPING"))]
+    return [*start, *wait, *rest, *end]
+
+
+def test_a_start_is_named_by_the_start_and_not_by_its_wait(tmp_path):
+    _, (start, end) = found(tmp_path, of_run("CCCC"))
+    assert start.worst.reason == "STARTING"
+    assert end.worst.reason == "STOPPING"
+
+
+def test_start_and_end_of_a_run_are_no_stops_of_a_shift(tmp_path):
+    path = written(tmp_path / "a.mcap", of_run("CCXXXXXCC"), config="robots: []")
+    (robot,) = tally(Recordings([path]), None, None)["robots"]
+    assert robot["stops"] == 1
+    assert robot["stopped_s"] == pytest.approx(0.5)
