@@ -110,7 +110,10 @@ class Recorder(Items):
             ) from error
 
     def close(self) -> None:
-        """Write waiting messages, finish the file and close it. Safe to call twice."""
+        """Write waiting messages, finish the file and close it. Safe to call twice.
+
+        A file without any message is removed.
+        """
         with self._lock:
             if self._closed:
                 return
@@ -124,7 +127,13 @@ class Recorder(Items):
             if self._thread.is_alive():  # it is stuck in the operating system and keeps the file
                 self.error = self.error or "the disk did not keep up"
                 return
+        file, is_empty = self._file, self.files == 1 and self.written == self.dropped == 0
         self._end_file()
+        if file is not None and is_empty and file.path.is_file():
+            file.path.unlink(
+                missing_ok=True
+            )  # a start that failed must not stand in the next's way
+            self.files = 0
         self._place.close()
 
     def __enter__(self) -> Self:

@@ -221,8 +221,8 @@ def test_what_is_no_recording_of_ours_is_one_clear_error(tmp_path: Path) -> None
 
     assert "not an MCAP" in error(b"PK\x03\x04 no such thing at all")
     assert "empty" in error(b"")
-    with Recorder(tmp_path / "b.mcap", _info(), threaded=False):
-        pass
+    with Recorder(tmp_path / "b.mcap", _info(), threaded=False) as recorder:
+        recorder.on_received("x", Received(Acknowledge(3, 9), 15))
     whole = (tmp_path / "b.mcap").read_bytes()
     assert "no scenes" in error(whole)
     assert "truncated" in error(whole[:10])
@@ -284,9 +284,22 @@ def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="exists already, and is kept"):
         Recorder(path, _info(), threaded=False)
     assert path.read_bytes() == before
-    with Recorder(OneFile(path, overwrite=True), _info(), threaded=False):
-        pass
+    with Recorder(OneFile(path, overwrite=True), _info(), threaded=False) as recorder:
+        recorder.on_received("x", Received(Acknowledge(3, 9), 15))
     assert path.read_bytes() != before
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_a_recording_of_nothing_leaves_no_file(tmp_path: Path, threaded: bool) -> None:
+    """A start that failed does not stand in the way of the next one."""
+    path = tmp_path / "monday.mcap"
+    recorder = Recorder(path, _info(), threaded=threaded)
+    assert path.exists()
+    recorder.close()
+    assert not path.exists()
+    assert recorder.report()["files"] == 0
+    _record(path, 3, threaded)
+    assert len(open_recording(path).scenes) == 3
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
