@@ -19,7 +19,7 @@ from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from hri_predict.settings import Region
-from hri_predict.skeleton import CANONICAL, JOINTS
+from hri_predict.skeleton import CANONICAL, JOINTS, in_words
 from tests.hri_predict.lost_person import lost_person
 from tests.hri_predict.risk.engine_cell import (
     MODEL,
@@ -52,8 +52,8 @@ def test_a_person_who_comes_and_goes(mode):
     assert "clears when" in near.detail
     assert near.body_part is not None
     assert near.robot_link is not None
-    assert CANONICAL.segments[near.body_part].name in near.detail
-    assert MODEL.capsule_names[near.robot_link] in near.detail
+    assert in_words(CANONICAL.segments[near.body_part].name) in near.detail
+    assert in_words(MODEL.capsule_names[near.robot_link]) in near.detail
     assert cell.settle(6.0).level is Level.CLEAR
 
 
@@ -180,10 +180,11 @@ def test_the_distance_that_is_told_is_that_of_the_pair_that_is_named():
     cell.settle(3.0)
     for x in np.arange(3.0, 1.2, -0.04):  # somebody walks up: not the nearest part decides
         advice = cell.step(x)
-    told = re.search(r"person 10, (\w+), ([\d.]+) m from (\w+)", advice.detail)
+    told = re.search(r"person 10, ([\w ]+), ([\d.]+) m from ([\w ]+)", advice.detail)
     assert told is not None
     zones, (robot,) = cell.assessment.zones, cell.assessment.grounds
-    segment, link = zones.segments.index(told[1]), MODEL.capsule_names.index(told[3])
+    segment = [in_words(name) for name in zones.segments].index(told[1])
+    link = [in_words(name) for name in MODEL.capsule_names].index(told[3])
     body, arm = zones.capsules, robot.capsules
     assert arm is not None
     apart = capsule_distance(
