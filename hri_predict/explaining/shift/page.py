@@ -93,7 +93,7 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         tag("h3", "By hour"),
         level_bars(hours),
         table(
-            ("from", "recorded", "stops", "standing", "of the permitted speed"),
+            ("from", "recorded", "stops", "stop, unknown or fault", "of the permitted speed"),
             [_hour(hour) for hour in robot["hours"]],
         ),
         tag("h3", "Why it slowed or stopped"),
