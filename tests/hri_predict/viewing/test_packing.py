@@ -49,7 +49,7 @@ def test_the_separation_line_is_as_long_as_said(near):
     said_m = float(robot["apart"].split()[0])
     assert np.linalg.norm(one - other) == pytest.approx(said_m, abs=0.006)  # two digits are said
     assert robot["apart"].endswith("at 0.00 m/s")  # the level is STOP
-    assert re.fullmatch(r"person 1's \w+ - \w+", robot["pair"])
+    assert re.fullmatch(r"person 1's (left|right) \w+ - [\w ]+", robot["pair"])
 
 
 def test_a_picture_is_small_enough_and_plain_data(near):
