@@ -9,7 +9,7 @@ from hri_predict.explaining.episodes import robot_of
 from hri_predict.explaining.situation import Situation, situation
 from hri_predict.explaining.times import NS, Asked
 from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.reasons import CLEARED, RISING, Reason
 from hri_predict.recording import RecordingInfo, Told
 from hri_predict.skeleton import CANONICAL, in_words
 
@@ -29,6 +29,8 @@ _SHORT = {
     "SPEED_UNKNOWN": "speed unknown",
     "CONTACT_POSSIBLE": "contact possible",
 }
+_STEADY = ("PERSON_NEAR", "PERSON_APPROACHING", "CONTACT_POSSIBLE")
+"""Reasons that an advice keeps for some captures (``risk.levels.steady_reason``)."""
 _OBEYS_ADVICES = 12
 """A robot may take so many advices, half a second, to keep a lower limit."""
 _FORECAST = ("PREDICTOR_LATE", "PREDICTOR_FAILED", "MOTION_UNLIKE", "ZONES_WIDENED")
@@ -36,8 +38,15 @@ _FORECAST = ("PREDICTOR_LATE", "PREDICTOR_FAILED", "MOTION_UNLIKE", "ZONES_WIDEN
 
 
 def because(about: Situation) -> str:
-    """Why this advice was given."""
+    """Why this advice was given.
+
+    An advice's reason stays the same for some captures, so that it does not flicker; its detail is
+    of that moment. Where the detail says that the robot only waits, that is why.
+    """
     reason = text(about.advice.data.get("reason"))
+    detail = text(about.advice.data.get("detail"))
+    if reason in _STEADY and (RISING in detail or CLEARED in detail):
+        return _released(about, RISING in detail)
     told = _TELL.get(reason)
     return reason_text(reason) if told is None else told(about)
 
@@ -100,12 +109,26 @@ def needed_by(advice: Told) -> float | None:
 
 def _of_person(about: Situation) -> str:
     """``person 2's right hand was 0.42 m from the forearm; 0.78 m were needed at 0.6 m/s``."""
+    return f"{_whereabouts(about)}; {_needed(about.advice)}{_forecast(about)}"
+
+
+def _whereabouts(about: Situation) -> str:
+    """``person 2's right hand was 0.42 m from the forearm``."""
     person, part = person_of(about.advice), part_of(about.advice)
     who = "somebody" if person is None else f"person {person}"
     who += f"'s {in_words(part)}" if part else ""
     link = in_words(link_of(about.advice, about.info))
-    distance = f"{metres(distance_of(about.advice))} from the {link or 'robot'}"
-    return f"{who} was {distance}; {_needed(about.advice)}{_forecast(about)}"
+    return f"{who} was {metres(distance_of(about.advice))} from the {link or 'robot'}"
+
+
+def _released(about: Situation, is_rising: bool) -> str:
+    """Somebody is there, but it is the release that takes its time."""
+    if is_rising:
+        limit = number(about.advice.data.get("speed_limit_m_s")) or 0.0
+        waited = f"it could move again, at first slowly: its limit had risen to {limit:.2f} m/s"
+    else:
+        waited = "what stopped it had cleared, and it waited for new captures to confirm that"
+    return f"{waited}; {_whereabouts(about)}"
 
 
 def _needed(advice: Told) -> str:

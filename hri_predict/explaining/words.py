@@ -85,7 +85,9 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
         return
     part, link = in_words(found["body_part"]), in_words(found["robot_part"])
     short, stands = found["short_m"], (found["speed_m_s"] or 0.0) < STANDS_M_S
-    motion = "to start" if stands else f"at {found['speed_m_s']:.2f} m/s"
+    is_short = short is not None and short > 0
+    motion = "to start, at least" if is_short else "while it stands"
+    motion = motion if stands else f"at {found['speed_m_s']:.2f} m/s"
     yield f"From person {found['person']}'s {part} to the robot's {link}, the pair that decided,"
     yield f"judged {_WAYS.get(found['way'], found['way'])}:"
     yield _row("distance then, from surface to surface", found["separation_m"])
@@ -185,6 +187,10 @@ def _faults(faults: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     for fault in faults:
         clears = f"; clears when {fault['clears_when']}" if fault["clears_when"] else ""
         yield f"{fault['reason']}: {fault['what']}{clears}"
+
+
+HEAD = f"{'from':>10} {'for':>8}  robot, worst level, why then"
+"""Of a list of episodes."""
 
 
 def line_of(episode: Mapping[str, Any], width: int = 80) -> str:

@@ -67,6 +67,11 @@ class Reason(IntEnum):
         return _TEXT[self][1]
 
 
+CLEARED = "what stopped it has cleared"
+"""In an advice's detail: new captures must still confirm it."""
+RISING = "it may move again, at first slowly"
+"""In an advice's detail: nobody holds it back, and its limit has not risen as far as it may."""
+
 _TEXT = {
     Reason.NONE: ("nothing is near", ""),
     Reason.PERSON_NEAR: (

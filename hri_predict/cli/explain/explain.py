@@ -16,7 +16,7 @@ from hri_predict.explaining.explanation import is_slowed, listing, neighbours
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import Situation, nearest_episodes, situation
 from hri_predict.explaining.times import Asked, asked
-from hri_predict.explaining.words import line_of, told
+from hri_predict.explaining.words import HEAD, line_of, told
 
 PICTURES = (".png", ".svg")
 
@@ -125,6 +125,8 @@ def _list(recordings: Recordings, robot: str | None, as_json: bool) -> None:
     if as_json:
         print(json.dumps({"slowdowns": rows, "notes": recordings.notes}))
         return
+    if rows:
+        print(HEAD)
     for row in rows:
         print(line_of(row, _width()))
     if not rows:

@@ -6,6 +6,7 @@ from typing import Any
 
 from hri_predict.explaining.episodes import LEVELS
 from hri_predict.explaining.shift.charts import COLOURS, histogram, legend, level_bars
+from hri_predict.explaining.values import metres
 from hri_predict.markup import Content, Markup, document, join, table, tag
 from hri_predict.skeleton import in_words
 
@@ -73,6 +74,7 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         ("stops", robot["stops"]),
         ("standing by advice", _time(robot["stopped_s"])),
         ("near misses", robot["near_misses"]),
+        (_nearest(robot["nearest_at"]), metres(robot["nearest_m"])),
         ("age of advice, p50 / p99", f"{_ms(robot['age_p50_s'])} / {_ms(robot['age_p99_s'])}"),
     ]
     boxes = [tag("div", tag("b", value), name) for name, value in figures]
@@ -234,9 +236,13 @@ def _percent(share: float | None) -> str:
     return "-" if share is None else f"{100 * share:.1f} %"
 
 
+def _nearest(at: str | None) -> str:
+    return "nearest that anybody came" + ("" if at is None else f", at {at}")
+
+
 def _ms(seconds: float | None) -> str:
     return "-" if seconds is None else f"{seconds * 1e3:.0f} ms"
 
 
-def _mm(metres: float | None) -> str:
-    return "-" if metres is None else f"{metres * 1e3:.0f} mm"
+def _mm(value: float | None) -> str:
+    return "-" if value is None else f"{value * 1e3:.0f} mm"

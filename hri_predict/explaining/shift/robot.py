@@ -47,6 +47,7 @@ class RobotShift:
         self.kinds: dict[tuple[str, str], Kind] = {}
         self.stops = Kind()  # without those that are only a run's start or end
         self.separation, self.limits = Spread(0.1), Spread(0.01)
+        self.nearest: tuple[float, int] | None = None  # metres, UTC
         self.ages = Spread(0.001)
         self.near: dict[tuple[str, str], list[float]] = {}
         self._finder = EpisodeFinder()
@@ -90,7 +91,9 @@ class RobotShift:
         self.limits.add(max(0.0, limit), seconds)
         separation_m = number(last.data.get("separation_m"))
         if separation_m is not None:
-            self.separation.add(max(0.0, separation_m), seconds)
+            near = max(0.0, separation_m), last.utc_ns
+            self.separation.add(near[0], seconds)
+            self.nearest = near if self.nearest is None else min(self.nearest, near)
 
     def _ended(self, episode: Episode, info: RecordingInfo) -> None:
         worst = episode.worst

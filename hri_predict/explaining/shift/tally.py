@@ -174,6 +174,8 @@ def _robot(robot: RobotShift, top_m_s: float | None, recordings: Recordings) -> 
             {"body_part": part, "robot_part": link, "count": len(found), "least_m": min(found)}
             for (part, link), found in sorted(robot.near.items(), key=lambda i: -len(i[1]))
         ],
+        "nearest_m": None if robot.nearest is None else round(robot.nearest[0], 3),
+        "nearest_at": None if robot.nearest is None else shown(robot.nearest[1], recordings),
         "separation": [[round(edge, 1), round(s, 1)] for edge, s in robot.separation.rows(BINS)],
         "age_p50_s": _rounded(robot.ages.percentile(0.5)),
         "age_p99_s": _rounded(robot.ages.percentile(0.99)),

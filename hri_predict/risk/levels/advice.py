@@ -13,7 +13,7 @@ from typing import Any
 from hri_predict.arrays import Ints
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice, Level
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.reasons import CLEARED, RISING, Reason
 from hri_predict.risk.areas import NamedZone
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, remembered
@@ -362,10 +362,9 @@ def _released(advised: Advised, risk: RiskSettings) -> tuple[str, str] | None:
         return None
     if advised.level is not Level.SLOW:
         confirm = f"{risk.release_captures} new captures in a row confirm it"
-        return "what stopped it has cleared", confirm
+        return CLEARED, confirm
     return (
-        f"it may move again, at first slowly: the speed limit rises by {risk.speed_rise_m_s2:g} m/s"
-        f" each second",
+        f"{RISING}: the speed limit rises by {risk.speed_rise_m_s2:g} m/s each second",
         "it has risen to what people allow",
     )
 

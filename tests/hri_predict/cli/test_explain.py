@@ -43,7 +43,8 @@ def test_a_mistake_is_one_line(near, words, says):
 
 
 def test_without_a_time_every_slowdown_has_a_line(near):
-    lines = run("explain", near).splitlines()
+    head, *lines = run("explain", near).splitlines()
+    assert head.split()[:2] == ["from", "for"]
     assert [line.split()[5] for line in lines] == ["STOP", "STOP"]
     rows = json.loads(run("explain", near, "--json"))["slowdowns"]
     assert [row["reason"] for row in rows] == ["SPEED_UNKNOWN", "PERSON_NEAR"]

@@ -2,9 +2,13 @@
 
 import pytest
 
+from hri_predict.explaining.because import because
 from hri_predict.explaining.episodes import episodes
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.tally import tally
+from hri_predict.explaining.situation import situation
+from hri_predict.explaining.times import Asked
+from hri_predict.protocol.reasons import CLEARED, RISING
 from tests.hri_predict.explaining.made_up import SECOND, advice, told, written
 
 
@@ -54,6 +58,7 @@ def test_a_shift_counts_what_was_told(tmp_path):
         "CLEAR": 2.0, "WARN": 0.0, "SLOW": 1.0, "STOP": 1.0, "UNKNOWN": 1.0, "FAULT": 0.0,
     }  # fmt: skip
     assert (robot["stops"], robot["stopped_s"]) == (1, 2.0)
+    assert (robot["nearest_m"], robot["nearest_at"]) == (0.55, "12:00:00.0")
     # 2 s of five at 1 m/s, 1 s at 0.25 m/s
     assert robot["permitted_share"] == pytest.approx(2.25 / 5.0, abs=1e-4)  # rounded to 4 digits
     assert robot["full_speed_share"] == pytest.approx(0.4, abs=1e-4)
@@ -95,3 +100,18 @@ def test_start_and_end_of_a_run_are_no_stops_of_a_shift(tmp_path):
     (robot,) = tally(Recordings([path]), None, None)["robots"]
     assert robot["stops"] == 1
     assert robot["stopped_s"] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("level", "detail", "answer"),
+    [
+        ("SLOW", RISING, "at first slowly: its limit had risen to 0.25 m/s"),
+        ("STOP", CLEARED, "waited for new captures"),
+        ("SLOW", "", "no more than 0.25 m/s was safe"),
+    ],
+)
+def test_a_robot_that_only_waits_is_not_explained_by_who_is_near(tmp_path, level, detail, answer):
+    """The reason is kept for some captures; the detail is of the moment."""
+    said = advice(level, "PERSON_APPROACHING", detail=f"arm: {detail}; person 1", speed_m_s=0.2)
+    recordings, _ = found(tmp_path, [(0.1 * k, "/advice/arm", said) for k in range(5)])
+    assert answer in because(situation(recordings, Asked(recordings.start_ns, SECOND), "arm"))
