@@ -91,8 +91,9 @@ def _about(recordings: Recordings, at: Asked, robot: str | None, following: bool
     return situation(recordings, Asked(after.worst.first.utc_ns, 1), about.robot)
 
 
-def _width() -> int:
-    return max(40, min(100, shutil.get_terminal_size((80, 24)).columns))
+def _width(most: int = 100) -> int:
+    """Of the terminal; prose wider than 100 characters is hard to read."""
+    return max(40, min(most, shutil.get_terminal_size((80, 24)).columns))
 
 
 def _print(found: dict[str, Any], recording: Path) -> None:
@@ -127,8 +128,12 @@ def _list(recordings: Recordings, robot: str | None, as_json: bool) -> None:
         return
     if rows:
         print(HEAD)
+    day = ""
     for row in rows:
-        print(line_of(row, _width()))
+        if recordings.info.has_utc and row["at"][:10] != day:
+            day = row["at"][:10]
+            print(f"{day}, UTC")
+        print(line_of(row, _width(1000)))
     if not rows:
         print("no slowdown and no stop was recorded" + (f" for {robot}" if robot else ""))
     for note in recordings.notes:

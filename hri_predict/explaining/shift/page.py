@@ -73,6 +73,7 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         ("of the time at full speed", _percent(robot["full_speed_share"])),
         ("stops", robot["stops"]),
         ("standing by advice", _time(robot["stopped_s"])),
+        ("working time lost by slowdowns and stops", _cost(robot["lost_s"])),
         ("near misses", robot["near_misses"]),
         (_nearest(robot["nearest_at"]), metres(robot["nearest_m"])),
         ("age of advice, p50 / p99", f"{_ms(robot['age_p50_s'])} / {_ms(robot['age_p99_s'])}"),
@@ -100,9 +101,15 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         ),
         tag("h3", "Why it slowed or stopped"),
         table(
-            ("cause", "worst level", "times", "all together"),
+            ("cause", "worst level", "times", "all together", "working time lost"),
             [
-                (each["what"], each["level"], each["count"], _time(each["seconds"]))
+                (
+                    each["what"],
+                    each["level"],
+                    each["count"],
+                    _time(each["seconds"]),
+                    _cost(each["lost_s"]),
+                )
                 for each in robot["causes"]
             ],
         ),
@@ -115,7 +122,9 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         parts.append(tag("p", missing, class_="note"))
     words = (
         f"Full speed is {robot['top_m_s']:g} m/s. The share of the permitted speed is the mean of "
-        f"the advised limit over it: what the advice leaves for work."
+        f"the advised limit over it: what the advice leaves for work. Of the working time lost, a "
+        f"second at half of full speed is half a second; a slowdown or stop is counted from its "
+        f"beginning until the robot may go on."
     )
     return join([*parts, tag("p", words, class_="small")])
 
@@ -230,6 +239,10 @@ def _time(seconds: float) -> str:
         return f"{seconds:.1f} s"
     hours, minutes = divmod(int(minutes), 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02.0f} s"
+
+
+def _cost(seconds: float | None) -> str:
+    return "-" if seconds is None else _time(seconds)
 
 
 def _percent(share: float | None) -> str:
