@@ -11,7 +11,7 @@ from hri_predict.node.listeners import Listener, Tick
 
 log = logging.getLogger(__name__)
 
-LONG_S = 5.0
+LONG_S = 8.0
 """A start whose loops were compiled before is shorter."""
 
 
