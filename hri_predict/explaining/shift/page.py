@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hri_predict.explaining.episodes import LEVELS
-from hri_predict.explaining.shift.charts import COLOURS, histogram, legend, level_bars
+from hri_predict.explaining.shift.charts import histogram, legend, level_bars
 from hri_predict.explaining.values import metres
-from hri_predict.markup import Content, Markup, document, join, table, tag
+from hri_predict.markup import LEVEL_COLOURS, Content, Markup, document, join, table, tag
 from hri_predict.skeleton import in_words
 
 _STYLE = """
@@ -169,7 +169,11 @@ def _longest(stops: Sequence[Mapping[str, Any]], recordings: Sequence[str]) -> M
         (
             stop["at"],
             stop["robot"],
-            tag("span", stop["level"], style=f"color:{COLOURS[stop['level']]};font-weight:bold"),
+            tag(
+                "span",
+                stop["level"],
+                style=f"color:{LEVEL_COLOURS[stop['level']]};font-weight:bold",
+            ),
             _time(stop["seconds"]),
             stop["why"],
             tag(
