@@ -167,7 +167,7 @@ def _longest(stops: Sequence[Mapping[str, Any]], recordings: Sequence[str]) -> M
     first = shlex.quote(recordings[0]) if recordings else "FILE"
     rows = [
         (
-            stop["at"],
+            stop["from"],
             stop["robot"],
             tag(
                 "span",
@@ -178,13 +178,13 @@ def _longest(stops: Sequence[Mapping[str, Any]], recordings: Sequence[str]) -> M
             stop["why"],
             tag(
                 "code",
-                f"hri-predict explain {first} --at {stop['at_full']} "
+                f"hri-predict explain {first} --at {stop['at']} "
                 f"--robot {shlex.quote(stop['robot'])}",
             ),
         )
         for stop in stops
     ]
-    head = ("when", "robot", "level", "stood", "why", "type this to see more")
+    head = ("from", "robot", "level", "stood", "why, at its worst", "type this to see more")
     return join(
         [tag("h2", "The longest stops"), tag("div", table(head, rows), class_="left stops")]
     )

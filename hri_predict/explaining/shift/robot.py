@@ -125,7 +125,8 @@ class RobotShift:
         self.stops.seconds += seconds
         self.hours.setdefault(episode.start_ns // HOUR_NS, Hour()).stops += 1
         row = {
-            "utc_ns": worst.first.utc_ns,
+            "from_utc_ns": episode.start_ns,
+            "worst_utc_ns": worst.first.utc_ns,
             "seconds": round(seconds, 1),
             "robot": self.name,
             "level": worst.level,

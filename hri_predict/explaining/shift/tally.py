@@ -101,8 +101,8 @@ class Tally:
             "longest_stops": [
                 {
                     **row,
-                    "at": shown(row["utc_ns"], recordings),
-                    "at_full": dated(row["utc_ns"], recordings),
+                    "from": shown(row["from_utc_ns"], recordings),
+                    "at": dated(row["worst_utc_ns"], recordings),
                 }
                 for row in longest[:LONGEST]
             ],
