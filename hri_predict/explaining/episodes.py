@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hri_predict.explaining.values import number, text
+from hri_predict.protocol.reasons import CLEARED, RISING
 from hri_predict.recording import Told
 
 SEVERITY = {"CLEAR": 0, "WARN": 1, "SLOW": 2, "STOP": 3, "UNKNOWN": 3, "FAULT": 4}
@@ -13,6 +14,8 @@ STOPS = ("STOP", "UNKNOWN", "FAULT")
 LEVELS = ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN", "FAULT")
 WAITING = ("RELEASE_PENDING", "LATCHED")
 """Reasons that only say that what came before is not over."""
+_STEADY = ("PERSON_NEAR", "PERSON_APPROACHING", "CONTACT_POSSIBLE")
+"""Reasons that an advice keeps for some captures (``risk.levels.steady_reason``)."""
 _OF_NODE = ("STARTING", "STOPPING")
 _NS = 1e9
 GAP_NS = 2_000_000_000
@@ -114,6 +117,21 @@ def level_of(advice: dict[str, Any]) -> str:
     return level if isinstance(level, str) and level in SEVERITY else "UNKNOWN"
 
 
+def slows(advice: dict[str, Any]) -> bool:
+    """Whether an advice slows or stops its robot."""
+    return SEVERITY[level_of(advice)] >= SEVERITY["SLOW"]
+
+
+def waits(advice: dict[str, Any]) -> bool:
+    """Whether the robot only waits at that moment, though the reason may still be what it was for.
+
+    A reason stays the same for some captures, so that it does not flicker; the detail is of the
+    moment.
+    """
+    reason, detail = text(advice.get("reason")), text(advice.get("detail"))
+    return reason in WAITING or (reason in _STEADY and (RISING in detail or CLEARED in detail))
+
+
 def robot_of(advice: dict[str, Any]) -> str:
     """The robot's name, or its number in old recordings."""
     return text(advice.get("name", advice.get("robot")))
@@ -129,7 +147,7 @@ class EpisodeFinder:
     def add(self, told: Told) -> Episode | None:
         """Take the next advice; return the episode that it ends."""
         robot, level = robot_of(told.data), level_of(told.data)
-        slowed = SEVERITY[level] >= SEVERITY["SLOW"]
+        slowed = slows(told.data)
         before, self._level[robot] = self._level.get(robot), level
         episode, ended = self._open.get(robot), None
         if episode is not None and abs(told.utc_ns - episode.phases[-1].last_ns) > GAP_NS:

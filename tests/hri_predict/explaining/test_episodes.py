@@ -134,3 +134,19 @@ def test_a_robot_that_only_waits_is_not_explained_by_who_is_near(tmp_path, level
     said = advice(level, "PERSON_APPROACHING", detail=f"arm: {detail}; person 1", speed_m_s=0.2)
     recordings, _ = found(tmp_path, [(0.1 * k, "/advice/arm", said) for k in range(5)])
     assert answer in because(situation(recordings, Asked(recordings.start_ns, SECOND), "arm"))
+
+
+def test_a_cause_that_comes_and_goes_is_named_not_the_wait_between(tmp_path):
+    there = advice("STOP", "PERSON_NEAR", separation_m=0.5)
+    waits = advice("STOP", "PERSON_NEAR", separation_m=0.9, detail=f"arm: {CLEARED}; person 1")
+    told = [there, waits, waits, there]
+    recordings, _ = found(tmp_path, [(0.1 * k, "/advice/arm", each) for k, each in enumerate(told)])
+
+    def answer(after_s: float, width_s: float) -> str:
+        asked = Asked(recordings.start_ns + round(after_s * SECOND), round(width_s * SECOND))
+        return because(situation(recordings, asked, "arm"))
+
+    assert answer(0.1, 1.0).startswith("somebody was 0.50 m")
+    waited = answer(0.1, 0.1)
+    assert waited.startswith("it waited for new captures")
+    assert "before that: somebody was 0.50 m" in waited
