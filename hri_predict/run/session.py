@@ -118,8 +118,8 @@ def _cell(config: Config, clock: Clock, options: Options) -> Cell | None:
     real = [link.name for link in config.opened_links if link.simulate is None]
     if options.factor is None and real:
         raise ConfigError(
-            f"link {real[0]} is real hardware, which runs only in real time: use --speed 1, leave "
-            f"the links out (--no-links), or give the link a 'simulate:' block"
+            f"link {real[0]} is real hardware, which runs only in real time: leave the links out "
+            f"(--no-links), give the link a 'simulate:' block, or use --speed 1"
         )
     if not simulated:
         return None
