@@ -247,7 +247,7 @@ def show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:
     for table in tables:
         console.print(_fitting(table, console))
     for note in notes:
-        console.print(f"- {note}", markup=False, highlight=False)
+        console.print(f"- {note}", markup=False, highlight=False, soft_wrap=True)  # to be pasted
 
 
 def _fitting(table: "Table", console: Console) -> ScreenTable:

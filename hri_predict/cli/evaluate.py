@@ -18,6 +18,7 @@ from hri_predict.cli.common import (
     check_writable,
     command,
     files,
+    need_plots,
     one_of,
     own_map,
     predictor_settings,
@@ -105,6 +106,7 @@ def evaluate(
     """
     asked = _paired(predictor, weights or [])
     if out is not None:
+        need_plots()
         check_writable(out)
     if benchmark is None:
         without_effect(
@@ -313,7 +315,6 @@ def _real(
             )
     if out is not None:
         written = report.write_report(results, out, bases)
-        # imported after the tables are written, because it needs matplotlib
         from hri_predict.evaluation.filmstrip import write_filmstrips
 
         tell([*written, *write_filmstrips(predictors, motions, out, results[0].averaged)])

@@ -1,5 +1,6 @@
 """What the zones of a predictor rest on, as every comparison tells it."""
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,14 @@ class ZoneBasis:
 
     Attributes:
         label, name: of the predictor.
-        weights: name of its own file; ``None``: the shipped one, or none.
+        weights: its own file, as the user named it; ``None``: the shipped one, or none.
         calibration: the file; ``None``: it has none, and zones are those of the physical limits.
         shipped: whether the calibration came with the node.
     """
 
     label: str
     name: str
-    weights: str | None
+    weights: Path | None
     calibration: Path | None
     shipped: bool
 
@@ -28,10 +29,12 @@ class ZoneBasis:
         if self.calibration is not None:
             where = ", shipped" if self.shipped else ""
             return f"Zones of {self.label}: calibrated by {self.calibration.name}{where}."
-        weights = "" if self.weights is None else f" --weights {self.weights}"
+        words = ["hri-predict", "calibrate", "--predictor", self.name]
+        words += [] if self.weights is None else ["--weights", str(self.weights)]
         return (
             f"Zones of {self.label}: not calibrated: physical limits alone, which costs work; "
-            f"hri-predict calibrate --predictor {self.name}{weights}"
+            f"calibrate it on a folder of your recordings: "
+            f"{shlex.join([*words, '--data', 'recordings'])}"
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -39,7 +42,7 @@ class ZoneBasis:
         return {
             "label": self.label,
             "predictor": self.name,
-            "weights": self.weights,
+            "weights": None if self.weights is None else self.weights.name,
             "calibrated": self.calibration is not None,
             "calibration": None if self.calibration is None else self.calibration.name,
         }

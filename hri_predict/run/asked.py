@@ -123,7 +123,7 @@ def basis_of(
     return ZoneBasis(
         label=asked.label,
         name=asked.name,
-        weights=None if asked.weights is None else asked.weights.name,
+        weights=asked.weights,
         calibration=None if found is None else path,
         shipped=shipped,
     )

@@ -343,7 +343,7 @@ def calibration_for(
     if problem:
         raise ConfigError(
             f"risk.coverage.calibration {path}: {problem}; calibrate what you run: "
-            f"hri-predict calibrate --predictor {settings.name}"
+            f"hri-predict calibrate --predictor {settings.name} --data recordings"
         )
     return calibration
 

@@ -223,6 +223,19 @@ def test_each_network_on_the_benchmark_reads_its_own_weights(cli, pack, tmp_path
     assert error.startswith("error: --predictor: errors differ (sinn euler, trajectorycnn mpjpe)")
 
 
+@pytest.mark.parametrize("more", [[], ["--benchmark", "cmu"]])
+def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, more, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    for module in [name for name in sys.modules if name.startswith("hri_predict.evaluation.fig")]:
+        monkeypatch.delitem(sys.modules, module)
+    out = tmp_path / "judged"
+    nowhere = ["--data", tmp_path / "none", "--predictor", "zero_velocity"]  # not looked at yet
+    status, text, err = cli(*nowhere, *more, "--out", out)
+    assert (status, text) == (2, "")
+    assert err == "error: plots need matplotlib; install it with pip install 'hri-predict[train]'\n"
+    assert not out.exists()
+
+
 @pytest.fixture
 def walk(tmp_path):
     """A recording of 4 s of even walking, half a metre a second."""

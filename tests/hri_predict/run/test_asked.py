@@ -1,11 +1,13 @@
 """Predictors side by side: their names in tables, their calibrations, one line for a mistake."""
 
+import shlex
 import shutil
 from pathlib import Path
 
 import pytest
 
 from hri_predict.errors import ConfigError
+from hri_predict.peers.zone_basis import ZoneBasis
 from hri_predict.predictors.baselines import ConstantVelocitySettings, ZeroVelocitySettings
 from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import shipped_calibration
@@ -78,6 +80,21 @@ def test_zones_say_what_they_rest_on(tmp_path):
     none = basis_of(asked, faster, CoverageSettings(), Path())
     assert none.as_json()["calibrated"] is False
     assert none.line.endswith(
-        "not calibrated: physical limits alone, which costs work; "
-        "hri-predict calibrate --predictor constant_velocity"
+        "not calibrated: physical limits alone, which costs work; calibrate it on a folder of your "
+        "recordings: hri-predict calibrate --predictor constant_velocity --data recordings"
     )
+
+
+def test_the_command_that_calibrates_own_weights_can_be_pasted():
+    weights = Path("my runs/trajectorycnn.safetensors")
+    basis = ZoneBasis(
+        label="trajectorycnn", name="trajectorycnn", weights=weights, calibration=None, shipped=True
+    )
+    _, told = basis.line.split("recordings: ")
+    words = shlex.split(told)
+    assert words[:2] == ["hri-predict", "calibrate"]
+    asked = dict(zip(words[2::2], words[3::2], strict=True))
+    assert asked == {
+        "--predictor": "trajectorycnn", "--weights": str(weights), "--data": "recordings"
+    }  # fmt: skip
+    assert basis.as_json()["weights"] == "trajectorycnn.safetensors"  # folders are one machine's
