@@ -29,7 +29,8 @@ import yaml
 from hri_drivers.sources.scene_stream.codec import SEES_ROOM, open_datagram
 from hri_predict.cli.check.check import examine
 from hri_predict.cli.commands import app
-from hri_predict.predictors.base import checked
+from hri_predict.conformance.checks import run_checks
+from hri_predict.conformance.predictors import CHECKS, PredictorPart
 from hri_predict.robots.file import read_robot_file
 from hri_predict.run.config import load
 from tests import pages
@@ -337,10 +338,14 @@ def test_the_predictor_that_the_page_shows_keeps_the_contract():
     page = ROOT / "docs" / "guides" / "add-a-predictor.md"
     names: dict[str, Any] = {}
     exec(pages.named("my_package.py", page).text, names)
-    mine = names["Mine"](names["Mine"].settings_model(name="mine", horizon_s=0.4))
+    settings = names["Mine"].settings_model(name="mine", horizon_s=0.5)
+    mine = names["Mine"](settings)
+    assert mine.horizon_steps / mine.rate_hz >= 0.5
+    judged = run_checks(CHECKS, PredictorPart(names["Mine"], settings, mine))
+    assert len(judged) > 8
+    assert [str(finding) for finding in judged if finding.verdict != "pass"] == []
     history = np.random.default_rng(0).normal(size=(2, mine.history_steps, 21, 3))
     forecast = mine.predict(history, np.ones(history.shape[:3], bool))
-    checked(forecast, 2, mine)
     np.testing.assert_array_equal(forecast.positions[:, -1], history[:, -1])
 
 

@@ -15,6 +15,10 @@ SOON_S = 0.05
 """What never blocks returns within this time, but for one call in a hundred: machines pause."""
 
 
+NOTHING_CAME = "no scene came"
+"""How a check begins its reason when a source gave nothing to check."""
+
+
 class Broken(Exception):
     """The part breaks its contract; the text says how."""
 

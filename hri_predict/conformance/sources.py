@@ -18,6 +18,7 @@ from hri_predict import registry
 from hri_predict.arrays import Floats
 from hri_predict.clock import MonotonicClock
 from hri_predict.conformance.checks import (
+    NOTHING_CAME,
     Broken,
     Finding,
     Skipped,
@@ -346,7 +347,7 @@ def _listened(source: Source, seconds: float) -> Heard:
 
 def _not_empty(found: Heard, hint: str) -> Heard:
     if not found.scenes:
-        raise Skipped(f"no scene came; {hint}")
+        raise Skipped(f"{NOTHING_CAME}; {hint}")
     return found
 
 

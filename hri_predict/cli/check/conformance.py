@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hri_predict import registry
-from hri_predict.conformance.checks import Finding
+from hri_predict.conformance.checks import NOTHING_CAME, Finding
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.run import config as configuration
 from hri_predict.settings import set_key, validated
@@ -70,11 +70,23 @@ def conformance(
     else:
         console = Console()
         console.print(_table(f"{kind} {name}", findings))
-        skipped = sum(finding.verdict == "skipped" for finding in findings)
-        verdict = f"{failed} of {len(findings)} checks failed" if failed else "keeps its contract"
-        verdict += f" ({skipped} checks skipped)" if skipped else ""
-        console.print(f"{kind} {name}: {verdict}", highlight=False)
+        console.print(f"{kind} {name}: {_verdict(findings)}", highlight=False, soft_wrap=True)
     return 1 if failed else 0
+
+
+def _verdict(findings: Sequence[Finding]) -> str:
+    """What came of all checks, in a line."""
+    failed = sum(finding.verdict == "fail" for finding in findings)
+    skipped = [finding.detail for finding in findings if finding.verdict == "skipped"]
+    unheard = [detail for detail in skipped if detail.startswith(NOTHING_CAME)]
+    verdict = f"{failed} of {len(findings)} checks failed" if failed else "keeps its contract"
+    if unheard:
+        told = verdict if failed else "no check failed"
+        return (
+            f"{told}, but {len(unheard)} of {len(findings)} checks were skipped: {unheard[0]}, "
+            f"and check again"
+        )
+    return verdict + (f" ({len(skipped)} checks skipped)" if skipped else "")
 
 
 @contextlib.contextmanager

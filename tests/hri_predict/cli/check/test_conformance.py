@@ -57,6 +57,16 @@ def test_the_status_says_that_a_check_failed(capsys, monkeypatch):
     assert "checks failed" in capsys.readouterr().out
 
 
+def test_a_source_that_heard_nobody_is_not_told_to_keep_its_contract(capsys):
+    assert conformance.conformance(part="source:udp", change=["port=0"], seconds=0.1) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert "keeps its contract" not in last
+    assert last == (
+        "source udp: no check failed, but 4 of 12 checks were skipped: no scene came; send to it "
+        "meanwhile, and check again"
+    )
+
+
 def test_what_a_part_says_is_printed_as_it_is(capsys, monkeypatch):
     class Odd(ZeroVelocity):
         def predict(self, history, observed):
