@@ -37,7 +37,7 @@ _MARGIN_M, _BAR_M, _TEXT_M = 0.12, 0.2, 0.3  # around the body, below it, above 
 _FARTHEST_M = 0.9  # from the middle of a picture to its side: a runaway forecast leaves it
 _INCHES = 2.9  # width of a picture
 _SCORED = np.array(scored_joints())
-_BONES = tuple((i, p) for i, p in enumerate(BODY.parents) if p >= 0)
+_TRUNK = BODY.joints.index("torso")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,10 +154,10 @@ def _explain(figure: Figure, axes: Any, name: str) -> None:
     handles = [axes.plot([], [], color=c, linewidth=w)[0] for c, w in names.values()]
     figure.legend(handles, list(names), loc="outside upper center", ncols=2, fontsize=13)
     figure.supxlabel(
-        "mm: mean error of the scored joints; still: error if the pose stayed. Thin: the "
-        f"person's right side. Lines: the room, every {_GRID_M:g} m; pictures follow the body.\n"
-        "Windows chosen without regard to the error: the middle forecast origin of each action's "
-        "longest recording.",
+        "mm: mean error of the scored joints; still: error if the pose stayed. Thin: the person's "
+        "right side. Dotted: joints between are not observed.\n"
+        f"Lines: the room, every {_GRID_M:g} m; pictures follow the body. Windows chosen without "
+        "regard to the error: the middle forecast origin of each action's longest recording.",
         fontsize=10.5,
     )
 
@@ -296,14 +296,35 @@ def _body(
 ) -> None:
     """A stick figure; the right side of the body is drawn thinner."""
     points = view.project(positions)
-    for joint, parent in _BONES:
-        if seen[joint] and seen[parent]:
-            right = BODY.joints[joint].startswith("r_")
-            axes.plot(
-                points[[joint, parent], 0],
-                points[[joint, parent], 1],
-                color=colour,
-                alpha=alpha,
-                linewidth=width * (0.6 if right else 1.0),
-                solid_capstyle="round",
-            )
+    for joint, other, bridged in bones(seen):
+        right = BODY.joints[joint].startswith("r_")
+        axes.plot(
+            points[[joint, other], 0],
+            points[[joint, other], 1],
+            color=colour,
+            alpha=alpha,
+            linewidth=width * (0.6 if right else 1.0) * (0.5 if bridged else 1.0),
+            linestyle=":" if bridged else "-",
+            solid_capstyle="round",
+        )
+
+
+def bones(seen: Bools) -> list[tuple[int, int, bool]]:
+    """Pairs of seen joints to join by a line, and whether joints between them are not seen.
+
+    Trackers lack some of the 28 joints: without these bridges their people would be loose limbs.
+
+    Args:
+        seen: (28,).
+    """
+    found, tops = [], []
+    for joint in np.flatnonzero(seen).tolist():
+        above = BODY.parents[joint]
+        while above >= 0 and not seen[above]:
+            above = BODY.parents[above]
+        if above >= 0:
+            found.append((joint, above, above != BODY.parents[joint]))
+        else:
+            tops.append(joint)
+    hub = _TRUNK if _TRUNK in tops else tops[0] if tops else -1
+    return found + [(joint, hub, True) for joint in tops if joint != hub]

@@ -24,6 +24,7 @@ _BASELINES = {
 _MARKERS = dict(zip(_BASELINES, "|x+1", strict=True))
 _MS = 1000.0 / RATE_HZ * np.arange(1, FUTURE_STEPS + 1)
 _DPI = 130
+_LETTER_INCHES, _NAME_INCHES = 0.075, 0.6  # in a legend of 9 points: a letter; line and space
 
 
 def write_plots(results: Sequence[RecordingResult], out_dir: Path) -> list[Path]:
@@ -66,8 +67,7 @@ def error_by_action(results: Sequence[RecordingResult]) -> Figure:
     for axes, action in zip(grid.flat, actions, strict=False):
         _lines(axes, results, [r.actions[action].by_step() for r in results])
         axes.set_title(f"{action} ({results[0].actions[action].windows} windows)", fontsize=10)
-    handles, labels = grid.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9)
+    _legend_below(figure, grid.flat[0])
     return figure
 
 
@@ -89,9 +89,16 @@ def error_by_joint(results: Sequence[RecordingResult]) -> Figure:
         axes.set_xlabel("mean error, mm")
         axes.set_title(f"{ms} ms ahead")
     figure.axes[0].invert_yaxis()
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9)
+    _legend_below(figure, figure.axes[0])
     return figure
+
+
+def _legend_below(figure: Figure, axes: Any) -> None:
+    """Name the lines below all panels, in as many columns as the picture is wide."""
+    handles, labels = axes.get_legend_handles_labels()
+    each = _NAME_INCHES + _LETTER_INCHES * max(map(len, labels))
+    columns = max(1, min(4, int(figure.get_figwidth() / each)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9)
 
 
 def _lines(axes: Any, results: Sequence[RecordingResult], curves: Sequence[Floats]) -> None:

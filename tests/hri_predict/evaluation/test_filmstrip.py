@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from hri_predict.evaluation.filmstrip import draw, middle, write_filmstrips
+from hri_predict.evaluation.filmstrip import bones, draw, middle, write_filmstrips
 from hri_predict.evaluation.recordings import baselines, built, forecast
 from hri_predict.evaluation.windows import Motion, origins
 from hri_predict.predictors.neural.body import BODY
@@ -81,3 +81,24 @@ def test_a_file_per_predictor_of_the_actions_asked_for(tmp_path):
     assert all(f.stat().st_size > 10_000 for f in files)
     assert files[0].read_bytes() != files[1].read_bytes()
     assert write_filmstrips(both, motions, tmp_path, ["running"]) == []
+
+
+def test_a_body_of_a_tracker_that_lacks_joints_is_drawn_in_one_piece():
+    """Every pair of seen joints is connected, whatever is missing; bridges are told apart."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        seen = rng.random(JOINTS) < rng.uniform(0.1, 1.0)
+        lines = bones(seen)
+        assert len(lines) == max(0, seen.sum() - 1)  # as a tree has
+        group = {int(joint): {int(joint)} for joint in np.flatnonzero(seen)}
+        for joint, other, bridged in lines:
+            assert bridged == (BODY.parents[joint] != other)
+            both = group[joint] | group[other]
+            group.update(dict.fromkeys(both, both))
+        assert all(len(connected) == seen.sum() for connected in group.values())
+
+
+def test_a_body_that_is_seen_whole_has_its_own_bones():
+    whole = bones(np.ones(JOINTS, bool))
+    assert {(joint, other) for joint, other, _ in whole} == set(enumerate(BODY.parents)) - {(0, -1)}
+    assert not any(bridged for *_, bridged in whole)

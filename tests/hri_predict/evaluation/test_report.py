@@ -10,7 +10,7 @@ import pytest
 
 from hri_predict.datasets.corruption import Corruption
 from hri_predict.errors import ConfigError
-from hri_predict.evaluation.recordings import MEAN_ACTIONS, Errors, RecordingResult
+from hri_predict.evaluation.recordings import MEAN_ACTIONS, Errors, RecordingResult, baselines
 from hri_predict.evaluation.report import (
     as_csv,
     as_json,
@@ -115,3 +115,21 @@ def test_a_report_that_cannot_be_finished_leaves_the_old_one(tmp_path, results, 
         write_report(results, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["real.md"]
     assert (tmp_path / "real.md").read_text(encoding="utf-8") == "old"
+
+
+@pytest.mark.parametrize("actions", [1, 2, 5])
+def test_the_legend_of_a_picture_is_inside_it(actions):
+    pytest.importorskip("matplotlib")
+    from hri_predict.evaluation.plots import error_by_action, error_by_joint
+
+    names = [*baselines(), "trajectorycnn", "sinn=a-file-of-mine", "stb"]
+    shown = {f"walking {k}": errors(20) for k in range(actions)}
+    for draw in (error_by_action, error_by_joint):
+        figure = draw([RecordingResult(name, None, shown) for name in names])
+        figure.savefig(io.BytesIO(), format="png")
+        legend = figure.legends[0].get_window_extent()
+        width, height = figure.get_size_inches() * figure.dpi
+        assert legend.x0 >= 0
+        assert legend.y0 >= 0
+        assert legend.x1 <= width
+        assert legend.y1 <= height
