@@ -75,6 +75,21 @@ def test_a_missing_library_is_named_and_harms_nobody_else():
         registry.load("predictors", "broken")
 
 
+@pytest.mark.parametrize(
+    ("name", "library", "extra"),
+    [("websocket", "websockets.exceptions", "websocket"), ("zenoh", "zenoh", "fleet")],
+)
+def test_a_library_of_an_extra_is_told_with_its_extra(monkeypatch, name, library, extra):
+    ours = ("hri_drivers.sources", "hri_drivers.wires")
+    for loaded in [module for module in sys.modules if module.startswith(ours)]:
+        monkeypatch.delitem(sys.modules, loaded)
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ConfigError) as caught:
+        registry.load("sources", name)
+    assert library in str(caught.value)
+    assert str(caught.value).endswith(f"; pip install 'hri-predict[{extra}]'")
+
+
 @pytest.mark.usefixtures("third_party")
 @pytest.mark.parametrize("name", ["bare", "number", "module"])
 def test_what_is_no_part_is_refused_in_one_line(name):

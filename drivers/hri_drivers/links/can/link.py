@@ -12,6 +12,7 @@ from hri_drivers.links.can.isotp import (
     is_available,
     isotp_bits,
 )
+from hri_drivers.links.can.packages import demand_packages
 from hri_drivers.links.can.settings import CanLinkSettings, check_together, id_filters
 from hri_drivers.links.can.transport import CanTransport
 from hri_drivers.links.codec import copy_counts, item_count, shape_of
@@ -132,7 +133,11 @@ class CanCodec:
 
 
 class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
-    """``hri_predict.link.Link`` over CAN; arguments as for ``ConfiguredLink``."""
+    """``hri_predict.link.Link`` over CAN; arguments as for ``ConfiguredLink``.
+
+    Raises:
+        LinkError: a package that the interface needs is not installed, or see ``ConfiguredLink``.
+    """
 
     settings_model: ClassVar[type[CanLinkSettings]] = CanLinkSettings
     port_field: ClassVar[str] = "channel"  # see ``Simulatable``
@@ -147,6 +152,7 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
         robots: Sequence[int] = (0,),
         shapes: Sequence[StateShape] = (),
     ) -> None:
+        demand_packages(settings)
         super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
         device = _device(self._transport)
         if isinstance(device, CanTransport):
