@@ -338,7 +338,7 @@ def _risk_table(risk: dict[str, Any]) -> Table:
     if risk["mode"] == "fixed":
         rows |= {"reach_m": "the robot's reach", "fixed_radius_m": "radius of the circle"}
     for key, text in rows.items():
-        table.add_row(text, *(f"{needs[key]:.2f}" for needs in risk["robots"].values()))
+        table.add_row(text, *(f"{needs[key]:.3f}" for needs in risk["robots"].values()))
     return table
 
 

@@ -1,5 +1,6 @@
 """``check`` says what the risk mode needs of the room."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -70,6 +71,15 @@ def test_the_table_names_the_terms(capsys):
     out = capsys.readouterr().out
     assert "S_p: protective separation distance" in out
     assert "Risk mode predictive" in out
+
+
+def test_the_printed_terms_add_up_to_the_printed_sum(written, capsys):
+    check(config=written("  mode: iso\n  intrusion_m: 0.16\n  person_uncertainty_m: 0.085\n"))
+    rows = re.findall(r"(S_h|S_r|S_s|C|Z_d|Z_r|S_p): .*?(\d+\.\d+) │", capsys.readouterr().out)
+    printed = {term: float(metres) for term, metres in rows}
+    assert printed["Z_d"] == 0.085
+    total = printed.pop("S_p")
+    assert total == pytest.approx(sum(printed.values()), abs=0.0035)  # 7 roundings of 0.5 mm
 
 
 @pytest.mark.parametrize(
