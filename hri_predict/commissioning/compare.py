@@ -3,7 +3,8 @@
 *Less safe* means: permits more, at any tick, than what was validated, or sees less. So a milder
 level, a higher speed limit, a stop that is missing or comes later, nobody seen where somebody was,
 less of the floor seen, more people lost. Changes to the other side are named too, and count as no
-fault. Neither do stated separations: wider margins look farther ahead, and may state more or less.
+fault. A stricter configuration counts more of the floor, which may leave too little of it walked:
+that is not less safe, but no longer validated. Neither do stated separations: wider margins look farther ahead, and may state more or less.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,9 +24,16 @@ RANK = {"clear": 0, "warn": 1, "slow": 2, "stop": 3, "unknown": 3, "fault": 3}
 
 @dataclass(slots=True)
 class Comparison:
-    """Plain lines: ``worse`` is less safe, ``other`` is any other difference."""
+    """Plain lines.
+
+    Attributes:
+        worse: what is less safe.
+        unwalked: floor that counts now, and of which the walk has too little.
+        other: any other difference.
+    """
 
     worse: list[str] = field(default_factory=list)
+    unwalked: list[str] = field(default_factory=list)
     other: list[str] = field(default_factory=list)
 
 
@@ -167,17 +175,27 @@ def _floor(found: Comparison, walk: Walk, new: Played) -> None:
     clearer = (was & now & sees) - seen
     if clearer:
         found.other.append(f"people are seen in {len(clearer)} more cells of the floor")
-    coverage = new.grid.coverage
     if was != now:
         line = (
             f"the floor that counts has {len(was)} -> {len(now)} cells; people were seen in "
-            f"{100 * walk.grid.coverage:.1f} % -> {100 * coverage:.1f} % of it"
+            f"{_of(was & seen, was)} -> {_of(now & sees, now)} of them"
         )
-        missed = len(now - was) > 0 and coverage < walk.least_coverage
-        (found.worse if missed else found.other).append(line)
+        if now - was and new.grid.coverage < walk.least_coverage:
+            line += (
+                f"; the walk asks for {100 * walk.least_coverage:g} %: walk again with this "
+                f"configuration, over all of the floor that counts now"
+            )
+            found.unwalked.append(line)
+        else:
+            found.other.append(line)
     if walk.people_lost != new.people_lost:
         line = f"people lost {walk.people_lost} -> {new.people_lost}"
         (found.worse if new.people_lost > walk.people_lost else found.other).append(line)
+
+
+def _of(some: set[tuple[int, int]], all_of: set[tuple[int, int]]) -> str:
+    """How many cells, and what share: of large floors the share alone may hide a change."""
+    return f"{len(some)} ({100 * len(some) / max(len(all_of), 1):.1f} %)"
 
 
 def _places(grid: GridResult, cells: Iterable[int]) -> set[tuple[int, int]]:

@@ -18,7 +18,7 @@ OF_THE_RECORDING = ("source.kind", "source.room_from_source", "source.joint_map"
 
 
 def repeat(path: Path, config: Path | None, as_json: bool) -> int:
-    """Play the walk of a report again and print what changed; 1 if anything is less safe.
+    """Play the walk of a report again and print what changed; 1 if anything is less safe, or was not walked.
 
     Raises:
         HriPredictError: the report, its recording or the configuration cannot be used.
@@ -36,7 +36,7 @@ def repeat(path: Path, config: Path | None, as_json: bool) -> int:
     found = compare(walk, old, played)
     found.worse += [_stale(each) for each in changed if _is_of_recording(each.key)]
     _show(loaded, changed, found, as_json)
-    return 1 if found.worse else 0
+    return 1 if found.worse or found.unwalked else 0
 
 
 def _own(where: Path, report: Report) -> Path:
@@ -83,7 +83,8 @@ def _stale(change: Difference) -> str:
 def _show(config: Config, changed: list[Difference], found: Comparison, as_json: bool) -> None:
     if as_json:
         data = {"config": str(config.path), "changed": [asdict(each) for each in changed]}
-        print(json.dumps({**data, "less_safe": found.worse, "other": found.other}))
+        lines = {"less_safe": found.worse, "not_walked": found.unwalked, "other": found.other}
+        print(json.dumps({**data, **lines}))
         return
     for each in changed:
         print(f"changed: {each}")
@@ -91,7 +92,9 @@ def _show(config: Config, changed: list[Difference], found: Comparison, as_json:
         print(f"differs: {line}")
     for line in found.worse:
         print(f"{'CANNOT TELL' if _CANNOT_TELL in line else 'LESS SAFE'}: {line}")
-    if not found.worse and not found.other:
+    for line in found.unwalked:
+        print(f"NOT WALKED: {line}")
+    if not (found.worse or found.unwalked or found.other):
         print("the recorded walk gives the same advice, tick by tick")
     elif not found.worse:
         print("nothing got less safe")

@@ -1,5 +1,6 @@
 """A walk is recorded once, and played again as often as anybody likes."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -22,8 +23,9 @@ def walked(tmp_path_factory):
     return config, folder, walk(config, config, PLAN, folder)
 
 
-def again(walked, **risk):
+def again(walked, least_coverage=PLAN.least_coverage, **risk):
     config, folder, result = walked
+    result = result.model_copy(update={"least_coverage": least_coverage})
     changed = config.node.risk.model_copy(update=risk)
     config = replace(config, node=config.node.model_copy(update={"risk": changed}))
     played = play(config, folder / result.recording, grid_of(config, 0.25, []))
@@ -63,6 +65,20 @@ def test_a_smaller_margin_is_less_safe_and_a_larger_one_is_not(walked):
     found = again(walked, person_uncertainty_m=0.15)
     assert found.worse == []
     assert any("a lower speed limit" in line for line in found.other)
+
+
+def test_a_stricter_cell_of_which_too_little_was_walked_is_told_apart_from_less_safety(walked):
+    _, _, result = walked
+    found = again(walked, least_coverage=0.9, intrusion_m=0.3)
+    assert found.worse == []
+    (line,) = found.unwalked
+    cells, seen = re.findall(r"(\d+)[^>]* -> (\d+)", line)
+    assert int(cells[0]) == len(result.grid.area) < int(cells[1])
+    assert 0 < int(seen[0]) < int(cells[0])
+    assert "the walk asks for 90 %: walk again" in line
+    enough = again(walked, intrusion_m=0.3)  # of which a hundredth was asked for
+    assert enough.unwalked == []
+    assert any("the floor that counts has" in line for line in enough.other)
 
 
 def test_too_little_floor_or_people_lost_fail_and_no_advice_is_open(walked):
