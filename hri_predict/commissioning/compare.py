@@ -3,8 +3,9 @@
 *Less safe* means: permits more, at any tick, than what was validated, or sees less. So a milder
 level, a higher speed limit, a stop that is missing or comes later, nobody seen where somebody was,
 less of the floor seen, more people lost. Changes to the other side are named too, and count as no
-fault. A stricter configuration counts more of the floor, which may leave too little of it walked:
-that is not less safe, but no longer validated. Neither do stated separations: wider margins look farther ahead, and may state more or less.
+fault. Neither do stated separations: wider margins look farther ahead, and may state more or less.
+A stricter configuration counts more of the floor, which may leave too little of it walked: that is
+not less safe, but no longer validated.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -18,7 +18,7 @@ OF_THE_RECORDING = ("source.kind", "source.room_from_source", "source.joint_map"
 
 
 def repeat(path: Path, config: Path | None, as_json: bool) -> int:
-    """Play the walk of a report again and print what changed; 1 if anything is less safe, or was not walked.
+    """Play the walk of a report again and print what changed; 1 if it is less safe or not walked.
 
     Raises:
         HriPredictError: the report, its recording or the configuration cannot be used.

@@ -102,8 +102,12 @@ def test_floor_that_is_not_seen_any_more_is_less_safe_wherever_the_grid_begins()
     more = GRID.model_copy(update={"seen": {0: 1, 1: 1, 2: 1}})
     assert compared(grid=more).worse == []
     larger = GRID.model_copy(update={"area": [0, 1, 2, 5, 6, 7, 9, 10]})
-    assert compared(grid=larger).worse == [
-        "the floor that counts has 4 -> 8 cells; people were seen in 50.0 % -> 25.0 % of it"
+    found = compared(grid=larger)
+    assert found.worse == []
+    assert found.unwalked == [
+        "the floor that counts has 4 -> 8 cells; people were seen in 2 (50.0 %) -> 2 (25.0 %) of "
+        "them; the walk asks for 50 %: walk again with this configuration, over all of the floor "
+        "that counts now"
     ]
 
 
