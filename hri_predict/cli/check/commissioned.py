@@ -78,7 +78,7 @@ def _damaged(folder: Path, report: Report) -> list[str]:
 
 
 def _notes(report: Report) -> list[str]:
-    notes = [f"open: {line}" for line in report.open]
+    notes = [f"not passed: {line}" for line in report.open]
     if report.simulated:
         notes.insert(0, "it was made with simulated people or controllers: nothing real was tried")
     return notes

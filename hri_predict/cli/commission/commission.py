@@ -54,9 +54,11 @@ def commission(
     The steps are registration (touched points), echo (reaction time of the
     links), stopping (against the stopping table; robots move) and walk (where
     people are seen). What has passed is not done again, unless --step names it
-    or the cell has changed. Exit status 1 if a step did not pass.
+    or the cell has changed. Exit status 1 if a step failed or is open: with
+    --step that step, without it any of the four.
 
-    With --repeat, exit status 1 if anything got less safe.
+    With --repeat, exit status 1 if anything got less safe, or too little of
+    the floor that counts now was walked.
 
     Example: hri-predict commission cell.yaml --out commissioning
     """
@@ -76,21 +78,21 @@ def commission(
     check_writable(out)
     interactive = answers is None and not simulate and sys.stdin.isatty()
     task = Task(config=loaded, answers=said, folder=out, simulate=simulate, interactive=interactive)
-    passed, task, state = _go(task, state, names, again=step is not None)
+    task, state = _go(task, state, names, again=step is not None)
     state = _closing(task, state)
     report, digest = save(out, task.config, state)
     _show(report, digest, out, as_json)
-    return 0 if passed else 1
+    return 0 if all(_is_settled(task, state, name) for name in names) else 1
 
 
-def _go(task: Task, state: State, names: list[str], again: bool) -> tuple[bool, Task, State]:
-    """Do the steps that are to be done, and save after each; whether all of them passed."""
-    passed = True
+def _go(task: Task, state: State, names: list[str], again: bool) -> tuple[Task, State]:
+    """Do the steps that are to be done, and save after each."""
     for name in names:
-        if not again and _is_done(task, state, name):
+        skips = name in task.answers.skip
+        if not again and not skips and _is_settled(task, state, name):
             say(f"{name}: passed before; --step {name} does it again")
             continue
-        if task.interactive and name not in task.answers.skip:
+        if task.interactive and not skips:
             heard = asked(task.answers, name)
             if heard is None:
                 break
@@ -102,17 +104,16 @@ def _go(task: Task, state: State, names: list[str], again: bool) -> tuple[bool, 
         say(f"{name}: {done.outcome}{f': {done.note}' if done.note else ''}")
         for line in done.why:
             say(f"  {line}")
-        passed = passed and done.outcome in ("passed", "skipped")
-    return passed, task, state
+    return task, state
 
 
-def _is_done(task: Task, state: State, name: str) -> bool:
+def _is_settled(task: Task, state: State, name: str) -> bool:
     """Whether a step passed, or was skipped on purpose, and the cell is still the same.
 
     What was simulated does not count where the cell is real now.
     """
     step: Step[Any] | None = getattr(state.steps, name)
-    if step is None or name in task.answers.skip or step.outcome not in ("passed", "skipped"):
+    if step is None or step.outcome not in ("passed", "skipped"):
         return False
     if step.simulated and not task.is_simulated:
         return False
@@ -164,7 +165,7 @@ def _show(report: Report, digest: str, out: Path, as_json: bool) -> None:
         print(json.dumps({**found, "report": str(out / REPORT), "hash": digest}))
         return
     for line in report.open:
-        print(f"open: {line}")
+        print(f"not passed: {line}")
     if report.simulated:
         print("SIMULATED: it says nothing about the real cell")
     print(f"{out / REPORT}: {report.outcome}; hash {digest}")

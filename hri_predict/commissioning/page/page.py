@@ -97,7 +97,7 @@ def _top(report: Report, digest: str, title: str) -> Markup:
     rows = [tag("tr", tag("td", name), tag("td", value)) for name, value in facts]
     parts.append(tag("table", *rows, class_="left"))
     if report.open:
-        parts += [tag("h3", "Open"), _list(report.open)]
+        parts += [tag("h3", "Not passed"), _list(report.open)]
     parts.append(
         tag(
             "p",

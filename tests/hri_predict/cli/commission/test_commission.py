@@ -114,6 +114,29 @@ def test_it_goes_on_where_it_was_and_does_one_step_again(folder, cli):
     assert report.notes == ["wet"]
 
 
+def test_the_status_is_of_the_named_step_or_of_all(folder, cli):
+    answers = {**ANSWERS, "skip": {"echo": "later", "stopping": "no robot yet", "walk": "rain"}}
+    (folder / "answers.yaml").write_text(yaml.safe_dump(answers))
+    change(folder, "person_uncertainty_m", 0.06)
+    words = ["commission", folder / "cell.yaml", "--out", folder / "out"]
+    words += ["--answers", folder / "answers.yaml"]
+    status, out, _ = cli(*words, "--step", "walk")  # of the other three, none is of this cell
+    assert status == 0
+    assert "not passed: registration: done before the cell was changed; do it again" in out
+    change(folder, "room_from_source", {"xyz": [0, 0, 1]}, section="source")
+    words = [*words, "--skip", "registration=later"]
+    assert cli(*words)[0] == 0
+    answers["skip"].pop("walk")
+    (folder / "answers.yaml").write_text(
+        yaml.safe_dump({**answers, "walk": {**ANSWERS["walk"], "least_coverage": 1}})
+    )
+    assert cli(*words, "--step", "walk")[0] == 1
+    status, out, _ = cli(*words)
+    assert status == 1
+    assert "not passed: walk: failed: " in out
+    assert cli(*words, "--step", "echo")[0] == 0  # though the walk has failed
+
+
 def test_what_was_done_before_the_cell_changed_is_open(folder, cli):
     change(folder, "person_uncertainty_m", 0.06)
     words = ["commission", folder / "cell.yaml", "--out", folder / "out", "--step", "echo"]
