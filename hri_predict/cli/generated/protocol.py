@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from hri_predict.cli.common import tell
 from hri_predict.errors import ConfigError
 from hri_predict.protocol.can import DEFAULT_BASE_ID
 from hri_predict.protocol.generate import c_header, document, plcopen, scl, structured_text
@@ -35,8 +36,7 @@ def dbc(
     if find_spec("cantools") is None:
         raise ConfigError("protocol dbc needs cantools; pip install 'hri-predict[dev]'")
     texts = {name: dbc_files.dbc_text(fd, base, extended) for fd, name in dbc_files.FILES.items()}
-    for name, text in texts.items():
-        _write(folder / name, text)
+    tell([_write(folder / name, text) for name, text in texts.items()])
 
 
 @app.command("document")
@@ -47,7 +47,7 @@ def renew_document(
 
     Example: hri-predict protocol document drivers/PROTOCOL.md
     """
-    _write(path, document.renewed(_read(path)))
+    tell([_write(path, document.renewed(_read(path)))])
 
 
 @app.command("c-header")
@@ -61,8 +61,8 @@ def renew_c_header(
     Example: hri-predict protocol c-header drivers/c
     """
     header = folder / "hri_predict.h"
-    _write(header, c_header.renewed(_read(header)))
-    _write(folder / "fuzz" / "corpus.txt", c_header.corpus())
+    renewed = _write(header, c_header.renewed(_read(header)))
+    tell([renewed, _write(folder / "fuzz" / "corpus.txt", c_header.corpus())])
 
 
 @app.command("plcopen")
@@ -81,8 +81,8 @@ def renew_plcopen(
             units += structured_text.units(text)
         except ConfigError as error:
             raise ConfigError(f"{path}: {error}") from error
-    _write(folder / "hri_predict.xml", plcopen.xml(units))
-    _write(folder / "hri_predict.scl", scl.scl(units))
+    texts = {"hri_predict.xml": plcopen.xml(units), "hri_predict.scl": scl.scl(units)}
+    tell([_write(folder / name, text) for name, text in texts.items()])
 
 
 def _read(path: Path) -> str:
@@ -95,10 +95,11 @@ def _read(path: Path) -> str:
         raise ConfigError(f"{path}: cannot be read: {reason}; check the path") from error
 
 
-def _write(path: Path, text: str) -> None:
+def _write(path: Path, text: str) -> Path:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(
             f"{path}: cannot be written: {error.strerror}; name a folder that exists"
         ) from error
+    return path

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hri_predict.cli import main
+from hri_predict.protocol.generate import structured_text
 
 DRIVERS = Path(__file__).resolve().parents[3] / "drivers"
 
@@ -22,6 +23,29 @@ def protocol(monkeypatch):
         return ended.value.code
 
     return call
+
+
+@pytest.mark.parametrize(
+    ("command", "written"),
+    [
+        ("dbc", ["dbc/hri_predict.dbc", "dbc/hri_predict_fd.dbc"]),
+        ("document", ["PROTOCOL.md"]),
+        ("c-header", ["c/hri_predict.h", "c/fuzz/corpus.txt"]),
+        ("plcopen", ["plc/hri_predict.xml", "plc/hri_predict.scl"]),
+    ],
+)
+def test_each_says_what_it_wrote(protocol, tmp_path, capsys, command, written):
+    own = tmp_path / "drivers"
+    for folder in ("c/fuzz", "dbc", "plc"):
+        (own / folder).mkdir(parents=True)
+    for name in ("PROTOCOL.md", "c/hri_predict.h", *(f"plc/{n}" for n in structured_text.FILES)):
+        shutil.copy(DRIVERS / name, own / name)
+    where = Path(written[0])
+    assert protocol(command, own / (where if command == "document" else where.parent)) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == "written: " + ", ".join(str(own / name) for name in written) + "\n"
+    assert all((own / name).stat().st_size for name in written)
 
 
 def test_dbc_files_are_the_shipped_ones(protocol, tmp_path):
