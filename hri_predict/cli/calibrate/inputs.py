@@ -5,10 +5,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import yaml
+
 from hri_predict.cli.common import files, predictor_settings, progress, warn
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import JointMap
 from hri_predict.predictors.base import PredictorSettings
+from hri_predict.recording import recording_info
 
 if TYPE_CHECKING:
     from hri_predict.calibration.scores import Scores
@@ -16,6 +19,8 @@ if TYPE_CHECKING:
 
 RATE_HZ = 25.0
 HORIZON_S = 1.2
+SIMULATED = ("approach", "procedural")
+"""Kinds of sources whose people nobody recorded."""
 LEAST_HORIZON_S = 0.2
 """Shorter zones protect nobody: robots take longer to stop."""
 
@@ -53,6 +58,31 @@ def calibrated_settings(predictor: str, weights: Path | None, horizon: float) ->
     if not horizon >= LEAST_HORIZON_S:
         raise ConfigError(f"--horizon {horizon:g}: too short; give {LEAST_HORIZON_S:g} s or more")
     return predictor_settings(predictor, weights, RATE_HZ, horizon)
+
+
+def warn_of_simulated(data: Data, default: str) -> None:
+    """Warn once if recordings of the node say that their people were simulated.
+
+    Other formats have no such mark.
+    """
+    found = [path for path in files(data.entries, data.split, default) if _is_simulated(path)]
+    if found:
+        more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+        warn(
+            f"{found[0]}{more}: its people were simulated; zones calibrated on simulated motion "
+            f"claim nothing about people"
+        )
+
+
+def _is_simulated(path: Path) -> bool:
+    """Whether a recording's own configuration has a source of simulated people."""
+    if path.suffix.lower() != ".mcap":
+        return False
+    try:
+        config = yaml.safe_load(recording_info(path).config)
+        return config["source"]["kind"] in SIMULATED
+    except (OSError, RecordingError, yaml.YAMLError, KeyError, TypeError):
+        return False  # whoever reads the motion tells what is wrong with the file
 
 
 def scores_of(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from hri_predict import registry
-from hri_predict.cli.calibrate.inputs import Data, scores_of
+from hri_predict.cli.calibrate.inputs import Data, scores_of, warn_of_simulated
 from hri_predict.cli.common import check_writable, progress, stage, tell
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.base import PredictorSettings
@@ -33,6 +33,7 @@ def make(
     from hri_predict.risk.zones.motion_class import SPEED_CLASSES
 
     check_out(out)
+    warn_of_simulated(data, "calibration")
     built = registry.load("predictors", settings.name)(settings)
     values, digest = identity(settings)
     with data.workers(settings, "calibration") as workers:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hri_predict import registry
-from hri_predict.cli.calibrate.inputs import Data
+from hri_predict.cli.calibrate.inputs import Data, warn_of_simulated
 from hri_predict.cli.calibrate.making import check_out, write_calibration
 from hri_predict.cli.common import check_writable, command, files, progress, show, tell, warn
 from hri_predict.errors import ConfigError
@@ -39,6 +39,7 @@ def commission(
     path, base = _base(settings, onto)
     if out.exists() and out.samefile(path):
         raise ConfigError(f"--out {out}: is the base itself, which stays; name another file")
+    warn_of_simulated(data, "calibration")
     built = registry.load("predictors", settings.name)(settings)
     parts = _parts(built, base, data)
     made = adapted(
