@@ -7,6 +7,7 @@ the terminal, from 80 x 24 characters on.
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from types import TracebackType
 
 import numpy as np
@@ -49,9 +50,17 @@ _TROUBLE = {
 
 
 class TerminalView(View):
-    """Shows the newest tick until it is closed; use it as a context manager."""
+    """Shows the newest tick until it is closed; use it as a context manager.
 
-    def __init__(self, console: Console | None = None) -> None:
+    Args:
+        console: default: standard error.
+        utc_s: gives the time of the wall clock, seconds since 1970.
+    """
+
+    def __init__(
+        self, console: Console | None = None, utc_s: Callable[[], float] = time.time
+    ) -> None:
+        self._wall = utc_s
         self._console = console or Console(stderr=True)
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._assembly: Assembly | None = None
@@ -74,8 +83,8 @@ class TerminalView(View):
         for advice in tick.advices:
             if self._levels.get(advice.robot) is not advice.level:
                 self._levels[advice.robot] = advice.level
-                self._changes.append(_change(advice))
-        self._tick, self._utc_s = tick, time.time()
+                self._changes.append(_change(advice, self._wall()))
+        self._tick, self._utc_s = tick, self._wall()
 
     def __enter__(self) -> "TerminalView":
         self._live.start()
@@ -187,8 +196,8 @@ def _clock(utc_s: float) -> str:
     return time.strftime("%H:%M:%SZ", time.gmtime(utc_s))
 
 
-def _change(advice: Advice) -> Text:
-    text = Text(f"{_clock(time.time())} ", no_wrap=True, overflow="ellipsis")
+def _change(advice: Advice, utc_s: float) -> Text:
+    text = Text(f"{_clock(utc_s)} ", no_wrap=True, overflow="ellipsis")
     text.append(f"{advice.level.name:8}", style=COLOURS[advice.level])
     return text.append(advice.reason.text)
 
