@@ -90,7 +90,7 @@ pre {{ font: 16px/19px "DejaVu Sans Mono", monospace; margin: 0; }}</style><pre>
 
 def shot_of_terminal(size: tuple[int, int]) -> bytes:
     """The demo in a terminal when a person is near, as PNG."""
-    columns, rows = 120, 27
+    columns, rows = 120, 33
     _, shown = view_after(demo(), 7.0, (columns, rows))
     console = Console(
         file=io.StringIO(), width=columns, height=rows, record=True, force_terminal=True
@@ -111,7 +111,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
-    folder.joinpath("demo.png").write_bytes(shot_of_terminal((1180, 530)))
+    folder.joinpath("demo.png").write_bytes(shot_of_terminal((1180, 640)))
     far, near = pictures([5.2, 6.5], "sinn")
     folder.joinpath("viewer.png").write_bytes(shot(VIEWER, far, (1400, 900)))
     folder.joinpath("operator.png").write_bytes(shot(OPERATOR, near, (1200, 780)))
