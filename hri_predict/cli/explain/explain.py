@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -57,14 +58,17 @@ def explain(
     try:
         recordings = Recordings([recording])
         if at is None:
-            _list(recordings, robot, as_json)
-            return
-        about = _about(recordings, asked(at, recordings), robot, following)
-        found = explained(about)
-        if not is_slowed(found):
-            found["nearest"] = neighbours(about)
+            rows = _slowdowns(recordings, robot)
+        else:
+            about = _about(recordings, asked(at, recordings), robot, following)
+            found = explained(about)
+            if not is_slowed(found):
+                found["nearest"] = neighbours(about)
     except OSError as error:
         raise RecordingError(f"recording {recording}: cannot be read: {error.strerror}") from error
+    if at is None:
+        _list(rows, recordings.notes, robot, as_json)
+        return
     if as_json:
         print(json.dumps(found))
     else:
@@ -112,7 +116,7 @@ def _print(found: dict[str, Any], recording: Path) -> None:
             print(f"  hri-predict explain {recording} --at {episode['at']}")
 
 
-def _list(recordings: Recordings, robot: str | None, as_json: bool) -> None:
+def _slowdowns(recordings: Recordings, robot: str | None) -> list[dict[str, Any]]:
     there = {name for file in recordings.files for name, _ in file.info.robots}
     if robot is not None and there and robot not in there:
         raise ConfigError(
@@ -121,9 +125,14 @@ def _list(recordings: Recordings, robot: str | None, as_json: bool) -> None:
         )
     found = [e for e in episodes(recordings.read(["/advice"])) if robot in (None, e.robot)]
     found.sort(key=lambda episode: episode.start_ns)
-    rows = [listing(episode, recordings) for episode in found]
+    return [listing(episode, recordings) for episode in found]
+
+
+def _list(
+    rows: list[dict[str, Any]], notes: Sequence[str], robot: str | None, as_json: bool
+) -> None:
     if as_json:
-        print(json.dumps({"slowdowns": rows, "notes": recordings.notes}))
+        print(json.dumps({"slowdowns": rows, "notes": notes}))
         return
     if rows:
         print(HEAD)
@@ -131,5 +140,5 @@ def _list(recordings: Recordings, robot: str | None, as_json: bool) -> None:
         print(line_of(row, _width()))
     if not rows:
         print("no slowdown and no stop was recorded" + (f" for {robot}" if robot else ""))
-    for note in recordings.notes:
+    for note in notes:
         print(f"note: {note}")
