@@ -46,6 +46,8 @@ def check_port(settings: ScreenSettings) -> None:
     """Raise a ``ConfigError`` if a screen cannot listen where it should."""
     if not 0 <= settings.port <= 65535:
         raise ConfigError(f"--{settings.name} {settings.port}: give a port from 0 to 65535")
+    if not settings.host.strip():  # the system takes it for all addresses
+        raise ConfigError(f"--viewer-host: is empty; give an address, such as {LOOPBACK}")
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -63,6 +65,9 @@ class Screen:
 
     Attributes:
         dropped: pictures that it was too slow for, or that came after its end.
+
+    Raises:
+        ConfigError: the system has no room for its process.
     """
 
     def __init__(self, settings: ScreenSettings) -> None:
@@ -71,9 +76,15 @@ class Screen:
         self._rest = memoryview(b"")
         command = [sys.executable, "-m", settings.module]
         command += ["--host", settings.host, "--port", str(settings.port)]
-        self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, close_fds=True
-        )
+        try:
+            self.process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, close_fds=True
+            )
+        except OSError as error:
+            raise ConfigError(
+                f"--{settings.name}: its process cannot be started: {error.strerror}; leave it "
+                f"out, or raise the limits of processes and open files (ulimit -u, -n)"
+            ) from error
         assert self.process.stdin is not None
         self._pipe = self.process.stdin.fileno()
         os.set_blocking(self._pipe, False)

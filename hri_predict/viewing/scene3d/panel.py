@@ -33,6 +33,11 @@ _TRACK = "6px 67px 0 120px"
 """Above the track of the slider below it: viser has labels left of it, and a number right."""
 BEAT_S, STILL_S = 0.5, 4.0
 """What is of now comes again so often, and a view that gets nothing is covered after so long."""
+_UNFOLDED = (
+    "<style>[data-dock-region-handle],[data-dock-minimize],[aria-label^='Collapse panel']"
+    "{visibility:hidden!important}</style>"
+)
+"""A live panel cannot be folded away: it would take the cover along."""
 STRIP_PARTS = 240
 """A timeline has so many parts at most; each shows the worst level within."""
 
@@ -50,8 +55,11 @@ def head(facts: dict[str, Any], *, stale: str = "", when: str = "", beat: int = 
     for robot in facts["robots"]:
         rgb = GREY if stale else colour(robot["level"])
         parts.append(badge(f"{robot['name']}: {robot['level']}", rgb, robot["reason"]))
-    cover = "" if stale or when else _cover(beat)
-    return '<div style="padding:0 12px">' + "".join(parts) + cover + "</div>"
+    if not when:
+        parts.append(_UNFOLDED)
+    if not (stale or when):
+        parts.append(_cover(beat))
+    return '<div style="padding:0 12px">' + "".join(parts) + "</div>"
 
 
 def _cover(beat: int) -> str:

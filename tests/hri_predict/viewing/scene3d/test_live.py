@@ -129,6 +129,10 @@ def test_a_view_whose_process_hangs_or_dies_is_covered_by_the_browser(how):
         assert (left, top) == (0, 0)
         assert [right, bottom] == browser.evaluate("[innerWidth, innerHeight]")
         wait_for(lambda: browser.evaluate(opacity) == 0, 60)
+        fold = "document.querySelector('[data-dock-region-handle]')"
+        assert (
+            browser.evaluate(f"getComputedStyle({fold}).visibility") == "hidden"
+        )  # it would go too
         view.process.send_signal(how)
         wait_for(lambda: browser.evaluate(opacity) == 1, 3 * STILL_S)
         time.sleep(2.0)
