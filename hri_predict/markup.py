@@ -10,6 +10,12 @@ class Markup(str):
     __slots__ = ()
 
 
+LEVEL_COLOURS = {
+    "CLEAR": "#2ea043", "WARN": "#f0be14", "SLOW": "#f58214", "STOP": "#d72626",
+    "UNKNOWN": "#963cc8", "FAULT": "#5a1e87",
+}  # fmt: skip
+"""Of levels by name: the same on screens, pages, pictures, and in recordings."""
+
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 
 Content = str | Markup | int | float | None

@@ -48,31 +48,34 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
         config: the cell.
         live: the same, with simulated people and controllers where they were asked for.
         plan: see ``WalkPlan``.
-        folder: gets the recording and the advices.
+        folder: gets the recording and the advices, instead of those of an earlier walk.
 
     Raises:
         HriPredictError: the run cannot start, or the recording is not whole.
     """
     grid = grid_of(config, plan.cell_m, plan.exclude)  # a mistake shows before anybody walks
     recording, advices = folder / RECORDING, folder / ADVICES
+    begun = folder / f"new-{RECORDING}"  # an earlier walk stays until this one is whole
     silent = quiet(live)
     silent = replace(silent, path=config.path, text=config.text)
     options = Options(
         factor=None if plan.virtual else 1.0,
         duration_s=plan.seconds,
-        record=recording,
+        record=begun,
+        overwrite=True,
         shadow=plan.shadow,
     )
     summary = run_session(silent, options)
     told = summary.recording or {}
     if told.get("error") or told.get("dropped"):
         raise RecordingError(
-            f"recording {recording}: not whole ({told.get('error') or 'the disk was too slow'}); "
+            f"recording {begun}: not whole ({told.get('error') or 'the disk was too slow'}); "
             f"free some room and walk again"
         )
-    played = play(config, recording, grid)
+    played = play(config, begun, grid)
     try:
         write_rows(advices, played.rows)
+        begun.replace(recording)
     except OSError as error:
         raise ConfigError(f"--out {folder}: cannot be written: {error.strerror}") from error
     return Walk(

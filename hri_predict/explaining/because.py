@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 from hri_predict.explaining.counters import DAMAGE
-from hri_predict.explaining.episodes import robot_of
+from hri_predict.explaining.episodes import WAITING, robot_of, slows, waits
 from hri_predict.explaining.situation import Situation, situation
 from hri_predict.explaining.times import NS, Asked
 from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
-from hri_predict.protocol.reasons import CLEARED, RISING, Reason
+from hri_predict.protocol.reasons import RISING, Reason
 from hri_predict.recording import RecordingInfo, Told
 from hri_predict.skeleton import CANONICAL, in_words
 
@@ -29,8 +29,6 @@ _SHORT = {
     "SPEED_UNKNOWN": "speed unknown",
     "CONTACT_POSSIBLE": "contact possible",
 }
-_STEADY = ("PERSON_NEAR", "PERSON_APPROACHING", "CONTACT_POSSIBLE")
-"""Reasons that an advice keeps for some captures (``risk.levels.steady_reason``)."""
 _OBEYS_ADVICES = 12
 """A robot may take so many advices, half a second, to keep a lower limit."""
 _FORECAST = ("PREDICTOR_LATE", "PREDICTOR_FAILED", "MOTION_UNLIKE", "ZONES_WIDENED")
@@ -38,15 +36,10 @@ _FORECAST = ("PREDICTOR_LATE", "PREDICTOR_FAILED", "MOTION_UNLIKE", "ZONES_WIDEN
 
 
 def because(about: Situation) -> str:
-    """Why this advice was given.
-
-    An advice's reason stays the same for some captures, so that it does not flicker; its detail is
-    of that moment. Where the detail says that the robot only waits, that is why.
-    """
+    """Why this advice was given. Where the robot only waits, that, and what it was for."""
     reason = text(about.advice.data.get("reason"))
-    detail = text(about.advice.data.get("detail"))
-    if reason in _STEADY and (RISING in detail or CLEARED in detail):
-        return _released(about, RISING in detail)
+    if reason not in WAITING and waits(about.advice.data):
+        return _released(about)
     told = _TELL.get(reason)
     return reason_text(reason) if told is None else told(about)
 
@@ -121,14 +114,20 @@ def _whereabouts(about: Situation) -> str:
     return f"{who} was {metres(distance_of(about.advice))} from the {link or 'robot'}"
 
 
-def _released(about: Situation, is_rising: bool) -> str:
+def _released(about: Situation) -> str:
     """Somebody is there, but it is the release that takes its time."""
-    if is_rising:
+    if RISING in text(about.advice.data.get("detail")):
         limit = number(about.advice.data.get("speed_limit_m_s")) or 0.0
         waited = f"it could move again, at first slowly: its limit had risen to {limit:.2f} m/s"
     else:
-        waited = "what stopped it had cleared, and it waited for new captures to confirm that"
-    return f"{waited}; {_whereabouts(about)}"
+        waited = "it waited for new captures to confirm that it may go on"
+    given = about.window.advice[about.robot]
+    causes = [t for t in given if t.utc_ns < about.advice.utc_ns and slows(t.data)]
+    causes = [told for told in causes if not waits(told.data)]
+    if not causes:
+        return f"{waited}; {_whereabouts(about)}"
+    then = situation(about.recordings, Asked(causes[-1].utc_ns, 1), about.robot)
+    return f"{waited}; before that: {because(then)} (until {about.clock(causes[-1].utc_ns)})"
 
 
 def _needed(advice: Told) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hri_predict.explaining.values import number, text
+from hri_predict.protocol.reasons import CLEARED, RISING
 from hri_predict.recording import Told
 
 SEVERITY = {"CLEAR": 0, "WARN": 1, "SLOW": 2, "STOP": 3, "UNKNOWN": 3, "FAULT": 4}
@@ -13,7 +14,10 @@ STOPS = ("STOP", "UNKNOWN", "FAULT")
 LEVELS = ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN", "FAULT")
 WAITING = ("RELEASE_PENDING", "LATCHED")
 """Reasons that only say that what came before is not over."""
+_STEADY = ("PERSON_NEAR", "PERSON_APPROACHING", "CONTACT_POSSIBLE")
+"""Reasons that an advice keeps for some captures (``risk.levels.steady_reason``)."""
 _OF_NODE = ("STARTING", "STOPPING")
+_NS = 1e9
 GAP_NS = 2_000_000_000
 """After so long without advice nobody knows what was advised: an episode ends there. It ends, too,
 where time goes back by so much: another file, of before the wall clock was set."""
@@ -41,7 +45,9 @@ class Phase:
 class Episode:
     """Attributes: ``end_ns`` and ``after`` are ``None`` if it lasts to the end of what was read.
 
-    ``before`` and ``after`` are the levels around it; ``least_m`` is the least separation in it.
+    ``before`` and ``after`` are the levels around it; ``least_m`` is the least separation in it;
+    ``permitted_m`` is how far the robot might have gone, by its speed limit, and
+    ``limit_m_s`` the limit advised last.
     """
 
     robot: str
@@ -50,6 +56,8 @@ class Episode:
     phases: list[Phase] = field(default_factory=list)
     end_ns: int | None = None
     least_m: float | None = None
+    permitted_m: float = 0.0
+    limit_m_s: float = 0.0
 
     @property
     def start_ns(self) -> int:
@@ -88,16 +96,40 @@ class Episode:
         """How long of it the robot had to stand."""
         return sum(p.last_ns - p.first.utc_ns for p in self.phases if p.level in STOPS)
 
+    def lost_s(self, full_m_s: float) -> float:
+        """Working time that it cost, s: a second at half of the full speed (m/s) counts half."""
+        return lost_s((self.last_ns - self.start_ns) / _NS, self.permitted_m, full_m_s)
+
     def cause_before(self, utc_ns: int) -> Phase | None:
         """What a waiting phase waits for: the last phase before that names more than waiting."""
         before = [p for p in self.phases if p.first.utc_ns <= utc_ns and p.reason not in WAITING]
         return before[-1] if before else None
 
 
+def lost_s(lasted_s: float, permitted_m: float, full_m_s: float) -> float:
+    """What is left of a time in which the robot might have gone so far; never below zero."""
+    return max(0.0, lasted_s - permitted_m / full_m_s) if full_m_s > 0 else 0.0
+
+
 def level_of(advice: dict[str, Any]) -> str:
     """The level's name; ``UNKNOWN`` for whatever is none."""
     level = advice.get("level")
     return level if isinstance(level, str) and level in SEVERITY else "UNKNOWN"
+
+
+def slows(advice: dict[str, Any]) -> bool:
+    """Whether an advice slows or stops its robot."""
+    return SEVERITY[level_of(advice)] >= SEVERITY["SLOW"]
+
+
+def waits(advice: dict[str, Any]) -> bool:
+    """Whether the robot only waits at that moment, though the reason may still be what it was for.
+
+    A reason stays the same for some captures, so that it does not flicker; the detail is of the
+    moment.
+    """
+    reason, detail = text(advice.get("reason")), text(advice.get("detail"))
+    return reason in WAITING or (reason in _STEADY and (RISING in detail or CLEARED in detail))
 
 
 def robot_of(advice: dict[str, Any]) -> str:
@@ -115,7 +147,7 @@ class EpisodeFinder:
     def add(self, told: Told) -> Episode | None:
         """Take the next advice; return the episode that it ends."""
         robot, level = robot_of(told.data), level_of(told.data)
-        slowed = SEVERITY[level] >= SEVERITY["SLOW"]
+        slowed = slows(told.data)
         before, self._level[robot] = self._level.get(robot), level
         episode, ended = self._open.get(robot), None
         if episode is not None and abs(told.utc_ns - episode.phases[-1].last_ns) > GAP_NS:
@@ -123,7 +155,7 @@ class EpisodeFinder:
         if not slowed:
             if episode is not None:
                 episode.end_ns, episode.after = told.utc_ns, level
-                episode.phases[-1].last_ns = told.utc_ns
+                self._lasted(episode, told)
                 ended = self._open.pop(robot)
             return ended
         if episode is None:
@@ -138,13 +170,20 @@ class EpisodeFinder:
             text(told.data.get("reason")),
         )
         if last is not None:
-            last.last_ns = told.utc_ns
+            self._lasted(episode, told)
         if not same:
             episode.phases.append(Phase(told, told.utc_ns))
+        episode.limit_m_s = max(0.0, number(told.data.get("speed_limit_m_s")) or 0.0)
         distance_m = number(told.data.get("separation_m"))
         if distance_m is not None:
             least_m = episode.least_m
             episode.least_m = distance_m if least_m is None else min(least_m, distance_m)
+
+    def _lasted(self, episode: Episode, until: Told) -> None:
+        """What was advised last held until now."""
+        last = episode.phases[-1]
+        episode.permitted_m += max(0, until.utc_ns - last.last_ns) / _NS * episode.limit_m_s
+        last.last_ns = until.utc_ns
 
     def rest(self) -> list[Episode]:
         """The episodes that last to the end."""

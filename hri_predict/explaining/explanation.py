@@ -19,6 +19,7 @@ from hri_predict.explaining.episodes import SEVERITY, WAITING, Episode, level_of
 from hri_predict.explaining.hindsight import hindsight
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import Situation, nearest_episodes
+from hri_predict.explaining.speeds import full_speeds
 from hri_predict.explaining.times import NS, dated, shown
 from hri_predict.explaining.values import listed, mapped, number, text
 
@@ -166,14 +167,19 @@ def neighbours(about: Situation) -> dict[str, Any]:
 
 
 def listing(episode: Episode, recordings: Recordings) -> dict[str, Any]:
-    """An episode as a line of a list; ``at`` is what ``--at`` takes."""
+    """An episode as a line of a list; ``at`` is what ``--at`` takes.
+
+    ``lost_s`` is the working time that it cost; ``None`` without the robot's full speed.
+    """
     worst, info = episode.worst, recordings.info_at(episode.start_ns)
+    full_m_s = full_speeds(info).get(episode.robot)
     return {
         "at": dated(worst.first.utc_ns, recordings),
         "from": shown(episode.start_ns, recordings),
         "from_utc_ns": episode.start_ns,
         "worst_utc_ns": worst.first.utc_ns,
         "seconds": round((episode.last_ns - episode.start_ns) / NS, 1),
+        "lost_s": None if full_m_s is None else round(episode.lost_s(full_m_s), 1),
         "is_over": episode.end_ns is not None,
         "robot": episode.robot,
         "level": worst.level,

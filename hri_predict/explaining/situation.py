@@ -5,7 +5,7 @@ from typing import Any
 
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.explaining.counters import LinkNow, Moved, links_at, moved
-from hri_predict.explaining.episodes import SEVERITY, Episode, episodes, level_of
+from hri_predict.explaining.episodes import SEVERITY, Episode, episodes, level_of, slows, waits
 from hri_predict.explaining.people_seen import people_seen
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.times import NS, Asked, dated, shown
@@ -55,8 +55,8 @@ class Situation:
 def situation(recordings: Recordings, at: Asked, robot: str | None) -> Situation:
     """What is known about a moment.
 
-    The severest advice within the time asked about counts, and the first of these. Without
-    ``robot``, that of all robots.
+    The severest advice within the time asked about counts; of these the first that says more than
+    that the robot waits. Without ``robot``, that of all robots.
 
     Raises:
         ConfigError: nothing was recorded then, or twice, or there is no such robot.
@@ -81,7 +81,7 @@ def situation(recordings: Recordings, at: Asked, robot: str | None) -> Situation
         raise ConfigError(_nothing(recordings, at))
     chosen = robot or max(found, key=lambda name: SEVERITY[level_of(found[name].data)])
     advice = found[chosen]
-    slowed = SEVERITY[level_of(advice.data)] >= SEVERITY["SLOW"]
+    slowed = slows(advice.data)
     episode = episode_around(recordings, chosen, advice.utc_ns) if slowed else None
     detail, info = text(advice.data.get("detail")), recordings.info_at(advice.utc_ns)
     return Situation(
@@ -102,7 +102,7 @@ def _worst(advice: list[Told], at: Asked) -> Told | None:
     within = [t for t in advice if at.start_ns <= t.utc_ns < at.start_ns + at.width_ns]
     before = newest(advice, at.start_ns)
     within = within if before is None or within else [before]
-    return max(within, key=lambda t: SEVERITY[level_of(t.data)], default=None)
+    return max(within, key=lambda t: (SEVERITY[level_of(t.data)], not waits(t.data)), default=None)
 
 
 def _nothing(recordings: Recordings, at: Asked) -> str:

@@ -189,13 +189,15 @@ def _faults(faults: Iterable[Mapping[str, Any]]) -> Iterator[str]:
         yield f"{fault['reason']}: {fault['what']}{clears}"
 
 
-HEAD = f"{'from':>10} {'for':>8}  robot, worst level, why then"
-"""Of a list of episodes."""
+HEAD = f"{'from':>10} {'for':>8} {'cost':>7}  robot, worst level, why then"
+"""Of a list of episodes; ``cost`` is lost working time."""
 
 
 def line_of(episode: Mapping[str, Any], width: int = 80) -> str:
     """An episode in one line of a list."""
     lasted = f"{episode['seconds']:.1f} s" + ("" if episode["is_over"] else "+")
-    head = f"{episode['from']:>10} {lasted:>8}  {episode['robot']} {episode['level']:<7} "
+    cost = "-" if episode["lost_s"] is None else f"{episode['lost_s']:.1f} s"
+    head = f"{episode['from']:>10} {lasted:>8} {cost:>7}  "
+    head += f"{episode['robot']} {episode['level']:<7} "
     room = max(20, width - len(head))
     return head + textwrap.shorten(episode["why"], room, placeholder=" …")

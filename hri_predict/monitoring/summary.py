@@ -17,18 +17,27 @@ from hri_predict.monitoring.source_report import source_table
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.node import Node
 from hri_predict.people.clock.clock_alignment import ClockEstimate
-from hri_predict.protocol.messages import Level
+from hri_predict.protocol.messages import Advice, Level
 
 
 class LevelCounter(Listener):
-    """Counts changes to *slow* and *stop*, per robot, and keeps the smallest separation advised."""
+    """Counts changes to *slow* and *stop*, per robot, and keeps the smallest separation advised.
+
+    Attributes:
+        ticks_at, seconds_at: by the level's name, of all robots together. An advice holds until
+            the next tick; ticks need not be of one length.
+        unknown_because: ticks by the reason's name.
+    """
 
     def __init__(self) -> None:
         self._levels: dict[int, Level] = {}
+        self._advices: Sequence[Advice] = ()
+        self._since_ns = 0
         self.slowdowns = self.stops = 0
         self.min_separation_m: float | None = None
-        self.time_at: dict[str, int] = {}  # level name -> ticks
-        self.unknown_because: dict[str, int] = {}  # reason name -> ticks
+        self.ticks_at: dict[str, int] = {}
+        self.seconds_at: dict[str, float] = {}
+        self.unknown_because: dict[str, int] = {}
         self.people_counters: Mapping[str, int] = {}
         self.clock: ClockEstimate | None = None
 
@@ -37,6 +46,8 @@ class LevelCounter(Listener):
         if tick.snapshot is not None:
             self.people_counters = tick.snapshot.counters
             self.clock = tick.snapshot.clock or self.clock
+        self._add_seconds((tick.now_ns - self._since_ns) * 1e-9)
+        self._advices, self._since_ns = tick.advices, tick.now_ns
         for advice in tick.advices:
             was = self._levels.get(advice.robot)
             if advice.level is not was:
@@ -45,13 +56,18 @@ class LevelCounter(Listener):
                 self.stops += advice.level is Level.STOP
                 self._levels[advice.robot] = advice.level
             name = advice.level.name.lower()
-            self.time_at[name] = self.time_at.get(name, 0) + 1
+            self.ticks_at[name] = self.ticks_at.get(name, 0) + 1
             if advice.level is Level.UNKNOWN:
                 why = advice.reason.name.lower()
                 self.unknown_because[why] = self.unknown_because.get(why, 0) + 1
             near = advice.separation_m
             if near is not None and (self.min_separation_m is None or near < self.min_separation_m):
                 self.min_separation_m = near
+
+    def _add_seconds(self, lasted_s: float) -> None:
+        for advice in self._advices:
+            name = advice.level.name.lower()
+            self.seconds_at[name] = self.seconds_at.get(name, 0.0) + lasted_s
 
 
 @dataclass(kw_only=True)
@@ -69,6 +85,7 @@ class Summary:
     contacts: int | None
     contacts_standing: int | None
     ticks_at: dict[str, int] = field(default_factory=dict)
+    seconds_at: dict[str, float] = field(default_factory=dict)
     unknown_because: dict[str, int] = field(default_factory=dict)
     counted: dict[str, int] = field(default_factory=dict)
     controllers: list[dict[str, Any]] = field(default_factory=list)
@@ -111,7 +128,7 @@ class Summary:
             ),
             ("smallest separation", near),
             ("slowdowns, stops", f"{self.slowdowns}, {self.stops}"),
-            ("time at each level", _shares(self.ticks_at)),
+            ("time at each level", _shares(self.seconds_at)),
             ("reasons for unknown", _counts(self.unknown_because)),
             ("contacts, moving robot", "-" if self.contacts is None else str(self.contacts)),
             (
@@ -199,7 +216,10 @@ def summarise(
         stops=levels.stops,
         contacts=None,
         contacts_standing=None,
-        ticks_at={name: levels.time_at[name] for name in _LEVELS if name in levels.time_at},
+        ticks_at={name: levels.ticks_at[name] for name in _LEVELS if name in levels.ticks_at},
+        seconds_at={
+            name: round(levels.seconds_at[name], 3) for name in _LEVELS if name in levels.seconds_at
+        },
         unknown_because=levels.unknown_because,
         counted=counted,
         node_state=node.state.name.lower(),
@@ -269,9 +289,9 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 4)
 
 
-def _shares(ticks_at: dict[str, int]) -> str:
-    total = sum(ticks_at.values()) or 1
-    return ", ".join(f"{name} {100 * n / total:.0f} %" for name, n in ticks_at.items()) or "-"
+def _shares(seconds_at: dict[str, float]) -> str:
+    total = sum(seconds_at.values()) or 1.0
+    return ", ".join(f"{name} {100 * s / total:.0f} %" for name, s in seconds_at.items()) or "-"
 
 
 def _counts(counts: dict[str, int]) -> str:

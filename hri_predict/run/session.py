@@ -33,7 +33,7 @@ from hri_predict.run.config import Config
 from hri_predict.run.recording import clocks_of, info_of, place_of, record_settings
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 from hri_predict.run.serving import Serving
-from hri_predict.run.starting import ended_by_signals
+from hri_predict.run.starting import SlowStart, ended_by_signals
 from hri_predict.service.notify import Notifier
 from hri_predict.source import live_part
 
@@ -118,8 +118,8 @@ def _cell(config: Config, clock: Clock, options: Options) -> Cell | None:
     real = [link.name for link in config.opened_links if link.simulate is None]
     if options.factor is None and real:
         raise ConfigError(
-            f"link {real[0]} is real hardware, which runs only in real time: use --speed 1, leave "
-            f"the links out (--no-links), or give the link a 'simulate:' block"
+            f"link {real[0]} is real hardware, which runs only in real time: leave the links out "
+            f"(--no-links), give the link a 'simulate:' block, or use --speed 1"
         )
     if not simulated:
         return None
@@ -137,7 +137,7 @@ def _cell(config: Config, clock: Clock, options: Options) -> Cell | None:
 class _Session:
     def __init__(self, config: Config, options: Options, clock: Clock, cell: Cell | None) -> None:
         self.config, self.options, self.clock, self.cell = config, options, clock, cell
-        self.levels = LevelCounter()
+        self.levels, self.slow_start = LevelCounter(), SlowStart()
         names = [robot.name for robot in config.node.robots]
         self.alerts = Alerts(
             settings=config.node.alerts,
@@ -161,7 +161,7 @@ class _Session:
         virtual = self.options.factor is None
         settings, place = self._where_to_record()
         source = assemble.build_source(self.config)
-        listeners: list[Listener] = [self.levels, _AlertListener(self.alerts)]
+        listeners: list[Listener] = [self.slow_start, self.levels, _AlertListener(self.alerts)]
         if self.options.view is not None:
             listeners.append(self.options.view)
         assembly = assemble.build(
@@ -332,6 +332,7 @@ class _Session:
 
     def close(self) -> None:
         """Stop everything that was started; safe to call twice."""
+        self.slow_start.over()
         if self.prediction is not None:
             self.prediction.stop()
         if self.announcer is not None:

@@ -131,6 +131,7 @@ class Feed(View):
                     log.exception("a picture could not be made; further ones are only counted")
                 continue
             for screen in self.screens:
+                screen.keep_alive()
                 screen.show(packed)
 
     def _pack(self, tick: Tick, assembly: Assembly) -> bytes:

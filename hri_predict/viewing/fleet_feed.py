@@ -68,11 +68,14 @@ class FleetFeed:
         self._screen.end()
 
     def _feed(self) -> None:
-        screen, sent = self._screen, 0
+        screen, sent, starts = self._screen, 0, 0
         assert screen is not None
         while not self._stop.is_set():
             now_s = time.monotonic()
             self._wake.clear()
+            screen.keep_alive()
+            if screen.starts != starts:  # a new page knows no change yet
+                sent, starts = 0, screen.starts
             facts = self._facts(sent) | {"made_s": now_s}
             if screen.show(pack(Picture(facts, **empty_shapes()))) and facts["changes"]:
                 sent = facts["changes"][-1]["number"]

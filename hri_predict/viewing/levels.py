@@ -2,15 +2,13 @@
 
 from collections.abc import Iterable
 
+from hri_predict.markup import LEVEL_COLOURS
+
 Rgb = tuple[int, int, int]
 
 COLOURS: dict[str, Rgb] = {
-    "CLEAR": (46, 160, 67),
-    "WARN": (240, 190, 20),
-    "SLOW": (245, 130, 20),
-    "STOP": (215, 38, 38),
-    "UNKNOWN": (150, 60, 200),
-    "FAULT": (150, 60, 200),
+    level: (int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16))
+    for level, code in LEVEL_COLOURS.items()
 }
 GREY: Rgb = (128, 128, 128)
 """Nothing is known: no node, no picture."""

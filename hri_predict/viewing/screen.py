@@ -1,11 +1,13 @@
 """A screen: a process that shows pictures. Its pipe never holds up who writes to it.
 
 While a screen does not read, what was begun waits and what comes meanwhile is dropped and counted.
-A screen ends when its pipe does, however the process at the other end came to its end.
+A screen ends when its pipe does, however the process at the other end came to its end. One that
+ends before is started again, at the same address, after a pause that grows.
 """
 
 import contextlib
 import logging
+import math
 import os
 import select
 import socket
@@ -15,6 +17,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from urllib.parse import urlsplit
 
 from hri_predict.errors import ConfigError
 
@@ -22,6 +25,12 @@ log = logging.getLogger(__name__)
 
 END_S = 3.0
 """A screen that has not ended so long after its pipe is killed."""
+PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
+"""Before a screen that ended is started again; the pause doubles with each time,"""
+STEADY_S = 600.0
+"""and is short again after one that lasted so long."""
+MOST_STARTS = 10
+"""One that ends so often, each time sooner, is given up: a start costs the machine a second."""
 LOOPBACK = "127.0.0.1"
 
 
@@ -64,7 +73,9 @@ class Screen:
     """One screen's process and its pipe. Used by one thread, except ``dropped``.
 
     Attributes:
-        dropped: pictures that it was too slow for, or that came after its end.
+        dropped: pictures that it was too slow for, or that came while none ran.
+        starts: how often it was started. A new process knows nothing of what the last one was
+            shown.
 
     Raises:
         ConfigError: the system has no room for its process.
@@ -72,24 +83,44 @@ class Screen:
 
     def __init__(self, settings: ScreenSettings) -> None:
         self.settings = settings
-        self.dropped = 0
-        self._rest = memoryview(b"")
-        command = [sys.executable, "-m", settings.module]
-        command += ["--host", settings.host, "--port", str(settings.port)]
+        self.dropped = self.starts = 0
+        self._port = settings.port
+        self._in_a_row = 0
+        self._again_s = math.inf
         try:
-            self.process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, close_fds=True
-            )
+            self._start()
         except OSError as error:
             raise ConfigError(
                 f"--{settings.name}: its process cannot be started: {error.strerror}; leave it "
                 f"out, or raise the limits of processes and open files (ulimit -u, -n)"
             ) from error
+
+    def _start(self) -> None:
+        self._rest = memoryview(b"")
+        command = [sys.executable, "-m", self.settings.module]
+        command += ["--host", self.settings.host, "--port", str(self._port)]
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, close_fds=True
+        )
         assert self.process.stdin is not None
         self._pipe = self.process.stdin.fileno()
         os.set_blocking(self._pipe, False)
-        self._open = True
-        threading.Thread(target=self._tell, name=settings.name, daemon=True).start()
+        self._open, self._started_s = True, time.monotonic()
+        self.starts += 1
+        threading.Thread(target=self._tell, name=self.settings.name, daemon=True).start()
+
+    def _ended(self) -> None:
+        """Say that it ended, and when it starts again."""
+        now_s, name = time.monotonic(), self.settings.name
+        self._open = False
+        self._in_a_row = 0 if now_s - self._started_s > STEADY_S else self._in_a_row + 1
+        if self._in_a_row >= MOST_STARTS:
+            self._again_s = math.inf
+            log.warning("the %s ended %d times in a row and is given up", name, self._in_a_row)
+            return
+        pause_s = min(LONGEST_PAUSE_S, PAUSE_S * 2**self._in_a_row)
+        self._again_s = now_s + pause_s
+        log.warning("the %s ended; it starts again in %g s", name, pause_s)
 
     def show(self, packed: bytes) -> bool:
         """Write a picture, or count it as dropped; never waits.
@@ -113,10 +144,20 @@ class Screen:
             except BlockingIOError:
                 return
             except OSError:
-                self._open = False
-                log.warning("the %s ended; everything else goes on without it", self.settings.name)
+                self._ended()
                 return
             self._rest = self._rest[written:]
+
+    def keep_alive(self) -> None:
+        """Start a screen again that ended, once its pause is over."""
+        if self._open or time.monotonic() < self._again_s:
+            return
+        self.end(0.0)
+        try:
+            self._start()
+        except (OSError, RuntimeError) as error:  # no file, process or thread is left
+            log.warning("the %s does not start: %s", self.settings.name, error)
+            self._ended()
 
     @property
     def is_waiting(self) -> bool:
@@ -128,13 +169,13 @@ class Screen:
         """The file number of its pipe."""
         return self._pipe
 
-    def end(self) -> None:
+    def end(self, within_s: float | None = None) -> None:
         """Close its pipe; it ends by itself, or is killed."""
         assert self.process.stdin is not None
         with contextlib.suppress(OSError):
             self.process.stdin.close()
         try:
-            self.process.wait(END_S)
+            self.process.wait(END_S if within_s is None else within_s)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
@@ -144,6 +185,8 @@ class Screen:
         assert self.process.stdout is not None
         for line in self.process.stdout:
             text = line.decode("utf-8", "replace").strip()
+            with contextlib.suppress(ValueError):
+                self._port = urlsplit(text).port or self._port
             print(f"{self.settings.name}: {text}", file=sys.stderr, flush=True)
 
 

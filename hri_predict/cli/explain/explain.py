@@ -3,7 +3,6 @@
 import json
 import shutil
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -67,7 +66,7 @@ def explain(
     except OSError as error:
         raise RecordingError(f"recording {recording}: cannot be read: {error.strerror}") from error
     if at is None:
-        _list(rows, recordings.notes, robot, as_json)
+        _list(rows, recordings, robot, as_json)
         return
     if as_json:
         print(json.dumps(found))
@@ -95,8 +94,9 @@ def _about(recordings: Recordings, at: Asked, robot: str | None, following: bool
     return situation(recordings, Asked(after.worst.first.utc_ns, 1), about.robot)
 
 
-def _width() -> int:
-    return max(40, min(100, shutil.get_terminal_size((80, 24)).columns))
+def _width(most: int = 100) -> int:
+    """Of the terminal; prose wider than 100 characters is hard to read."""
+    return max(40, min(most, shutil.get_terminal_size((80, 24)).columns))
 
 
 def _print(found: dict[str, Any], recording: Path) -> None:
@@ -129,16 +129,20 @@ def _slowdowns(recordings: Recordings, robot: str | None) -> list[dict[str, Any]
 
 
 def _list(
-    rows: list[dict[str, Any]], notes: Sequence[str], robot: str | None, as_json: bool
+    rows: list[dict[str, Any]], recordings: Recordings, robot: str | None, as_json: bool
 ) -> None:
     if as_json:
-        print(json.dumps({"slowdowns": rows, "notes": notes}))
+        print(json.dumps({"slowdowns": rows, "notes": recordings.notes}))
         return
     if rows:
         print(HEAD)
+    day = ""
     for row in rows:
-        print(line_of(row, _width()))
+        if recordings.info.has_utc and row["at"][:10] != day:
+            day = row["at"][:10]
+            print(f"{day}, UTC")
+        print(line_of(row, _width(1000)))
     if not rows:
         print("no slowdown and no stop was recorded" + (f" for {robot}" if robot else ""))
-    for note in notes:
+    for note in recordings.notes:
         print(f"note: {note}")

@@ -16,6 +16,7 @@ from hri_predict.explaining.situation import Situation
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import number
 from hri_predict.files import atomic_write
+from hri_predict.markup import LEVEL_COLOURS
 from hri_predict.recording import Told
 
 try:
@@ -26,11 +27,6 @@ except ImportError as error:  # an extra of its own
         "--picture needs matplotlib; install it with pip install 'hri-predict[train]'"
     ) from error
 
-COLOURS = {
-    "CLEAR": "#009E73", "WARN": "#F0E442", "SLOW": "#E69F00", "STOP": "#D55E00",
-    "UNKNOWN": "#777777", "FAULT": "#CC79A7",
-}  # fmt: skip
-"""Of M. Okabe and K. Ito, "Color universal design" (2008): the colour-blind tell them apart."""
 PERSON, LOST, ROBOT = "#0072B2", "#777777", "#444444"
 BEFORE_S, AFTER_S = 8.0, 6.0
 _ROUND = np.linspace(-np.pi / 2, np.pi / 2, 13)
@@ -86,7 +82,7 @@ def _plan(axes: Axes, about: Situation) -> None:
     seen = plan(about)
     level = level_of(about.advice.data)
     for each in seen.zones.values():
-        _fill(axes, each, colour=COLOURS[level], alpha=0.10, layer=1)
+        _fill(axes, each, colour=LEVEL_COLOURS[level], alpha=0.10, layer=1)
     for id_, body in seen.bodies.items():
         colour = LOST if id_ in seen.lost else PERSON
         _fill(axes, body, colour=colour, alpha=0.35, layer=2)
@@ -150,7 +146,7 @@ def _timeline(middle: Axes, below: Axes, about: Situation) -> Floats:
         return _series(around, lambda told: number(told.data.get(key)))
 
     middle.plot(times, _series(around, distance_of), color=PERSON, label="deciding pair")
-    middle.plot(times, _series(around, needed_by), color=COLOURS["STOP"], label="needed")
+    middle.plot(times, _series(around, needed_by), color=LEVEL_COLOURS["STOP"], label="needed")
     middle.set_ylabel("m")
     below.plot(times, of("speed_limit_m_s"), color="black", lw=1, label="speed limit")
     below.plot(times, of("speed_m_s"), color="#56B4E9", label="robot's speed")
@@ -177,7 +173,7 @@ def _levels(axes: Axes, about: Situation, times: Floats) -> None:
         if -BEFORE_S <= (told.utc_ns - about.advice.utc_ns) / NS <= AFTER_S
     ]
     names = [level_of(told.data) for told in around]
-    for level, colour in COLOURS.items():
+    for level, colour in LEVEL_COLOURS.items():
         there = [k for k, name in enumerate(names) if name == level]
         spans = [
             (times[k], (times[k + 1] if k + 1 < len(times) else times[k] + 0.04) - times[k])

@@ -2,12 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from hri_predict.markup import Markup, join, tag
+from hri_predict.markup import LEVEL_COLOURS, Markup, join, tag
 
-COLOURS = {
-    "CLEAR": "#009E73", "WARN": "#F0E442", "SLOW": "#E69F00", "STOP": "#D55E00",
-    "UNKNOWN": "#777777", "FAULT": "#CC79A7",
-}  # fmt: skip
 _WIDTH, _BAR, _LEFT = 640.0, 18.0, 64.0
 _TALL = 120.0
 
@@ -19,7 +15,7 @@ def level_bars(rows: Sequence[tuple[str, Mapping[str, float]]]) -> Markup:
     for k, (name, seconds) in enumerate(rows):
         top, left = k * (_BAR + 4), _LEFT
         parts.append(_text(_LEFT - 6, top + 13, name, "end"))
-        for level, colour in COLOURS.items():
+        for level, colour in LEVEL_COLOURS.items():
             wide = (_WIDTH - _LEFT) * seconds.get(level, 0.0) / most
             if wide > 0:
                 title = f"{name} {level}: {seconds[level]:.1f} s"
@@ -32,7 +28,7 @@ def legend() -> Markup:
     """The colours of the levels, with their names."""
     spans = [
         tag("span", tag("i", style=f"background:{colour}"), name, class_="key")
-        for name, colour in COLOURS.items()
+        for name, colour in LEVEL_COLOURS.items()
     ]
     return tag("p", *spans, class_="legend")
 

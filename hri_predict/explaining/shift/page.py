@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hri_predict.explaining.episodes import LEVELS
-from hri_predict.explaining.shift.charts import COLOURS, histogram, legend, level_bars
+from hri_predict.explaining.shift.charts import histogram, legend, level_bars
 from hri_predict.explaining.values import metres
-from hri_predict.markup import Content, Markup, document, join, table, tag
+from hri_predict.markup import LEVEL_COLOURS, Content, Markup, document, join, table, tag
 from hri_predict.skeleton import in_words
 
 _STYLE = """
@@ -73,6 +73,7 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         ("of the time at full speed", _percent(robot["full_speed_share"])),
         ("stops", robot["stops"]),
         ("standing by advice", _time(robot["stopped_s"])),
+        ("working time lost by slowdowns and stops", _cost(robot["lost_s"])),
         ("near misses", robot["near_misses"]),
         (_nearest(robot["nearest_at"]), metres(robot["nearest_m"])),
         ("age of advice, p50 / p99", f"{_ms(robot['age_p50_s'])} / {_ms(robot['age_p99_s'])}"),
@@ -100,9 +101,15 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         ),
         tag("h3", "Why it slowed or stopped"),
         table(
-            ("cause", "worst level", "times", "all together"),
+            ("cause", "worst level", "times", "all together", "working time lost"),
             [
-                (each["what"], each["level"], each["count"], _time(each["seconds"]))
+                (
+                    each["what"],
+                    each["level"],
+                    each["count"],
+                    _time(each["seconds"]),
+                    _cost(each["lost_s"]),
+                )
                 for each in robot["causes"]
             ],
         ),
@@ -115,7 +122,9 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         parts.append(tag("p", missing, class_="note"))
     words = (
         f"Full speed is {robot['top_m_s']:g} m/s. The share of the permitted speed is the mean of "
-        f"the advised limit over it: what the advice leaves for work."
+        f"the advised limit over it: what the advice leaves for work. Of the working time lost, a "
+        f"second at half of full speed is half a second; a slowdown or stop is counted from its "
+        f"beginning until the robot may go on."
     )
     return join([*parts, tag("p", words, class_="small")])
 
@@ -158,20 +167,24 @@ def _longest(stops: Sequence[Mapping[str, Any]], recordings: Sequence[str]) -> M
     first = shlex.quote(recordings[0]) if recordings else "FILE"
     rows = [
         (
-            stop["at"],
+            stop["from"],
             stop["robot"],
-            tag("span", stop["level"], style=f"color:{COLOURS[stop['level']]};font-weight:bold"),
+            tag(
+                "span",
+                stop["level"],
+                style=f"color:{LEVEL_COLOURS[stop['level']]};font-weight:bold",
+            ),
             _time(stop["seconds"]),
             stop["why"],
             tag(
                 "code",
-                f"hri-predict explain {first} --at {stop['at_full']} "
+                f"hri-predict explain {first} --at {stop['at']} "
                 f"--robot {shlex.quote(stop['robot'])}",
             ),
         )
         for stop in stops
     ]
-    head = ("when", "robot", "level", "stood", "why", "type this to see more")
+    head = ("from", "robot", "level", "stood", "why, at its worst", "type this to see more")
     return join(
         [tag("h2", "The longest stops"), tag("div", table(head, rows), class_="left stops")]
     )
@@ -230,6 +243,10 @@ def _time(seconds: float) -> str:
         return f"{seconds:.1f} s"
     hours, minutes = divmod(int(minutes), 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02.0f} s"
+
+
+def _cost(seconds: float | None) -> str:
+    return "-" if seconds is None else _time(seconds)
 
 
 def _percent(share: float | None) -> str:

@@ -5,7 +5,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hri_predict.explaining.because import brief, link_of, part_of
-from hri_predict.explaining.episodes import LEVELS, STOPS, Episode, EpisodeFinder, level_of
+from hri_predict.explaining.episodes import (
+    LEVELS,
+    STOPS,
+    Episode,
+    EpisodeFinder,
+    level_of,
+    lost_s,
+)
 from hri_predict.explaining.shift.spread import Spread
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import mapped, number
@@ -34,6 +41,12 @@ class Kind:
 
     count: int = 0
     seconds: float = 0.0
+    lasted_s: float = 0.0
+    permitted_m: float = 0.0
+
+    def lost_s(self, full_m_s: float) -> float:
+        """See ``Episode.lost_s``."""
+        return lost_s(self.lasted_s, self.permitted_m, full_m_s)
 
 
 class RobotShift:
@@ -104,13 +117,16 @@ class RobotShift:
         kind = self.kinds.setdefault((worst.level, worst.reason), Kind())
         kind.count += 1
         kind.seconds += seconds
+        kind.lasted_s += (episode.last_ns - episode.start_ns) / NS
+        kind.permitted_m += episode.permitted_m
         if not is_stop:
             return
         self.stops.count += 1
         self.stops.seconds += seconds
         self.hours.setdefault(episode.start_ns // HOUR_NS, Hour()).stops += 1
         row = {
-            "utc_ns": worst.first.utc_ns,
+            "from_utc_ns": episode.start_ns,
+            "worst_utc_ns": worst.first.utc_ns,
             "seconds": round(seconds, 1),
             "robot": self.name,
             "level": worst.level,

@@ -3,17 +3,15 @@
 from collections import Counter
 from typing import Any
 
-import yaml
-
 from hri_predict.explaining.because import reason_text
 from hri_predict.explaining.counters import rise
 from hri_predict.explaining.episodes import LEVELS, robot_of
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.foresight import Foresight
 from hri_predict.explaining.shift.robot import HOUR_NS, LONGEST, RobotShift
+from hri_predict.explaining.speeds import full_speeds
 from hri_predict.explaining.times import NS, dated, shown
 from hri_predict.explaining.values import listed, mapped, number, text
-from hri_predict.files import load_yaml
 from hri_predict.recording import RecordingInfo, Told
 
 TOPICS = ("/advice", "/status", "/scene", "/forecast", "/zones", "/node", "/clock")
@@ -88,7 +86,7 @@ class Tally:
         first_ns = self._first_ns or recordings.start_ns
         longest = [row for robot in self.robots.values() for row in robot.longest]
         longest.sort(key=lambda row: -row["seconds"])
-        top = _top_speeds(recordings.info)
+        full = full_speeds(recordings.info)
         return {
             "cell": text(recordings.info.cell),
             "files": len(recordings.files),
@@ -98,13 +96,13 @@ class Tally:
             "seconds": round((self._last_ns - first_ns) / NS, 1),
             "predictor": text(recordings.info.predictor),
             "robots": [
-                _robot(robot, top.get(name), recordings) for name, robot in self.robots.items()
+                _robot(robot, full.get(name), recordings) for name, robot in self.robots.items()
             ],
             "longest_stops": [
                 {
                     **row,
-                    "at": shown(row["utc_ns"], recordings),
-                    "at_full": dated(row["utc_ns"], recordings),
+                    "from": shown(row["from_utc_ns"], recordings),
+                    "at": dated(row["worst_utc_ns"], recordings),
                 }
                 for row in longest[:LONGEST]
             ],
@@ -144,9 +142,9 @@ def tally(recordings: Recordings, start_ns: int | None, end_ns: int | None) -> d
     return found.result(recordings)
 
 
-def _robot(robot: RobotShift, top_m_s: float | None, recordings: Recordings) -> dict[str, Any]:
+def _robot(robot: RobotShift, full_m_s: float | None, recordings: Recordings) -> dict[str, Any]:
     seconds = sum(robot.seconds.values())
-    top = top_m_s or max((edge for edge, weight in robot.limits.rows(1001) if weight), default=0.0)
+    top = full_m_s or max((edge for edge, weight in robot.limits.rows(1001) if weight), default=0.0)
     near = [m for found in robot.near.values() for m in found]
     mean = robot.limits.mean
     return {
@@ -156,6 +154,7 @@ def _robot(robot: RobotShift, top_m_s: float | None, recordings: Recordings) -> 
         "seconds_at": {name: round(robot.seconds[name], 1) for name in LEVELS},
         "stops": robot.stops.count,
         "stopped_s": round(robot.stops.seconds, 1),
+        "lost_s": _lost(sum(kind.lost_s(top) for kind in robot.kinds.values()), top),
         "causes": [
             {
                 "level": level,
@@ -163,6 +162,7 @@ def _robot(robot: RobotShift, top_m_s: float | None, recordings: Recordings) -> 
                 "what": reason_text(reason),
                 "count": kind.count,
                 "seconds": round(kind.seconds, 1),
+                "lost_s": _lost(kind.lost_s(top), top),
             }
             for (level, reason), kind in sorted(
                 robot.kinds.items(), key=lambda item: -item[1].seconds
@@ -194,18 +194,8 @@ def _robot(robot: RobotShift, top_m_s: float | None, recordings: Recordings) -> 
     }
 
 
-def _top_speeds(info: RecordingInfo) -> dict[str, float]:
-    """``max_speed_m_s`` of each robot, as the recorded configuration says."""
-    try:
-        data = mapped(load_yaml(info.config))
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return {}
-    found = {}
-    for robot in map(mapped, listed(data.get("robots"))):
-        top = number(robot.get("max_speed_m_s"))
-        if top is not None and top > 0:
-            found[text(robot.get("name"))] = top
-    return found
+def _lost(seconds: float, top_m_s: float) -> float | None:
+    return round(seconds, 1) if top_m_s else None
 
 
 def _hourly(limit_s: float, possible: float) -> float | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules, nearest_points
+from hri_predict.markup import LEVEL_COLOURS
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
 from hri_predict.recording.mcap import well_known
@@ -27,14 +28,13 @@ ZONE_OPACITY = 0.04
 """Of each capsule's parts: a zone has forty, one behind the other, and a person within."""
 PAIR = "separation"
 """The name of the entity that joins the deciding pair of a robot begins with it."""
-LEVEL_RGB = {
-    Level.UNKNOWN: (0.6, 0.2, 0.8),
-    Level.CLEAR: (0.2, 0.7, 0.3),
-    Level.WARN: (0.95, 0.8, 0.1),
-    Level.SLOW: (1.0, 0.5, 0.0),
-    Level.STOP: (0.9, 0.1, 0.1),
-    Level.FAULT: (0.6, 0.2, 0.8),
-}
+
+
+def _rgb(code: str) -> tuple[float, float, float]:
+    return int(code[1:3], 16) / 255, int(code[3:5], 16) / 255, int(code[5:7], 16) / 255
+
+
+LEVEL_RGB = {level: _rgb(LEVEL_COLOURS[level.name]) for level in Level}
 _WORST = (Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP, Level.UNKNOWN, Level.FAULT)
 _BONES = [(joint, parent) for joint, parent in enumerate(PARENTS) if parent >= 0]
 _WAIST = JOINTS.index("waist")

@@ -362,7 +362,8 @@ def _released(advised: Advised, risk: RiskSettings) -> tuple[str, str] | None:
         return None
     if advised.level is not Level.SLOW:
         confirm = f"{risk.release_captures} new captures in a row confirm it"
-        return CLEARED, confirm
+        is_warning = advised.level is Level.WARN
+        return "what the warning was for has cleared" if is_warning else CLEARED, confirm
     return (
         f"{RISING}: the speed limit rises by {risk.speed_rise_m_s2:g} m/s each second",
         "it has risen to what people allow",

@@ -45,8 +45,8 @@ def test_a_mistake_is_one_line(near, words, says):
 
 def test_without_a_time_every_slowdown_has_a_line(near):
     head, *lines = run("explain", near).splitlines()
-    assert head.split()[:2] == ["from", "for"]
-    assert [line.split()[5] for line in lines] == ["STOP", "STOP"]
+    assert head.split()[:3] == ["from", "for", "cost"]
+    assert [line.split()[7] for line in lines] == ["STOP", "STOP"]
     rows = json.loads(run("explain", near, "--json"))["slowdowns"]
     assert [row["reason"] for row in rows] == ["SPEED_UNKNOWN", "PERSON_NEAR"]
     for row in rows:  # what is listed can be asked
@@ -61,6 +61,14 @@ def test_a_full_disk_of_the_output_is_not_blamed_on_the_recording(near):
         ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
     assert ended.returncode == 2
     assert ended.stderr.startswith("error: the output cannot be written: No space left on device")
+
+
+def test_the_list_names_each_day(tmp_path):
+    """The second stop is a day later."""
+    later = [(at + 86400.0, topic, message) for at, topic, message in told("CXC")]
+    path = written(tmp_path / "a.mcap", [*told("CXC"), *later])
+    days = [line for line in run("explain", path).splitlines() if line.endswith(", UTC")]
+    assert days == ["2026-03-08, UTC", "2026-03-09, UTC"]
 
 
 def test_the_text_fits_80_columns_and_begins_with_the_answer(near, monkeypatch):

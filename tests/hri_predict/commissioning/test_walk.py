@@ -6,7 +6,7 @@ import pytest
 
 from hri_predict.commissioning.compare import compare
 from hri_predict.commissioning.playback import grid_of, play, read_rows, write_rows
-from hri_predict.commissioning.walk import ADVICES, WalkPlan, judge_walk, walk
+from hri_predict.commissioning.walk import ADVICES, RECORDING, WalkPlan, judge_walk, walk
 from hri_predict.errors import RecordingError
 from hri_predict.evidence.chain import file_hash
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
@@ -45,6 +45,16 @@ def test_somebody_is_seen_on_the_way_and_the_files_have_their_hashes(walked):
 def test_the_same_version_and_configuration_give_the_same(walked):
     found = again(walked)
     assert (found.worse, found.other) == ([], [])
+
+
+def test_a_second_walk_takes_the_place_of_the_first(walked, tmp_path):
+    config, folder, _ = walked
+    for name in (RECORDING, ADVICES):
+        (tmp_path / name).write_bytes((folder / name).read_bytes() + b"of an earlier walk")
+    result = walk(config, config, PLAN, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([RECORDING, ADVICES])
+    assert result.recording_sha256 == file_hash(tmp_path / RECORDING)
+    assert result.advices_sha256 == file_hash(tmp_path / ADVICES)
 
 
 def test_a_smaller_margin_is_less_safe_and_a_larger_one_is_not(walked):

@@ -4,6 +4,7 @@ import pytest
 
 from hri_predict.explaining.because import because
 from hri_predict.explaining.episodes import episodes
+from hri_predict.explaining.explanation import listing
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.tally import tally
 from hri_predict.explaining.situation import situation
@@ -27,6 +28,24 @@ def test_each_slowdown_is_one_with_its_worst_phase(tmp_path):
     assert (first.worst.level, first.worst.reason) == ("STOP", "PERSON_NEAR")
     assert [phase.level for phase in first.phases] == ["SLOW", "STOP", "STOP", "SLOW"]
     assert second.worst.reason == "INPUT_STALE"
+
+
+def test_a_slowdown_costs_what_the_limit_takes_away(tmp_path):
+    """1 s at 0.25 m/s and 2 s of stop, of 1 m/s: 0.75 and 2 s; each advice holds until the next."""
+    config = "robots: [{name: arm, max_speed_m_s: 1.0}]"
+    path = written(tmp_path / "a.mcap", told("C" + "S" * 10 + "X" * 20 + "C"), config=config)
+    recordings = Recordings([path])
+    (episode,) = episodes(recordings.read(["/advice"]))
+    assert episode.lost_s(1.0) == pytest.approx(2.75, abs=1e-6)  # times have nanoseconds
+    assert listing(episode, recordings)["lost_s"] == 2.8
+    (robot,) = tally(recordings, None, None)["robots"]
+    assert robot["lost_s"] == 2.8
+    assert [cause["lost_s"] for cause in robot["causes"]] == [2.8]
+
+
+def test_without_a_full_speed_no_cost_is_claimed(tmp_path):
+    recordings, (episode,) = found(tmp_path, told("CXXC"))
+    assert listing(episode, recordings)["lost_s"] is None
 
 
 def test_what_waits_is_not_what_names_it(tmp_path):
@@ -115,3 +134,19 @@ def test_a_robot_that_only_waits_is_not_explained_by_who_is_near(tmp_path, level
     said = advice(level, "PERSON_APPROACHING", detail=f"arm: {detail}; person 1", speed_m_s=0.2)
     recordings, _ = found(tmp_path, [(0.1 * k, "/advice/arm", said) for k in range(5)])
     assert answer in because(situation(recordings, Asked(recordings.start_ns, SECOND), "arm"))
+
+
+def test_a_cause_that_comes_and_goes_is_named_not_the_wait_between(tmp_path):
+    there = advice("STOP", "PERSON_NEAR", separation_m=0.5)
+    waits = advice("STOP", "PERSON_NEAR", separation_m=0.9, detail=f"arm: {CLEARED}; person 1")
+    told = [there, waits, waits, there]
+    recordings, _ = found(tmp_path, [(0.1 * k, "/advice/arm", each) for k, each in enumerate(told)])
+
+    def answer(after_s: float, width_s: float) -> str:
+        asked = Asked(recordings.start_ns + round(after_s * SECOND), round(width_s * SECOND))
+        return because(situation(recordings, asked, "arm"))
+
+    assert answer(0.1, 1.0).startswith("somebody was 0.50 m")
+    waited = answer(0.1, 0.1)
+    assert waited.startswith("it waited for new captures")
+    assert "before that: somebody was 0.50 m" in waited

@@ -31,7 +31,7 @@ KEYS = {
 LINK_KEYS = {"name": str, "messages": int, "bytes": int, "crc_errors": int}
 
 
-def tick_of(*levels, separations=None):
+def tick_of(*levels, separations=None, now_ns=0):
     separations = separations or [None] * len(levels)
     advices = tuple(
         Advice(robot=i, level=level, reason=Reason.NONE, separation_m=s)
@@ -41,7 +41,7 @@ def tick_of(*levels, separations=None):
         node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=0
     )
     return Tick(
-        now_ns=0,
+        now_ns=now_ns,
         status=status,
         advices=advices,
         snapshot=None,
@@ -77,7 +77,16 @@ C, W, S, X, U = Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP, Level.UNKNOWN
 def test_changes_into_slow_and_stop_are_counted(levels, slowdowns, stops):
     counter = counted([(level,) for level in levels])
     assert (counter.slowdowns, counter.stops) == (slowdowns, stops)
-    assert sum(counter.time_at.values()) == len(levels)
+    assert sum(counter.ticks_at.values()) == len(levels)
+
+
+def test_time_at_a_level_is_seconds_not_ticks():
+    """Ticks that come with captures are of any length."""
+    counter = LevelCounter()
+    for now_s, levels in [(1.0, (C, X)), (1.5, (S, X)), (1.75, (C, X)), (3.75, (C, C))]:
+        counter.on_tick(tick_of(*levels, now_ns=int(now_s * 1e9)))
+    # times are whole nanoseconds, and their seconds are not
+    assert counter.seconds_at == pytest.approx({"clear": 2.5, "slow": 0.25, "stop": 2.75}, rel=1e-9)
 
 
 def test_why_nothing_was_known_is_counted():

@@ -5,8 +5,10 @@ import threading
 
 import pytest
 
+from hri_predict.protocol.messages import Level
 from hri_predict.run.runtime import stop_on_signals
-from hri_predict.run.starting import ended_by_signals
+from hri_predict.run.starting import SlowStart, ended_by_signals
+from tests.hri_predict.monitoring.test_summary import tick_of
 
 
 @pytest.mark.parametrize(
@@ -29,3 +31,22 @@ def test_a_hangup_that_asks_for_something_else_ends_no_start():
         signal.raise_signal(signal.SIGHUP)
     assert asked == [True]
     assert not stop.is_set()
+
+
+def said(caplog):
+    return [record for record in caplog.records if "still starting" in record.message]
+
+
+def test_a_start_that_takes_long_is_said_once(caplog):
+    start = SlowStart(after_s=0.0)
+    start._timer.join(30.0)
+    start.over()
+    assert len(said(caplog)) == 1
+
+
+def test_a_start_that_is_over_is_not_said(caplog):
+    start = SlowStart(after_s=3600.0)
+    start.on_tick(tick_of(Level.CLEAR))
+    start._timer.join(30.0)
+    assert not start._timer.is_alive()
+    assert not said(caplog)

@@ -1,3 +1,4 @@
+import http.client
 import json
 import os
 import signal
@@ -5,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.request
 
 import pytest
 
@@ -37,28 +39,54 @@ def test_the_node_imports_no_viser():
     assert said.stdout.strip() == "False"
 
 
-@pytest.mark.realtime
-def test_screens_end_with_a_node_that_is_killed(tmp_path):
-    """kill -9 of the node: its operator page ends, too."""
+@pytest.fixture
+def node_with_page():
+    """A running node, the address's port and the process id of its operator's page."""
     command = [sys.executable, "-m", "hri_predict", "demo", "--operator", "0", "--json"]
     node = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     assert node.stderr is not None
     try:
         line = next(line for line in node.stderr if line.startswith("operator: http"))
         port = int(line.rsplit(":", 1)[1])
-        children = subprocess.run(
-            ["ps", "--ppid", str(node.pid), "-o", "pid=,args="], capture_output=True, text=True
-        ).stdout
-        (page,) = [each for each in children.splitlines() if feeds.OPERATOR in each]
-        pid = int(page.split()[0])
-        os.kill(node.pid, signal.SIGKILL)
-        wait_for(lambda: not os.path.exists(f"/proc/{pid}/exe") or _is_zombie(pid), 15)
-        # again: a connection to a free port may, by chance, leave from that very port
-        wait_for(lambda: _refuses(port), 5)
+        (pid,) = _pages_of(node)
+        yield node, port, pid
     finally:
         node.kill()
         node.wait()
         node.stderr.close()
+
+
+def _pages_of(node) -> list[int]:
+    children = subprocess.run(
+        ["ps", "--ppid", str(node.pid), "-o", "pid=,args="], capture_output=True, text=True
+    ).stdout
+    return [int(each.split()[0]) for each in children.splitlines() if feeds.OPERATOR in each]
+
+
+@pytest.mark.realtime
+def test_screens_end_with_a_node_that_is_killed(node_with_page):
+    """kill -9 of the node: its operator page ends, too."""
+    node, port, pid = node_with_page
+    os.kill(node.pid, signal.SIGKILL)
+    wait_for(lambda: not os.path.exists(f"/proc/{pid}/exe") or _is_zombie(pid), 15)
+    # again: a connection to a free port may, by chance, leave from that very port
+    wait_for(lambda: _refuses(port), 5)
+
+
+@pytest.mark.realtime
+def test_a_page_that_is_killed_comes_back_at_its_address(node_with_page):
+    """kill -9 of the operator's page: its node starts another, and browsers find it."""
+    node, port, pid = node_with_page
+    os.kill(pid, signal.SIGKILL)
+    wait_for(lambda: pid not in _pages_of(node) and _answers(port), 20)
+
+
+def _answers(port: int) -> bool:
+    try:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=1.0) as page:
+            return page.status == 200
+    except (OSError, http.client.HTTPException):
+        return False
 
 
 def _refuses(port: int) -> bool:

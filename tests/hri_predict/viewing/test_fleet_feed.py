@@ -47,7 +47,8 @@ def numbers(capfd: Any, enough: Callable[[list[int]], bool]) -> list[int]:
     said: list[int] = []
 
     def read() -> bool:
-        said.extend(int(line.split()[-1]) for line in capfd.readouterr().err.splitlines())
+        lines = capfd.readouterr().err.splitlines()
+        said.extend(int(line.split()[-1]) for line in lines if line.startswith("operator: "))
         return enough(said)
 
     wait_for(read)
@@ -78,6 +79,20 @@ def test_what_a_page_that_hangs_did_not_take_comes_later(tmp_path, monkeypatch, 
         wait_for(lambda: feed.dropped > dropped)
         screen.process.send_signal(signal.SIGCONT)
         assert numbers(capfd, lambda all: 9 in all) == list(range(2, 10))
+
+
+def test_a_page_that_starts_again_hears_of_all_changes(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(screens, "PAUSE_S", 0.01)
+    said = Said()
+    with feeding(tmp_path, monkeypatch, READS, said) as feed:
+        screen = feed._screen
+        assert screen is not None
+        said.newest = 3
+        feed.wake()
+        assert numbers(capfd, lambda all: len(all) == 3) == [1, 2, 3]
+        screen.process.kill()
+        again = numbers(capfd, lambda all: len(all) == 3)
+    assert (again, screen.starts) == ([1, 2, 3], 2)
 
 
 def test_waking_often_makes_no_more_than_twenty_pictures_a_second(tmp_path, monkeypatch):

@@ -53,6 +53,50 @@ def test_a_screen_that_died_costs_pictures_and_no_error(screen):
     assert not screen.is_waiting
 
 
+SAYS_PORT = """
+import sys
+print("http://127.0.0.1:" + (sys.argv[4] if sys.argv[4] != "0" else "4711"), flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("screen", [SAYS_PORT], indirect=True)
+def test_a_screen_that_died_starts_again_at_the_same_address(screen, monkeypatch, capfd, caplog):
+    monkeypatch.setattr(screens, "PAUSE_S", 0.01)
+    said = ""
+
+    def says_its_address() -> bool:
+        nonlocal said
+        said += capfd.readouterr().err
+        return said.count("viewer: http://127.0.0.1:4711\n") == screen.starts
+
+    wait_for(says_its_address)
+    screen.process.kill()
+    screen.process.wait()
+    screen.show(LARGE)  # finds out
+    assert "the viewer ended; it starts again in 0.02 s" in caplog.text
+    wait_for(lambda: (screen.keep_alive(), screen.starts == 2)[1])
+    wait_for(says_its_address)
+    assert screen.show(LARGE)
+
+
+@pytest.mark.parametrize("screen", ["pass"], indirect=True)
+def test_a_screen_that_ends_again_and_again_is_given_up(screen, monkeypatch, caplog):
+    monkeypatch.setattr(screens, "PAUSE_S", 0.0)
+    monkeypatch.setattr(screens, "MOST_STARTS", 3)
+
+    def given_up() -> bool:
+        screen.process.wait(20)
+        screen.keep_alive()
+        screen.show(LARGE)
+        return "given up" in caplog.text
+
+    wait_for(given_up)
+    assert screen.starts == 3
+    screen.keep_alive()
+    assert screen.starts == 3
+
+
 @pytest.mark.parametrize("screen", [READS_ALL], indirect=True)
 def test_a_picture_is_written_whole_as_the_screen_reads(screen, capfd):
     screen.show(LARGE)

@@ -178,7 +178,7 @@ def test_the_picture_shows_people_zones_and_the_robot_in_the_colour_of_its_level
         entities = {each["id"]: each for each in told.data["entities"]}
         robot = entities.get("robot arm")
         if robot is not None and levels[told.node_ns] == "STOP":
-            assert robot["spheres"][0]["color"]["r"] == 0.9
+            assert robot["spheres"][0]["color"]["r"] == pytest.approx(0xD7 / 255)
             assert "STOP 0.00 m/s" in robot["texts"][0]["text"]
             break
     else:
