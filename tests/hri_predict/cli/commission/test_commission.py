@@ -12,7 +12,7 @@ from hri_predict.cli import main
 from hri_predict.commissioning.report import read_report, to_data
 from tests.hri_predict.commissioning.cells import cell_data, write_cell
 
-ANSWERS = {
+ANSWERS: dict[str, Any] = {
     "by": "Ada",
     "walk": {"seconds": 3, "virtual": True, "least_coverage": 0.01},
     "skip": {"echo": "later", "stopping": "no robot yet"},
@@ -115,7 +115,10 @@ def test_it_goes_on_where_it_was_and_does_one_step_again(folder, cli):
 
 
 def test_the_status_is_of_the_named_step_or_of_all(folder, cli):
-    answers = {**ANSWERS, "skip": {"echo": "later", "stopping": "no robot yet", "walk": "rain"}}
+    answers: dict[str, Any] = {
+        **ANSWERS,
+        "skip": {"echo": "later", "stopping": "no robot yet", "walk": "rain"},
+    }
     (folder / "answers.yaml").write_text(yaml.safe_dump(answers))
     change(folder, "person_uncertainty_m", 0.06)
     words = ["commission", folder / "cell.yaml", "--out", folder / "out"]
