@@ -143,8 +143,8 @@ def _of_robot(robot: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _detail(robot: dict[str, Any]) -> str:
     """The detail without what stands in other rows: the reason, and what clears it."""
-    said = {robot["reason"], f"{robot['name']}: {robot['reason']}"}
-    parts = robot["detail"].split("; ")
+    said = set(robot["reason"].split("; "))
+    parts = robot["detail"].removeprefix(f"{robot['name']}: ").split("; ")
     return "; ".join(p for p in parts if p not in said and not p.startswith("clears when"))
 
 
@@ -153,7 +153,7 @@ def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:
     lost = facts["people"][tracked:]
     age, rate = facts["age_s"], facts.get("rate_hz")
     rows = [
-        ("node", facts["state"].lower()),
+        ("node", ": ".join(filter(None, (facts["state"].lower(), "; ".join(facts["reasons"]))))),
         ("people", f"{tracked}" + (f", lost: {', '.join(map(str, lost))}" if lost else "")),
         ("age", "-" if age is None else f"{age * 1e3:.0f} ms"),
     ]
@@ -161,7 +161,6 @@ def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("rate", f"{rate:.1f} Hz"))
     if facts["coverage"]:
         rows.append(("coverage", facts["coverage"]))
-    rows += [("", reason) for reason in facts["reasons"]]
     if facts.get("dropped"):
         rows.append(("pictures dropped", str(facts["dropped"])))
     return rows

@@ -20,10 +20,11 @@ from tests.hri_predict.viewing.shown import Shown
 
 def picture(level: str, reason: str = "a person is too close", number: int = 1) -> Picture:
     robot = {"name": "arm", "level": level, "reason": reason, "clears": "they go", "latch": 0}
+    robot |= {"near": "person 1's left hand, 0.67 m from the forearm"}
     robot |= {"limit_m_s": None, "separation_m": 0.5}
     change = {"number": number, "level": level, "robot": 0, "reason": reason, "utc_s": 1.7e9}
     facts = {"robots": [robot], "room": {"cell": "press-4"}, "tracked": 1, "people": [1, 2]}
-    facts |= {"state": "RUNNING", "age_s": 0.03, "changes": [change]}
+    facts |= {"state": "RUNNING", "reasons": [], "age_s": 0.03, "changes": [change]}
     return Picture(facts, **empty_shapes())
 
 
