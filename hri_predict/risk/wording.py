@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from hri_predict.protocol.messages import Level, NodeState
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.reasons import CLEARED, RISING, Reason
 
 BY_PEOPLE = frozenset(
     {
@@ -19,6 +19,7 @@ STANDS_M_S = 0.01
 NOTE = "nobody is too close; note: "
 NO_LINK = "a link to a controller is not connected"
 """Nothing else degrades a node without a reason (``Node.state``)."""
+_RELEASED = "new captures confirm that its cause has cleared, and the speed limit has risen"
 _MORE = {
     Level.WARN: "the warning comes earlier",
     Level.SLOW: "more is needed for full speed",
@@ -31,10 +32,18 @@ def reason_beside(level: Level, reason: Reason) -> str:
     return f"{NOTE if is_note else ''}{reason.text}"
 
 
-def clears_beside(level: Level, reason: Reason, band_m: float | None) -> str:
-    """What clears it, with the configured ``risk.band_m`` if that is known; "" at *clear*."""
+def clears_beside(level: Level, reason: Reason, detail: str, band_m: float | None) -> str:
+    """What clears it; "" at *clear*.
+
+    Args:
+        level, reason, detail: the advice's. Its reason stays when the cause has cleared and the
+            release is awaited; its detail says so.
+        band_m: the configured ``risk.band_m``; ``None``: not known.
+    """
     if level is Level.CLEAR:
         return ""
+    if CLEARED in detail or RISING in detail:
+        return _RELEASED
     if band_m is None:
         return reason.clears_when
     return reason.clears_when.replace("by risk.band_m", f"by {band_m:g} m (risk.band_m)")
@@ -47,6 +56,7 @@ def apart_text(
     speed_m_s: float | None,
     level: Level,
     reason: Reason,
+    detail: str,
 ) -> str:
     """How far the deciding pair is apart, and what of it the robot's present motion leaves.
 
@@ -65,6 +75,8 @@ def apart_text(
     more = _MORE.get(level, "")
     if level is Level.STOP:
         more = f"more is needed to {'start' if stands else 'move on'}"
+    if CLEARED in detail or RISING in detail:
+        more = "new captures must confirm it" if CLEARED in detail else "the speed limit rises"
     more = f"; {more}" if more and reason in BY_PEOPLE else ""
     return f"{apart}, to spare {slack_m:.2f} m at {speed_m_s:.2f} m/s{more}"
 

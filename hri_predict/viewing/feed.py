@@ -80,8 +80,7 @@ class Feed(View):
                         "number": self._changed,
                         "utc_s": time.time(),
                         "robot": advice.robot,
-                        **said_of(advice.level, advice.reason, self._band_m),
-                        "detail": advice.detail,
+                        **said_of(advice.level, advice.reason, advice.detail, self._band_m),
                         "latch": advice.latch_id,
                     }
                 )

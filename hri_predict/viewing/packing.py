@@ -57,6 +57,7 @@ def picture_of(tick: Tick, assembly: Assembly) -> Picture:
         robot |= pair_facts(
             advice.level,
             advice.reason,
+            advice.detail,
             line=None if rests_on.pair is None else np.stack(nearest_points(*rests_on.pair)),
             pair_m=rests_on.pair_m,
             needed_m=rests_on.pair_needed_m,
@@ -112,18 +113,20 @@ def state_facts(
     return {"state": state.name, "reasons": troubles(state, reasons, cut_off)}
 
 
-def said_of(level: Level, reason: Reason, band_m: float | None) -> dict[str, str]:
-    """A level, its reason and what clears it, as screens say it. ``band_m``: ``risk.band_m``."""
+def said_of(level: Level, reason: Reason, detail: str, band_m: float | None) -> dict[str, str]:
+    """What an advice says, as screens say it. ``band_m``: ``risk.band_m``."""
     return {
         "level": level.name,
         "reason": reason_beside(level, reason),
-        "clears": clears_beside(level, reason, band_m),
+        "clears": clears_beside(level, reason, detail, band_m),
+        "detail": detail,
     }
 
 
 def pair_facts(
     level: Level,
     reason: Reason,
+    detail: str,
     *,
     line: Floats | None = None,
     pair_m: float | None = None,
@@ -143,7 +146,12 @@ def pair_facts(
         "speed_m_s": speed_m_s,
         "line": None if line is None or not np.isfinite(line).all() else line.round(4).tolist(),
         "apart": apart_text(
-            pair_m=pair_m, needed_m=needed_m, speed_m_s=speed_m_s, level=level, reason=reason
+            pair_m=pair_m,
+            needed_m=needed_m,
+            speed_m_s=speed_m_s,
+            level=level,
+            reason=reason,
+            detail=detail,
         ),
         "near": near if decides else "",
         "pair": f"{who} - {in_words(link)}" if who and link else who,
@@ -188,13 +196,12 @@ def _forecast(
 def _robot(advice: Advice, config: Config) -> dict[str, Any]:
     return {
         "name": config.node.robots[advice.robot].name,
-        **said_of(advice.level, advice.reason, config.node.risk.band_m),
-        "detail": advice.detail,
+        **said_of(advice.level, advice.reason, advice.detail, config.node.risk.band_m),
         "latch": advice.latch_id,
         "limit_m_s": advice.speed_limit_m_s,
         "separation_m": advice.separation_m,
         "capsules": 0,
-        **pair_facts(advice.level, advice.reason),
+        **pair_facts(advice.level, advice.reason, advice.detail),
     }
 
 

@@ -260,17 +260,18 @@ class _Said:
 def _robot(data: dict[str, Any], band_m: float | None) -> dict[str, Any]:
     level = Level[_known(data["level"], Level)]
     reason, why = _reason(data["reason"]), data.get("grounds") or {}
+    detail = str(data.get("detail", ""))
     pair_m, slack_m = _number(why.get("pair_m")), _number(why.get("slack_m"))
     return {
         "name": str(data.get("name", data.get("robot"))),
-        **said_of(level, reason, band_m),
-        "detail": str(data.get("detail", "")),
+        **said_of(level, reason, detail, band_m),
         "latch": data.get("latch_id", 0),
         "limit_m_s": _number(data.get("speed_limit_m_s")),
         "separation_m": _number(data.get("separation_m")),
         **pair_facts(
             level,
             reason,
+            detail,
             speed_m_s=_number(data.get("speed_m_s")),
             pair_m=pair_m,
             needed_m=None if pair_m is None or slack_m is None else pair_m - slack_m,

@@ -94,6 +94,7 @@ def seen(tick: Tick, robots: tuple[str, ...], lifetime_s: float) -> Seen:
                 speed_m_s=why.speed_m_s,
                 level=advice.level,
                 reason=advice.reason,
+                detail=advice.detail,
             )
             pairs.append((name, between, advice.level, apart))
     return Seen(people, zones, shown, lifetime_s, pairs)

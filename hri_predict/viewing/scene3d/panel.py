@@ -31,6 +31,8 @@ _LIVE: Rgb = (60, 75, 90)
 _ONE_LINE = "white-space:nowrap;overflow:hidden;text-overflow:ellipsis"
 _TRACK = "6px 67px 0 120px"
 """Above the track of the slider below it: viser has labels left of it, and a number right."""
+ROOM_FOR_BAR = "<style>.mantine-ScrollArea-viewport{padding-right:12px}</style>"
+"""viser's scroll bar lies on top of what it scrolls; so it lies beside it."""
 STRIP_PARTS = 240
 """A timeline has so many parts at most; each shows the worst level within."""
 

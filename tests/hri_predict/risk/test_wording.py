@@ -1,7 +1,7 @@
 import pytest
 
 from hri_predict.protocol.messages import Level, NodeState
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.reasons import CLEARED, RISING, Reason
 from hri_predict.risk.wording import (
     NO_LINK,
     NOTE,
@@ -16,7 +16,7 @@ def test_at_clear_a_reason_is_a_note_and_holds_nothing_up() -> None:
     assert reason_beside(Level.CLEAR, Reason.PERSON_FAST) == NOTE + Reason.PERSON_FAST.text
     assert reason_beside(Level.SLOW, Reason.PERSON_FAST) == Reason.PERSON_FAST.text
     assert reason_beside(Level.CLEAR, Reason.NONE) == Reason.NONE.text
-    assert clears_beside(Level.CLEAR, Reason.PERSON_FAST, 0.1) == ""
+    assert clears_beside(Level.CLEAR, Reason.PERSON_FAST, "", 0.1) == ""
 
 
 NAMED = [reason for reason in Reason if "risk.band_m" in reason.clears_when]
@@ -24,9 +24,9 @@ NAMED = [reason for reason in Reason if "risk.band_m" in reason.clears_when]
 
 @pytest.mark.parametrize("reason", NAMED or [Reason.PERSON_NEAR])
 def test_the_band_is_said_in_metres_as_configured(reason: Reason) -> None:
-    said = clears_beside(Level.STOP, reason, 0.05)
+    said = clears_beside(Level.STOP, reason, "", 0.05)
     assert "by 0.05 m (risk.band_m)" in said
-    assert clears_beside(Level.STOP, reason, None) == reason.clears_when  # not known: its key
+    assert clears_beside(Level.STOP, reason, "", None) == reason.clears_when  # not known: its key
 
 
 @pytest.mark.parametrize(
@@ -50,13 +50,16 @@ def test_a_distance_says_what_it_suffices_for(
         speed_m_s=speed_m_s,
         level=level,
         reason=Reason.PERSON_NEAR,
+        detail="",
     )
     assert text == f"0.65 m, {said}"
 
 
 @pytest.mark.parametrize("reason", [Reason.LATCHED, Reason.ROBOT_NOT_AUTOMATIC, Reason.MUTED])
 def test_what_distance_does_not_decide_asks_for_no_more_of_it(reason: Reason) -> None:
-    text = apart_text(pair_m=3.0, needed_m=0.6, speed_m_s=0.0, level=Level.STOP, reason=reason)
+    text = apart_text(
+        pair_m=3.0, needed_m=0.6, speed_m_s=0.0, level=Level.STOP, reason=reason, detail=""
+    )
     assert text == "3.00 m, to spare 2.40 m at 0.00 m/s"
 
 
@@ -68,6 +71,7 @@ def test_what_is_not_known_is_not_said() -> None:
             speed_m_s=0.0,
             level=Level.STOP,
             reason=Reason.PERSON_NEAR,
+            detail="",
         )
 
     assert of(None, None) == "?"
@@ -81,3 +85,29 @@ def test_a_degraded_node_always_says_why() -> None:
     assert troubles(NodeState.DEGRADED, [Reason.NONE]) == [NO_LINK]
     assert troubles(NodeState.DEGRADED, [], ["plc"]) == ["link plc is not connected"]
     assert troubles(NodeState.RUNNING, [Reason.NONE]) == []
+
+
+@pytest.mark.parametrize(
+    ("detail", "level", "said"),
+    [
+        (CLEARED, Level.STOP, "new captures must confirm it"),
+        (RISING, Level.SLOW, "the speed limit"),
+    ],
+)
+def test_once_the_cause_has_cleared_no_more_distance_is_asked_for(
+    detail: str, level: Level, said: str
+) -> None:
+    detail = f"arm: {detail}; clears when it is so"
+    text = apart_text(
+        pair_m=1.36,
+        needed_m=0.52,
+        speed_m_s=0.0,
+        level=level,
+        reason=Reason.PERSON_NEAR,
+        detail=detail,
+    )
+    assert said in text
+    assert "needed" not in text
+    clears = clears_beside(level, Reason.PERSON_NEAR, detail, 0.1)
+    assert "farther" not in clears
+    assert "captures" in clears

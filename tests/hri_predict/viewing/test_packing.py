@@ -48,7 +48,7 @@ def test_the_separation_line_is_as_long_as_said(near):
     one, other = np.array(robot["line"])
     said_m = float(robot["apart"].split()[0])
     assert np.linalg.norm(one - other) == pytest.approx(said_m, abs=0.006)  # two digits are said
-    assert robot["apart"].endswith("at 0.00 m/s; more is needed to start")  # STOP
+    assert robot["apart"].endswith("at 0.00 m/s; new captures must confirm it")  # STOP
     assert re.fullmatch(r"person 1's (left|right) \w+ - [\w ]+", robot["pair"])
 
 
