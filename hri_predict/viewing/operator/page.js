@@ -1,6 +1,6 @@
 // The page of one cell: a field for each robot.
 "use strict";
-let shown = "", goneMs = null; // since when there is no contact, by this browser's clock
+let shown = "", contactMs = null; // the newest picture is from then, by this browser's clock
 
 function robot(name, level, reason, near, clears) {
   if (!isLevel(level)) level = "UNKNOWN";
@@ -24,10 +24,9 @@ function draw() {
   const told = page.told, late = isLate();
   const gone = late || !told || !told.known;
   const why = late ? (told ? "this page lost the node" : "waiting for the node") : told && told.why;
-  if (!gone) goneMs = null;
-  else if (goneMs === null) goneMs = newestMs();
+  if (!gone || contactMs === null) contactMs = newestMs(); // a computer may have slept since
   const names = told && told.robots.length ? told.robots : ["hri-predict"];
-  const since = goneMs === null ? "" : "since " + times(goneMs).join("");
+  const since = contactMs === null ? "" : "since " + times(contactMs).join("");
   const boxes = gone ? names.map((name) => [name, "GONE", why, since, ""])
     : told.levels.map((r) => [r.name, r.level, r.reason, r.near, r.clears]);
   const now = JSON.stringify(boxes);
