@@ -13,6 +13,7 @@ from typing import Any
 from hri_predict.protocol.keyed import Keyed, KeyedReceiver, split_key
 from hri_predict.protocol.messages import Advice, Message, NodeState, Schema, Status
 from hri_predict.protocol.reception import FORGET_S, SchemaGate
+from hri_predict.risk.wording import reason_beside, troubles
 
 MAX_CELLS = 256
 SILENT_S = 0.5  # a node sends Status at least ten times a second
@@ -215,7 +216,7 @@ class Fleet:
         return RobotRow(
             robot=advice.robot,
             level=_name(advice),
-            reason=advice.reason.text,
+            reason=reason_beside(advice.level, advice.reason),
             speed_limit_m_s=limit,
             separation_m=separation,
         )
@@ -230,7 +231,7 @@ def _name(message: Status | Advice | None) -> str:
 def _reason(status: Status | None) -> str:
     if status is None or status.node_state is NodeState.RUNNING:
         return ""
-    return status.reason.text
+    return "; ".join(troubles(status.node_state, [status.reason]))
 
 
 def _age_s(message: Status | Advice | None, since_ns: int) -> float | None:

@@ -19,7 +19,7 @@ from hri_predict.protocol.messages import Level
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.coverage import zones_text
 from hri_predict.run.session import View
-from hri_predict.viewing.packing import picture_of
+from hri_predict.viewing.packing import picture_of, said_of
 from hri_predict.viewing.picture import pack
 from hri_predict.viewing.screen import Screen, ScreenSettings, check_port, write_until
 
@@ -46,6 +46,7 @@ class Feed(View):
         self.screens: list[Screen] = []
         self._assembly: Assembly | None = None
         self._coverage = ""
+        self._band_m: float | None = None
         self._newest: Tick | None = None
         self._ticks = 0
         self._levels: dict[int, Level] = {}
@@ -64,6 +65,7 @@ class Feed(View):
     def bind(self, assembly: Assembly) -> None:
         """Take the assembly whose ticks are shown."""
         self._coverage = zones_text(assembly.config)
+        self._band_m = assembly.config.node.risk.band_m
         self._assembly = assembly
 
     def on_tick(self, tick: Tick) -> None:
@@ -78,10 +80,7 @@ class Feed(View):
                         "number": self._changed,
                         "utc_s": time.time(),
                         "robot": advice.robot,
-                        "level": advice.level.name,
-                        "reason": advice.reason.text,
-                        "clears": advice.reason.clears_when,
-                        "detail": advice.detail,
+                        **said_of(advice.level, advice.reason, advice.detail, self._band_m),
                         "latch": advice.latch_id,
                     }
                 )

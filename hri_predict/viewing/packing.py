@@ -1,5 +1,6 @@
 """Makes a picture of a tick, in the node's process but not in its loop."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,10 +9,10 @@ from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules, nearest_points
 from hri_predict.node.listeners import Tick
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.protocol.messages import Advice
+from hri_predict.protocol.messages import Advice, Level, NodeState
 from hri_predict.protocol.reasons import Reason
-from hri_predict.recording.mcap.view import apart_text
 from hri_predict.risk.types import Grounds
+from hri_predict.risk.wording import BY_PEOPLE, apart_text, clears_beside, reason_beside, troubles
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.skeleton import CANONICAL, in_words
@@ -28,7 +29,8 @@ _RADII = np.array([segment.radius for segment in CANONICAL.segments])
 def picture_of(tick: Tick, assembly: Assembly) -> Picture:
     """The picture of a tick; what a failed stage did not find is missing from it."""
     snapshot, assessment = tick.snapshot, tick.assessment
-    shapes, facts = empty_shapes(), facts_of(tick, assembly.config)
+    cut_off = [link.name for link in assembly.links if not link.connected]
+    shapes, facts = empty_shapes(), facts_of(tick, assembly.config, cut_off)
     if snapshot is not None:
         places = [*snapshot.last_positions, *(lost.positions for lost in snapshot.lost)]
         shapes["bodies"] = bodies_of(np.array(places).reshape(-1, len(CANONICAL.joints), 3))
@@ -53,6 +55,9 @@ def picture_of(tick: Tick, assembly: Assembly) -> Picture:
         robot["capsules"] = len(rows)
         names, link = assembly.robots[advice.robot].capsule_names, rests_on.link
         robot |= pair_facts(
+            advice.level,
+            advice.reason,
+            advice.detail,
             line=None if rests_on.pair is None else np.stack(nearest_points(*rests_on.pair)),
             pair_m=rests_on.pair_m,
             needed_m=rests_on.pair_needed_m,
@@ -65,8 +70,11 @@ def picture_of(tick: Tick, assembly: Assembly) -> Picture:
     return Picture(facts, **shapes)
 
 
-def facts_of(tick: Tick, config: Config) -> dict[str, Any]:
-    """What is known besides shapes: robots, people, the node's state, and the room's regions."""
+def facts_of(tick: Tick, config: Config, cut_off: Sequence[str] = ()) -> dict[str, Any]:
+    """What is known besides shapes: robots, people, the node's state, and the room's regions.
+
+    ``cut_off``: the links that are not connected, by name.
+    """
     snapshot, assessment = tick.snapshot, tick.assessment
     tracked = [] if snapshot is None else list(snapshot.ids)
     lost = [] if snapshot is None else [person.id for person in snapshot.lost]
@@ -76,12 +84,11 @@ def facts_of(tick: Tick, config: Config) -> dict[str, Any]:
         "node_s": tick.now_ns * 1e-9,
         "places": [] if snapshot is None else _places(snapshot),
         "sees": snapshot is not None and SEES_NOTHING.isdisjoint(snapshot.reasons),
-        "state": tick.status.node_state.name,
+        **state_facts(tick.status.node_state, reasons, cut_off),
         "robots": [_robot(advice, config) for advice in tick.advices],
         "people": [*tracked, *lost],
         "tracked": len(tracked),
         "age_s": None if snapshot is None else snapshot.age_s,
-        "reasons": list(dict.fromkeys(reason.text for reason in reasons)),
         "named": {zone.name: [zone.occupied, zone.entry_s] for zone in named},
         "zones": [],
         "times_s": [0.0],
@@ -99,7 +106,27 @@ def _places(snapshot: PeopleSnapshot) -> list[list[float]]:
     ]
 
 
+def state_facts(
+    state: NodeState, reasons: Sequence[Reason], cut_off: Sequence[str] = ()
+) -> dict[str, Any]:
+    """The node's state, and why, in words."""
+    return {"state": state.name, "reasons": troubles(state, reasons, cut_off)}
+
+
+def said_of(level: Level, reason: Reason, detail: str, band_m: float | None) -> dict[str, str]:
+    """What an advice says, as screens say it. ``band_m``: ``risk.band_m``."""
+    return {
+        "level": level.name,
+        "reason": reason_beside(level, reason),
+        "clears": clears_beside(level, reason, detail, band_m),
+        "detail": detail,
+    }
+
+
 def pair_facts(
+    level: Level,
+    reason: Reason,
+    detail: str,
     *,
     line: Floats | None = None,
     pair_m: float | None = None,
@@ -109,11 +136,24 @@ def pair_facts(
     link: str = "",
 ) -> dict[str, Any]:
     """The deciding pair: its nearest points (2, 3), how far they are and, at the robot's speed,
-    have to be apart, and the names of both; ``None`` and "": not known."""
+    have to be apart, and the names of both; ``None`` and "": not known.
+
+    "near" is for whoever stands there, and "" unless a person decides the level.
+    """
+    decides = bool(who) and pair_m is not None and level is not Level.CLEAR and reason in BY_PEOPLE
+    near = f"{who}, {max(0.0, pair_m or 0.0):.2f} m from the {in_words(link) or 'robot'}"
     return {
         "speed_m_s": speed_m_s,
         "line": None if line is None or not np.isfinite(line).all() else line.round(4).tolist(),
-        "apart": apart_text(pair_m, needed_m, speed_m_s),
+        "apart": apart_text(
+            pair_m=pair_m,
+            needed_m=needed_m,
+            speed_m_s=speed_m_s,
+            level=level,
+            reason=reason,
+            detail=detail,
+        ),
+        "near": near if decides else "",
         "pair": f"{who} - {in_words(link)}" if who and link else who,
     }
 
@@ -156,15 +196,12 @@ def _forecast(
 def _robot(advice: Advice, config: Config) -> dict[str, Any]:
     return {
         "name": config.node.robots[advice.robot].name,
-        "level": advice.level.name,
-        "reason": advice.reason.text,
-        "clears": advice.reason.clears_when,
-        "detail": advice.detail,
+        **said_of(advice.level, advice.reason, advice.detail, config.node.risk.band_m),
         "latch": advice.latch_id,
         "limit_m_s": advice.speed_limit_m_s,
         "separation_m": advice.separation_m,
         "capsules": 0,
-        **pair_facts(),
+        **pair_facts(advice.level, advice.reason, advice.detail),
     }
 
 

@@ -15,16 +15,23 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import RecordingError
-from hri_predict.protocol.messages import Level
+from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 from hri_predict.recording.mcap.clocks import iso
 from hri_predict.recording.mcap.view import PAIR
 from hri_predict.skeleton import PARENTS
 from hri_predict.viewing.levels import worst
-from hri_predict.viewing.packing import bodies_of, pair_facts, steps_of, who_of
+from hri_predict.viewing.packing import (
+    bodies_of,
+    pair_facts,
+    said_of,
+    state_facts,
+    steps_of,
+    who_of,
+)
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
-from hri_predict.viewing.room import SEES_NOTHING, room_of_text
+from hri_predict.viewing.room import SEES_NOTHING, band_of_text, room_of_text
 
 WINDOW_NS = 30_000_000_000
 WINDOWS = 4
@@ -47,6 +54,7 @@ class RecordedPictures:
         info: what the recording says of itself.
         start_ns, end_ns: of its statuses; UTC, or the node's clock where there is no UTC.
         changes: (ns, the worst level from then on).
+        first_ns: when somebody was there first, or else when the level first changed.
 
     Raises:
         RecordingError: it is no recording of this node, says nothing, or is damaged.
@@ -59,22 +67,36 @@ class RecordedPictures:
         self.changes: list[tuple[int, str]] = []
         times: list[int] = []
         levels: dict[str, str] = {}
+        met_ns: int | None = None
         for told in read_messages(path, ("/advice",)):
             times.append(told.utc_ns)
             levels[told.topic] = str(told.data.get("level"))
             level = worst(levels.values())
+            if met_ns is None and told.data.get("separation_m") is not None:
+                met_ns = told.utc_ns
             if not self.changes or self.changes[-1][1] != level:
                 self.changes.append((told.utc_ns, level))
         if not times:
             raise RecordingError(f"recording {path}: has no advice to show; name another file")
         self.start_ns, self.end_ns = min(times), max(times)
+        self.first_ns = self.changes[:2][-1][0] if met_ns is None else met_ns
         self._room = room_of_text(self.info.config, self.info.cell or path.stem)
+        self._band_m = band_of_text(self.info.config)
         self._windows: OrderedDict[int, list[tuple[int, Picture]]] = OrderedDict()
 
     @property
     def duration_s(self) -> float:
         """Seconds from the first to the last advice."""
         return (self.end_ns - self.start_ns) * 1e-9
+
+    def opening_ns(self) -> int:
+        """Where a view begins: at the first picture that has somebody in it, if any does."""
+        try:
+            picture = self.at(self.first_ns)
+        except RecordingError:  # whoever goes there is told
+            return self.first_ns
+        is_before = picture is not None and not picture.facts["people"]
+        return self.picture_beside(self.first_ns, 1) if is_before else self.first_ns
 
     def level_at(self, ns: int) -> str:
         """The worst level that held then."""
@@ -146,7 +168,7 @@ class RecordedPictures:
 
         Statuses and advice of a scene's tick stand before it.
         """
-        said = _Said()
+        said = _Said(self._band_m)
         for told in messages:
             if told.topic.startswith("/advice"):
                 before = said.advice.get(told.topic)
@@ -171,8 +193,9 @@ def _says(advice: Told) -> tuple[Any, ...]:
 
 @dataclass(slots=True)
 class _Said:
-    """The newest message of each topic."""
+    """The newest message of each topic, and the configured ``risk.band_m``."""
 
+    band_m: float | None
     newest: dict[str, Told] = field(default_factory=dict)
     advice: dict[str, Told] = field(default_factory=dict)
 
@@ -216,16 +239,16 @@ class _Said:
     ) -> dict[str, Any]:
         status = self.newest["/status"].data if "/status" in self.newest else {}
         named = status.get("named_zones", {})
+        state = _known(status.get("node_state"), NodeState)
         reasons = [_reason(name) for name in status.get("reasons", [])]
         return {
             "node_s": now.node_ns * 1e-9,
             "utc": iso(now.utc_ns),
-            "state": str(status.get("node_state", "UNKNOWN")),
-            "robots": [_robot(told.data) for told in self.advice.values()],
+            **state_facts(NodeState[state], reasons),
+            "robots": [_robot(told.data, self.band_m) for told in self.advice.values()],
             "people": ids,
             "tracked": tracked,
             "age_s": _number(status.get("age_s")),
-            "reasons": [reason.text for reason in reasons],
             "sees": bool(status) and SEES_NOTHING.isdisjoint(reasons),
             "named": {name: [z["occupied"], z["entry_s"]] for name, z in named.items()},
             "zones": [],
@@ -234,19 +257,21 @@ class _Said:
         }
 
 
-def _robot(data: dict[str, Any]) -> dict[str, Any]:
+def _robot(data: dict[str, Any], band_m: float | None) -> dict[str, Any]:
+    level = Level[_known(data["level"], Level)]
     reason, why = _reason(data["reason"]), data.get("grounds") or {}
+    detail = str(data.get("detail", ""))
     pair_m, slack_m = _number(why.get("pair_m")), _number(why.get("slack_m"))
     return {
         "name": str(data.get("name", data.get("robot"))),
-        "level": data["level"] if data["level"] in Level.__members__ else "UNKNOWN",
-        "reason": reason.text,
-        "clears": reason.clears_when,
-        "detail": str(data.get("detail", "")),
+        **said_of(level, reason, detail, band_m),
         "latch": data.get("latch_id", 0),
         "limit_m_s": _number(data.get("speed_limit_m_s")),
         "separation_m": _number(data.get("separation_m")),
         **pair_facts(
+            level,
+            reason,
+            detail,
             speed_m_s=_number(data.get("speed_m_s")),
             pair_m=pair_m,
             needed_m=None if pair_m is None or slack_m is None else pair_m - slack_m,
@@ -254,6 +279,11 @@ def _robot(data: dict[str, Any]) -> dict[str, Any]:
             link=str(why.get("robot_capsule") or ""),
         ),
     }
+
+
+def _known(name: Any, kind: type[Level] | type[NodeState]) -> str:
+    """The name of a level or state; UNKNOWN for what is none."""
+    return str(name) if name in kind.__members__ else "UNKNOWN"
 
 
 def _reason(name: Any) -> Reason:

@@ -1,4 +1,4 @@
-"""What a configuration says of a room, for pictures: what the sensor sees, and what it does not."""
+"""What a configuration says, for pictures: what the sensor sees and does not see, and the band."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,6 +7,7 @@ import yaml
 from pydantic import TypeAdapter
 
 from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.settings import RiskSettings
 from hri_predict.run.config import Config
 from hri_predict.settings import Region, Vector3
 
@@ -66,6 +67,15 @@ def room_of_text(text: str, cell: str) -> dict[str, Any]:
         )
     except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, RecursionError):
         return _room(cell=cell)
+
+
+def band_of_text(text: str) -> float | None:
+    """``risk.band_m`` of a configuration's text; ``None`` if the text makes no sense."""
+    try:
+        risk = yaml.safe_load(text).get("risk") or {}
+        return float(risk.get("band_m", RiskSettings.model_fields["band_m"].default))
+    except (yaml.YAMLError, TypeError, ValueError, AttributeError, RecursionError):
+        return None
 
 
 def _room(

@@ -17,6 +17,7 @@ from hri_predict.recording.mcap import well_known
 from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.mcap.well_known import Rgba
 from hri_predict.risk.types import Grounds
+from hri_predict.risk.wording import apart_text
 from hri_predict.skeleton import JOINTS, PARENTS
 
 ROOM = "room"
@@ -87,19 +88,16 @@ def seen(tick: Tick, robots: tuple[str, ...], lifetime_s: float) -> Seen:
         shown.append((name, ends, radius, advice.level, label))
         if why.pair is not None:
             between = np.stack(nearest_points(*why.pair))
-            apart = apart_text(why.pair_m, why.pair_needed_m, why.speed_m_s)
+            apart = apart_text(
+                pair_m=why.pair_m,
+                needed_m=why.pair_needed_m,
+                speed_m_s=why.speed_m_s,
+                level=advice.level,
+                reason=advice.reason,
+                detail=advice.detail,
+            )
             pairs.append((name, between, advice.level, apart))
     return Seen(people, zones, shown, lifetime_s, pairs)
-
-
-def apart_text(pair_m: float | None, needed_m: float | None, speed_m_s: float | None) -> str:
-    """How far the deciding pair is apart, and how far it has to be at the robot's speed."""
-    if pair_m is None:
-        return "?"
-    apart = f"{max(0.0, pair_m):.2f} m"
-    if needed_m is None or speed_m_s is None:
-        return apart
-    return f"{apart}, needs {max(0.0, needed_m):.2f} m at {speed_m_s:.2f} m/s"
 
 
 def _ends(capsules: Capsules, where: Any) -> tuple[Floats, Floats]:

@@ -62,9 +62,26 @@ function fact(name, text) {
 const sinceHeardMs = () => performance.now() - heardMs;
 const isLate = () => sinceHeardMs() > GONE_MS;
 
+// The time of day here and, where that is another, in UTC: "explain" and recordings count in UTC.
+function times(ms) {
+  const at = new Date(ms);
+  if (isNaN(at)) return ["–"];
+  const here = at.toLocaleTimeString();
+  return at.getTimezoneOffset() ? [here, ", " + at.toISOString().slice(11, 19) + " UTC"] : [here];
+}
+
+const SLOWED = ["SLOW", "STOP", "UNKNOWN", "FAULT"];
+function explained(ms) { // the command that says why, as it stands in a terminal
+  const at = new Date(ms);
+  return isNaN(at) ? "" : "hri-predict explain RECORDING --at " + at.toISOString().slice(0, 19);
+}
+
 function row(alert, nameOf) {
   const line = part("li", (isLevel(alert.level) ? alert.level : "UNKNOWN") + (alert.read ? " read" : ""), "");
-  line.append(part("span", "when", new Date(alert.utc_s * 1000).toLocaleTimeString()),
+  if (SLOWED.includes(alert.level)) line.title = explained(alert.utc_s * 1000);
+  const [here, utc] = times(alert.utc_s * 1000), when = part("span", "when", here);
+  if (utc) when.append(part("small", "", utc));
+  line.append(when,
     part("span", "level", WORDS[alert.level] || alert.level),
     part("span", "from", nameOf(alert)), part("span", "text", alert.reason));
   if (!alert.read) {

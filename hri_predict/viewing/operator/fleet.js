@@ -144,7 +144,7 @@ function drawDetails(cell) {
     r.reason + "; " + speed(r.limit_m_s) + " allowed"
       + (r.separation_m === null ? "" : ", nearest " + r.separation_m.toFixed(2) + " m")));
   const list = document.createElement("dl");
-  const facts = [["node", cell.node], ["", cell.note], ["people", cell.people],
+  const facts = [["node", cell.note || cell.node], ["people", cell.people],
     ["age of the newest capture", cell.age_s === null || cell.age_s === undefined ? null
       : cell.level === "GONE" ? null : (cell.age_s * 1000).toFixed(0) + " ms"],
     ["last message", typeof cell.heard_s === "number" ? seconds(cell.heard_s) + " ago" : null],

@@ -11,7 +11,7 @@ class FleetState(State):
     who = "hri-predict fleet"
     told_s = 0.1  # twice as often as pictures come, so that none waits
 
-    def _always(self, facts: dict[str, Any]) -> dict[str, Any]:
+    def _always(self, facts: dict[str, Any], silent_s: float) -> dict[str, Any]:
         cells = facts.get("cells", [])
         return {"names": [cell["name"] for cell in cells], "silent_s": facts.get("silent_s", 0.0)}
 

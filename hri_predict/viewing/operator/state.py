@@ -83,7 +83,7 @@ class State:
             "sent_ms": time.monotonic() * 1e3,
             "why": self._why(bool(facts), silent_s),
             "alerts": self.history.version,
-            **self._always(facts),
+            **self._always(facts, silent_s),
         }
         if said["alerts"] != alerts:
             said |= {
@@ -93,9 +93,10 @@ class State:
             }
         return said | (self._now(facts, silent_s) if known else {})
 
-    def _always(self, facts: dict[str, Any]) -> dict[str, Any]:
-        """What is told even while nothing is known of now: names."""
+    def _always(self, facts: dict[str, Any], silent_s: float) -> dict[str, Any]:
+        """What is told even while nothing is known of now: names, and how old the picture is."""
         return {
+            "silent_s": silent_s if facts else None,
             "cell": facts["room"]["cell"] if facts else "",
             "robots": [robot["name"] for robot in facts.get("robots", [])],
         }
@@ -106,6 +107,7 @@ class State:
         return {
             "levels": [_robot(robot) for robot in facts["robots"]],
             "state": facts["state"].lower(),
+            "reasons": facts["reasons"],
             "people": tracked,
             "lost": len(facts["people"]) - tracked,
             "age_s": facts["age_s"],
@@ -120,5 +122,5 @@ class State:
 
 
 def _robot(robot: dict[str, Any]) -> dict[str, Any]:
-    kept = ("name", "level", "reason", "clears", "latch", "limit_m_s", "separation_m")
+    kept = ("name", "level", "reason", "near", "clears", "latch", "limit_m_s", "separation_m")
     return {name: robot[name] for name in kept}

@@ -22,8 +22,9 @@ KEPT_S = 60.0
 DRAWN_HZ = 15.0
 SILENT_S = 1.0
 """No picture for so long: what is shown is not now, and grey."""
-NOW_S = 0.5
-"""Less than so far back is now: a pixel of the slider is a third of a second."""
+NOW_S = 0.7
+"""Less than so far back is now, and the newest picture: a pixel of the slider is a third of a
+second, and who clicks at its end may miss it by one."""
 FAREWELL_S = 1.0
 """After the end, browsers are given so long to take the last, grey picture."""
 

@@ -31,6 +31,8 @@ _LIVE: Rgb = (60, 75, 90)
 _ONE_LINE = "white-space:nowrap;overflow:hidden;text-overflow:ellipsis"
 _TRACK = "6px 67px 0 120px"
 """Above the track of the slider below it: viser has labels left of it, and a number right."""
+ROOM_FOR_BAR = "<style>.mantine-ScrollArea-viewport{padding-right:12px}</style>"
+"""viser's scroll bar lies on top of what it scrolls; so it lies beside it."""
 BEAT_S, STILL_S = 0.5, 4.0
 """What is of now comes again so often, and a view that gets nothing is covered after so long."""
 _UNFOLDED = (
@@ -168,8 +170,8 @@ def _of_robot(robot: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _detail(robot: dict[str, Any]) -> str:
     """The detail without what stands in other rows: the reason, and what clears it."""
-    said = {robot["reason"], f"{robot['name']}: {robot['reason']}"}
-    parts = robot["detail"].split("; ")
+    said = set(robot["reason"].split("; "))
+    parts = robot["detail"].removeprefix(f"{robot['name']}: ").split("; ")
     return "; ".join(p for p in parts if p not in said and not p.startswith("clears when"))
 
 
@@ -178,7 +180,7 @@ def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:
     lost = facts["people"][tracked:]
     age, rate = facts["age_s"], facts.get("rate_hz")
     rows = [
-        ("node", facts["state"].lower()),
+        ("node", ": ".join(filter(None, (facts["state"].lower(), "; ".join(facts["reasons"]))))),
         ("people", f"{tracked}" + (f", lost: {', '.join(map(str, lost))}" if lost else "")),
         ("age", "-" if age is None else f"{age * 1e3:.0f} ms"),
     ]
@@ -186,7 +188,6 @@ def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("rate", f"{rate:.1f} Hz"))
     if facts["coverage"]:
         rows.append(("coverage", facts["coverage"]))
-    rows += [("", reason) for reason in facts["reasons"]]
     if facts.get("dropped"):
         rows.append(("pictures dropped", str(facts["dropped"])))
     return rows

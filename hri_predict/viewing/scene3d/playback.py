@@ -54,7 +54,8 @@ class Playback:
             gui.add_command(what, hotkey=key).on_trigger(partial(self._ask, what))
         self._details = gui.add_html("")
         add_legend(gui)
-        self._position_s, self._set_s, self._last_s = 0.0, 0.0, 0.0
+        self._position_s = (recorded.opening_ns() - recorded.start_ns) * 1e-9
+        self._set_s, self._last_s = 0.0, 0.0
         self._shown: object = None
         self._last: Picture | None = None
 

@@ -7,7 +7,7 @@ import socket
 
 import viser
 
-from hri_predict.viewing.scene3d.panel import legend
+from hri_predict.viewing.scene3d.panel import ROOM_FOR_BAR, legend
 
 TITLE = "hri-predict"
 MAX_AHEAD_S = 3.0
@@ -36,6 +36,7 @@ def serve(host: str, port: int) -> viser.ViserServer:
         control_width="large", dark_mode=True, show_logo=False, show_share_button=False
     )
     server.gui.main_panel.dock_right()
+    server.gui.add_html(ROOM_FOR_BAR)
     return server
 
 

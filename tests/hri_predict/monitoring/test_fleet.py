@@ -9,6 +9,7 @@ from hri_predict.monitoring.fleet import MAX_CELLS, CellRow, Fleet
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed import Keyed, KeyedSender, prefix
 from hri_predict.protocol.messages import Level, Message, NodeState, Schema
+from hri_predict.protocol.reasons import Reason
 from tests.hri_predict.monitoring.said import CLEAR, OURS, RUNNING
 
 S = 1_000_000_000
@@ -59,6 +60,27 @@ def test_a_robot_that_is_no_longer_advised_is_silent_alone() -> None:
     node.say(2 * S, RUNNING)
     row = only(fleet, 2 * S)
     assert (row.state, row.robots[0].level) == ("running", "silent")
+
+
+def test_at_clear_a_reason_is_a_note() -> None:
+    fleet = Fleet()
+    fast = replace(CLEAR, reason=Reason.PERSON_FAST)
+    Node(fleet).say(S, OURS, RUNNING, fast, replace(fast, robot=1, level=Level.SLOW))
+    noted, slowed = only(fleet, S).robots
+    assert noted.reason == f"nobody is too close; note: {Reason.PERSON_FAST.text}"
+    assert slowed.reason == Reason.PERSON_FAST.text
+
+
+def test_a_degraded_or_faulty_node_never_says_that_nothing_is_near() -> None:
+    fleet = Fleet()
+    node = Node(fleet)
+    node.say(S, OURS, replace(RUNNING, node_state=NodeState.DEGRADED))
+    assert only(fleet, S).why == "a link to a controller is not connected"
+    late = replace(RUNNING, node_state=NodeState.DEGRADED, reason=Reason.PREDICTOR_LATE)
+    node.say(S, late)
+    assert only(fleet, S).why == Reason.PREDICTOR_LATE.text
+    node.say(S, replace(RUNNING, node_state=NodeState.FAULT))
+    assert only(fleet, S).why == ""  # the tile says: the node reports a fault
 
 
 def test_before_the_schema_and_with_another_all_is_unknown() -> None:

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from hri_predict.geometry import Capsules, capsule_distance
-from hri_predict.viewing.packing import STEPS, steps_of
+from hri_predict.protocol.messages import Level, NodeState
+from hri_predict.protocol.reasons import Reason
+from hri_predict.viewing.packing import STEPS, pair_facts, state_facts, steps_of
 from hri_predict.viewing.picture import pack, unpack
 from tests.hri_predict.viewing.staged import pictures
 
@@ -48,8 +50,31 @@ def test_the_separation_line_is_as_long_as_said(near):
     one, other = np.array(robot["line"])
     said_m = float(robot["apart"].split()[0])
     assert np.linalg.norm(one - other) == pytest.approx(said_m, abs=0.006)  # two digits are said
-    assert robot["apart"].endswith("at 0.00 m/s")  # the level is STOP
+    assert robot["apart"].endswith("at 0.00 m/s; new captures must confirm it")  # STOP
     assert re.fullmatch(r"person 1's (left|right) \w+ - [\w ]+", robot["pair"])
+
+
+def test_whoever_stands_there_is_told_the_deciding_part_while_a_person_decides():
+    def near(level: Level, reason: Reason, who: str = "person 1's left hand") -> str:
+        return pair_facts(level, reason, "", pair_m=0.671, who=who, link="forearm")["near"]
+
+    said = "person 1's left hand, 0.67 m from the forearm"
+    assert near(Level.STOP, Reason.PERSON_NEAR) == said
+    assert near(Level.CLEAR, Reason.PERSON_NEAR) == ""
+    assert near(Level.STOP, Reason.ROBOT_NOT_AUTOMATIC) == ""
+    assert near(Level.STOP, Reason.PERSON_NEAR, who="") == ""
+
+
+def test_the_band_is_the_configured_one():
+    robot = pictures([5.2])[0].facts["robots"][0]
+    assert (robot["level"], robot["reason"]) == ("SLOW", Reason.PERSON_APPROACHING.text)
+    assert "by 0.1 m (risk.band_m)" in robot["clears"]
+    assert re.fullmatch(r"person 1's [\w ]+, \d\.\d\d m from the [\w ]+", robot["near"])
+
+
+def test_a_link_without_contact_is_named_as_what_degrades_the_node():
+    facts = state_facts(NodeState.DEGRADED, [], ["plc"])
+    assert facts == {"state": "DEGRADED", "reasons": ["link plc is not connected"]}
 
 
 def test_a_picture_is_small_enough_and_plain_data(near):

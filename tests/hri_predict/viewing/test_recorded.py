@@ -10,7 +10,7 @@ from hri_predict.recording import read_messages
 from hri_predict.run.session import Options, run
 from hri_predict.viewing import recorded as recorded_pictures
 from hri_predict.viewing.recorded import RecordedPictures
-from hri_predict.viewing.room import room_of_text
+from hri_predict.viewing.room import band_of_text, room_of_text
 from hri_predict.viewing.scene3d.panel import details, head
 from tests.hri_predict.viewing.staged import BENCH, cell, pictures
 
@@ -54,6 +54,35 @@ def test_the_line_joins_the_deciding_pair_as_in_the_live_view(recording):
     np.testing.assert_allclose(was["line"], is_now["line"], atol=0.001)  # recorded in millimetres
     assert (was["apart"], was["pair"]) == (is_now["apart"], is_now["pair"])
     assert is_now["pair"].startswith("person 1's ")
+
+
+def test_it_says_levels_and_reasons_as_the_live_view_says_them(recording):
+    live = pictures([5.2, 6.4])
+    recorded = RecordedPictures(recording)
+    for each in live:
+        then = recorded.at(round(each.facts["node_s"] * 1e9))
+        assert then is not None
+        assert (then.facts["state"], then.facts["reasons"]) == (
+            each.facts["state"],
+            each.facts["reasons"],
+        )
+        was, is_now = then.facts["robots"][0], each.facts["robots"][0]
+        for name in ("level", "reason", "clears"):
+            assert was[name] == is_now[name], name
+
+
+def test_a_recording_without_people_opens_where_the_level_first_changes(recording, monkeypatch):
+    def nobody(*args, **kwargs):
+        for told in read_messages(*args, **kwargs):
+            if told.topic.startswith("/advice"):
+                told = replace(told, data={**told.data, "separation_m": None})
+            yield told
+
+    somebody = RecordedPictures(recording)
+    monkeypatch.setattr(recorded_pictures, "read_messages", nobody)
+    recorded = RecordedPictures(recording)
+    assert recorded.first_ns == recorded.changes[1][0]
+    assert somebody.first_ns != recorded.first_ns
 
 
 def test_the_timeline_has_the_levels_of_the_recording(recording):
@@ -151,10 +180,17 @@ def test_the_regions_come_from_the_configuration_as_recorded(tmp_path):
     assert room["view"]["z_max"] == 2.6
 
 
+def test_the_band_comes_from_the_configuration_as_recorded():
+    assert band_of_text("risk: {band_m: 0.05}") == 0.05
+    assert band_of_text("risk:\nsource: {}") == 0.1  # the default
+    assert band_of_text("risk: {band_m: x}") is None
+
+
 @pytest.mark.parametrize(
     "text", ["", "]", "source: 3", "source: {field_of_view: {polygon: x}}", json.dumps({"a": 1})]
 )
 def test_a_configuration_that_makes_no_sense_has_no_regions(text):
+    assert band_of_text(text) in (None, 0.1)
     room = room_of_text(text, "x")
     assert room.pop("cell") == "x"
     assert not any(room.values())

@@ -5,15 +5,17 @@ import json
 import signal
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
-from hri_predict.protocol.messages import Level
+from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.viewing.fleet_feed import FLEET
 from hri_predict.viewing.operator.fleet_state import FleetState
 from hri_predict.viewing.operator.server import Server
 from tests.browser import CHROMIUM, Browser, wait_for
+from tests.hri_predict.monitoring.said import CLEAR, OURS, RUNNING
 from tests.hri_predict.viewing.many import Cells, forty
 from tests.hri_predict.viewing.shown import Shown
 
@@ -136,6 +138,52 @@ def test_a_browser_shows_tiles_alerts_and_details_and_never_an_old_green():
         browser.wait_for_text("nothing from hri-predict fleet", 5)
         assert words(browser) == ["NO CONTACT", "NO CONTACT"]
         assert browser.console == []
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_what_to_look_at_first_is_legible_in_each_width_with_few_and_many_cells():
+    whole = "(e => e.scrollHeight <= e.clientHeight + 1 && e.scrollWidth <= e.clientWidth)"
+    picture = forty()
+    with Shown(FLEET) as page, Browser(1920, 1080) as browser:
+        page.show(picture)
+        browser.open(page.url)
+        browser.wait_for_text("plant/press-01")
+        for count in (40, 6, 1):
+            some = picture.facts["cells"][-count:]  # one of the last six is slowed
+            page.show(replace(picture, facts=picture.facts | {"cells": some}))
+            wait_for(lambda count=count: browser.evaluate(TILES + ".length") == count, 10)
+            for width in (700, 900, 1280, 1920):
+                size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+                browser.ask("Emulation.setDeviceMetricsOverride", **size)
+                where = f"{count} cells, {width} px"
+                first = "document.getElementById('first')"
+                assert browser.evaluate(f"{whole}({first})"), where
+                left, top, right, _ = browser.box(first)
+                assert right - left > 300, where
+                counts = browser.box("document.getElementById('counts')")
+                assert right <= counts[0] or left >= counts[2] or top >= counts[3], where
+                assert browser.evaluate("document.body.scrollWidth <= innerWidth"), where
+        assert browser.console == []
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_a_degraded_cell_says_so_once():
+    cells = Cells()
+    status = replace(RUNNING, node_state=NodeState.DEGRADED, reason=Reason.PREDICTOR_LATE)
+    cells.say("press", OURS, status, CLEAR)
+    with Shown(FLEET) as page, Browser(1280, 800) as browser:
+        page.show(cells.picture())
+        browser.open(page.url)
+        browser.wait_for_text("plant/press")
+        browser.evaluate(TILES + "[0].click()")
+        browser.wait_for_text("last message")
+        facts = browser.evaluate("document.querySelector('#details dl').innerText")
+        assert facts.count("degraded") == 1
+        assert f"degraded: {Reason.PREDICTOR_LATE.text}" in facts
 
 
 @pytest.mark.long

@@ -6,6 +6,7 @@ import json
 import socket
 import threading
 import time
+from datetime import UTC, datetime
 from urllib.parse import urlsplit
 
 import pytest
@@ -20,10 +21,11 @@ from tests.hri_predict.viewing.shown import Shown
 
 def picture(level: str, reason: str = "a person is too close", number: int = 1) -> Picture:
     robot = {"name": "arm", "level": level, "reason": reason, "clears": "they go", "latch": 0}
+    robot |= {"near": "person 1's left hand, 0.67 m from the forearm"}
     robot |= {"limit_m_s": None, "separation_m": 0.5}
     change = {"number": number, "level": level, "robot": 0, "reason": reason, "utc_s": 1.7e9}
     facts = {"robots": [robot], "room": {"cell": "press-4"}, "tracked": 1, "people": [1, 2]}
-    facts |= {"state": "RUNNING", "age_s": 0.03, "changes": [change]}
+    facts |= {"state": "RUNNING", "reasons": [], "age_s": 0.03, "changes": [change]}
     return Picture(facts, **empty_shapes())
 
 
@@ -257,6 +259,53 @@ def test_a_browser_shows_the_level_and_turns_grey_when_the_node_is_lost():
         since = time.monotonic()
         browser.wait_for_text("NO CONTACT", 10)
         assert time.monotonic() - since < 2.5
+        assert browser.console == []
+
+
+def test_why_the_node_is_degraded_and_how_old_the_picture_is_are_told():
+    state, now = State(), picture("STOP")
+    assert state.told()["silent_s"] is None  # none came
+    now.facts.update({"state": "DEGRADED", "reasons": ["the predictor was late"]})
+    state.take(now, time.monotonic() - 0.5)
+    said = state.told()
+    assert (said["state"], said["reasons"]) == ("degraded", ["the predictor was late"])
+    assert said["levels"][0]["near"] == "person 1's left hand, 0.67 m from the forearm"
+    assert 0.5 <= said["silent_s"] < 1.0
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_a_browser_says_who_is_near_what_is_wrong_and_times_in_utc_too():
+    when = "document.querySelector('li .when').textContent"
+    command = "document.querySelector('li').title"
+    now = picture("STOP")
+    now.facts.update({"state": "DEGRADED", "reasons": ["the predictor was late"]})
+    with Shown(OPERATOR) as page, Browser(1000, 600) as browser:
+        browser.ask("Emulation.setTimezoneOverride", timezoneId="Europe/Berlin")
+        page.show(now)
+        browser.open(page.url)
+        browser.wait_for_text("person 1's left hand, 0.67 m from the forearm")
+        assert "node degraded: the predictor was late" in browser.text()
+        assert browser.evaluate(when) == "11:13:20 PM, 22:13:20 UTC"
+        asked = "hri-predict explain RECORDING --at 2023-11-14T22:13:20"
+        assert browser.evaluate(command) == asked
+        browser.ask("Emulation.setTimezoneOverride", timezoneId="UTC")
+        page.show(picture("WARN", number=2))
+        browser.wait_for_text("WARN")
+        wait_for(lambda: browser.evaluate(when) == "10:13:20 PM", 5)
+        assert browser.evaluate(command) == ""  # it slowed nothing
+
+        page.show(None)
+        browser.wait_for_text("NO CONTACT", 10)
+        near = "document.querySelector('.near').textContent"
+        since = browser.evaluate(near)
+        began = datetime.strptime(since, "since %I:%M:%S %p")
+        passed_s = (datetime.now(UTC).replace(tzinfo=None) - began).total_seconds() % 43_200
+        assert 1.0 <= passed_s < 8.0  # it has been silent for a second, and the browser answered
+        page.process.kill()
+        browser.wait_for_text("this page lost the node", 10)
+        assert browser.evaluate(near) == since
         assert browser.console == []
 
 

@@ -22,6 +22,20 @@ def test_names_and_reasons_are_text():
     assert "nothing &amp; nobody" in html
 
 
+def test_why_a_node_is_degraded_stands_beside_it():
+    facts = FACTS | {"state": "DEGRADED", "reasons": ["the predictor was late", "no room"]}
+    assert ">degraded: the predictor was late; no room<" in details(facts)
+    assert ">running<" in details(FACTS)
+
+
+def test_the_detail_repeats_neither_the_reason_nor_its_note():
+    reason = "nobody is too close; note: a person is fast"
+    detail = f"<arm>: {reason}; person 1 is fast: left hand 2.7 m/s"
+    html = details(FACTS | {"robots": [ROBOT | {"reason": reason, "detail": detail}]})
+    assert html.count("nobody is too close") == 1
+    assert ">person 1 is fast: left hand 2.7 m/s<" in html
+
+
 def test_lost_people_are_named():
     assert "1, lost: 7" in details(FACTS)
 

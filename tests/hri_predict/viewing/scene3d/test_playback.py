@@ -19,6 +19,7 @@ def playback(tmp_path):
 
 
 def test_a_recording_plays_stands_and_goes_where_the_slider_is(playback):
+    playback.go(0.0)
     playback.draw(10.0)
     assert playback._at.value == 0.0
     playback._play.value = True
@@ -42,6 +43,16 @@ def test_a_recording_plays_stands_and_goes_where_the_slider_is(playback):
     assert playback._at.value == pytest.approx(playback._recorded.duration_s, abs=0.1)
 
 
+def test_a_recording_opens_where_somebody_comes_into_the_scene(playback):
+    playback.draw(10.0)
+    recorded = playback._recorded
+    shown = recorded.at(recorded.start_ns + round(playback._position_s * 1e9))
+    assert shown.facts["people"] == [1]
+    before = recorded.at(recorded.picture_beside(round(shown.facts["node_s"] * 1e9), -1))
+    assert before.facts["people"] == []
+    assert playback._at.value == pytest.approx(playback._position_s, abs=0.051)  # in tenths
+
+
 def test_buttons_and_keys_go_to_the_next_change_and_the_next_picture(playback):
     recorded = playback._recorded
     changes = [(ns - recorded.start_ns) * 1e-9 for ns, _ in recorded.changes]
@@ -55,6 +66,7 @@ def test_buttons_and_keys_go_to_the_next_change_and_the_next_picture(playback):
         playback.draw(now_s)
         return playback._position_s
 
+    playback.go(0.0)
     playback.draw(now_s)
     assert press("level >") == pytest.approx(changes[1])
     assert press("level >") == pytest.approx(changes[2])

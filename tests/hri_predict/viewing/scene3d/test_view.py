@@ -55,6 +55,11 @@ def test_the_timeline_the_slider_buttons_and_keys_go_through_a_recording(viewed)
         assert (strip[0], strip[2]) == pytest.approx((left, right), abs=4)  # pixels
         assert strip[3] <= top + 4
 
+        bars = "[...document.querySelectorAll('.mantine-ScrollArea-scrollbar')]"
+        bar_left = browser.box(f"{bars}.find(e => e.offsetHeight > 100)")[0]
+        last = "[...document.querySelectorAll('button')].find(b => b.innerText === 'level >')"
+        assert browser.box(last)[2] <= bar_left  # it lies beside what it scrolls
+
         for share in (0.9, 0.3):  # a click on the slider: the level is that of the bar above
             browser.click(left + share * (right - left), 0.5 * (top + bottom))
             level = recorded.level_at(recorded.start_ns + round(share * recorded.duration_s * 1e9))

@@ -1,0 +1,90 @@
+"""The words in which every screen says what an advice and a node's state say."""
+
+from collections.abc import Sequence
+
+from hri_predict.protocol.messages import Level, NodeState
+from hri_predict.protocol.reasons import CLEARED, RISING, Reason
+
+BY_PEOPLE = frozenset(
+    {
+        Reason.PERSON_NEAR,
+        Reason.PERSON_APPROACHING,
+        Reason.PERSON_LOST,
+        Reason.SPEED_UNKNOWN,
+        Reason.CONTACT_POSSIBLE,
+    }
+)
+"""With these reasons the distance of a person decides the level."""
+STANDS_M_S = 0.01
+NOTE = "nobody is too close; note: "
+NO_LINK = "a link to a controller is not connected"
+"""Nothing else degrades a node without a reason (``Node.state``)."""
+_RELEASED = "new captures confirm that its cause has cleared, and the speed limit has risen"
+_MORE = {
+    Level.WARN: "the warning comes earlier",
+    Level.SLOW: "more is needed for full speed",
+}
+
+
+def reason_beside(level: Level, reason: Reason) -> str:
+    """The reason as it stands beside its level: at *clear* it holds nothing up, and is a note."""
+    is_note = level is Level.CLEAR and reason is not Reason.NONE
+    return f"{NOTE if is_note else ''}{reason.text}"
+
+
+def clears_beside(level: Level, reason: Reason, detail: str, band_m: float | None) -> str:
+    """What clears it; "" at *clear*.
+
+    Args:
+        level, reason, detail: the advice's. Its reason stays when the cause has cleared and the
+            release is awaited; its detail says so.
+        band_m: the configured ``risk.band_m``; ``None``: not known.
+    """
+    if level is Level.CLEAR:
+        return ""
+    if CLEARED in detail or RISING in detail:
+        return _RELEASED
+    if band_m is None:
+        return reason.clears_when
+    return reason.clears_when.replace("by risk.band_m", f"by {band_m:g} m (risk.band_m)")
+
+
+def apart_text(
+    *,
+    pair_m: float | None,
+    needed_m: float | None,
+    speed_m_s: float | None,
+    level: Level,
+    reason: Reason,
+    detail: str,
+) -> str:
+    """How far the deciding pair is apart, and what of it the robot's present motion leaves.
+
+    What suffices at the present speed need not suffice for more: that is said, too, or it would
+    contradict the level.
+    """
+    if pair_m is None:
+        return "?"
+    apart = f"{max(0.0, pair_m):.2f} m"
+    if needed_m is None or speed_m_s is None:
+        return apart
+    slack_m, stands = pair_m - needed_m, speed_m_s < STANDS_M_S
+    if slack_m < 0:
+        at = "to start" if stands else f"at {speed_m_s:.2f} m/s"
+        return f"{apart}, {-slack_m:.2f} m too near {at}"
+    more = _MORE.get(level, "")
+    if level is Level.STOP:
+        more = f"more is needed to {'start' if stands else 'move on'}"
+    if CLEARED in detail or RISING in detail:
+        more = "new captures must confirm it" if CLEARED in detail else "the speed limit rises"
+    more = f"; {more}" if more and reason in BY_PEOPLE else ""
+    return f"{apart}, to spare {slack_m:.2f} m at {speed_m_s:.2f} m/s{more}"
+
+
+def troubles(
+    state: NodeState, reasons: Sequence[Reason], not_connected: Sequence[str] = ()
+) -> list[str]:
+    """Why a node is in this state, in words: its reasons and, by name, links without contact."""
+    said = [reason.text for reason in dict.fromkeys(reasons) if reason is not Reason.NONE]
+    said += [f"link {name} is not connected" for name in not_connected]
+    return said or ([NO_LINK] if state is NodeState.DEGRADED else [])
