@@ -275,8 +275,8 @@ def test_a_configuration_is_valid_in_the_cell(block: Block, folder: Path, serial
     put_cell(folder, block.page, serial_port)
     (folder / "mine").mkdir()
     (folder / "mine" / "trajectorycnn.safetensors").symlink_to(WEIGHTS)
-    (folder / "scene.key").write_text("0123456789abcdef" * 2, encoding="utf-8")
-    (folder / "scene.key").chmod(0o600)
+    (folder / "cell.key").write_text("0123456789abcdef" * 2, encoding="utf-8")
+    (folder / "cell.key").chmod(0o600)
     for secret in re.findall(r"(?:token|sign_key|password)_file: ([\w.]+)", block.text):
         (folder / secret).write_text("secret", encoding="utf-8")
         (folder / secret).chmod(0o600)
