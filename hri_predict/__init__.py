@@ -15,7 +15,7 @@ one clock for time.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 """The one place for the version: the build reads it here."""
 
 if TYPE_CHECKING:

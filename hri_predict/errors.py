@@ -45,6 +45,10 @@ class LinkError(HriPredictError):
     """A link cannot be opened, or cannot carry its messages."""
 
 
+class MachineError(HriPredictError):
+    """The machine did something that no running node can go on after."""
+
+
 class DiscoveryError(HriPredictError):
     """A service cannot be searched for, or does not answer."""
 

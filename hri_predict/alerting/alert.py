@@ -6,6 +6,11 @@ from typing import Any
 from hri_predict.alerting.text import one_line
 
 
+def _when(at: str | None, time_s: float) -> str:
+    """``[14:03:07.123Z]``, as ``explain --at`` takes it; seconds since the start without UTC."""
+    return f"[{time_s:8.2f} s]" if at is None else f"[{at[11:23]}Z]"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alert:
     """One change of a robot's level, or of the reason for *unknown* or *fault*.
@@ -38,7 +43,7 @@ class Alert:
         """One line for a person."""
         clears = f"; clears when {self.clears_when}" if self.clears_when else ""
         why = self.detail or f"{self.robot}: {self.reason}{clears}"
-        return one_line(f"[{self.time_s:8.2f} s] {self.was} -> {self.level}: {why}")
+        return one_line(f"{_when(self.at, self.time_s)} {self.was} -> {self.level}: {why}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +71,7 @@ class ZoneAlert:
         soon = self.state == "entry predicted" and self.entry_s is not None
         when = f" in {self.entry_s * 1e3:.0f} ms" if soon and self.entry_s is not None else ""
         return one_line(
-            f"[{self.time_s:8.2f} s] zone {self.zone}: {self.was} -> {self.state}{when}"
+            f"{_when(self.at, self.time_s)} zone {self.zone}: {self.was} -> {self.state}{when}"
         )
 
 

@@ -178,7 +178,9 @@ class _Watch:
                 self.trouble = str(error).splitlines()[0] if str(error) else type(error).__name__
 
     def _take(self, unit: Keyed) -> None:
-        is_news, feed = self._fleet.take(unit, time.monotonic_ns()), self._page_feed
+        # in a flood it may have waited: it is as old as it is
+        now_ns = time.monotonic_ns() if unit.heard_ns is None else unit.heard_ns
+        is_news, feed = self._fleet.take(unit, now_ns), self._page_feed
         key = split_key(unit.key)
         if is_news and feed is not None and key is not None:
             self._changes.look_at(key.site, key.cell)

@@ -207,6 +207,12 @@ def replay(
         loaded = loaded.with_predictor(predictor)
     if no_links:
         loaded = loaded.without_links()
+    real = [link.name for link in loaded.opened_links if link.simulate is None]
+    if real and speed != "max":
+        print(
+            f"replay: sends to {', '.join(real)}, as a live cell does; --no-links sends nothing",
+            file=sys.stderr,
+        )
     options = Options(
         factor=_factor(speed),
         until_exhausted=True,

@@ -1,5 +1,6 @@
 """The recordings that somebody asks about: one file, or all files of one cell, in order."""
 
+import os
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,10 +63,10 @@ class Recordings:
         try:
             info = recording_info(path)
             first = next(read_messages(path), None)
-        except RecordingError as error:
+        except (RecordingError, OSError) as error:
             if path in named:
                 raise
-            self._note(f"{error}; left out")
+            self._note(f"{_unread(path, error)}; left out")
             return None
         if first is None:
             if path in named:
@@ -92,7 +93,7 @@ class Recordings:
     def end_ns(self) -> int:
         """The last message's time; reads the last file."""
         file = self.files[-1]
-        told = read_messages(file.path, ["/clock", "/status"])
+        told = self._read(file, ["/clock", "/status"], None, None)
         return max((message.utc_ns for message in told), default=file.start_ns)
 
     def read(
@@ -136,8 +137,10 @@ class Recordings:
             yield from read_messages(
                 file.path, topics, start_utc_ns=start_ns, end_utc_ns=end_ns, on_cut=cut
             )
-        except RecordingError as error:  # one message; the rest of this file cannot be trusted
-            self._note(f"{error}; what comes after in this file is left out")
+        except (RecordingError, OSError) as error:
+            # one message, and the rest of this file cannot be trusted; or a file that retention
+            # deleted meanwhile
+            self._note(f"{_unread(file.path, error)}; what comes after in this file is left out")
 
     def _note_twice(self, first: RecordedFile, second: RecordedFile) -> None:
         self.twice.append((first.path, second.path))
@@ -149,6 +152,13 @@ class Recordings:
     def _note(self, line: str) -> None:
         if line not in self.notes:
             self.notes.append(line)
+
+
+def _unread(path: Path, error: RecordingError | OSError) -> str:
+    """Why a file gives no more; the name is in it."""
+    if isinstance(error, RecordingError):
+        return str(error)
+    return f"recording {path}: cannot be read: {error.strerror or type(error).__name__}"
 
 
 def _paths(named: Sequence[Path]) -> list[Path]:
@@ -164,7 +174,7 @@ def _paths(named: Sequence[Path]) -> list[Path]:
             if not inside:
                 raise RecordingError(f"recording {path}: the folder has no .mcap; name another")
             found += inside
-        elif path.is_file():
+        elif os.path.exists(path):  # takes names that are too long
             found.append(path)
         else:
             raise RecordingError(f"recording {path}: no such file or folder; check the path")

@@ -6,7 +6,7 @@ access control limits to one key can send nothing else.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
 from pydantic import StringConstraints
@@ -40,10 +40,14 @@ _FULL = re.compile(f"{ROOT}/({NAME})/({NAME})/([a-z]+(?:/[0-9])?)")
 
 @dataclass(frozen=True, slots=True)
 class Keyed:
-    """A payload and its key: within the cell (``advice/0``), or whole."""
+    """A payload and its key: within the cell (``advice/0``), or whole.
+
+    ``heard_ns``: when it arrived here, on the machine's monotonic clock; ``None``: nobody noted it.
+    """
 
     key: str
     data: bytes
+    heard_ns: int | None = field(default=None, compare=False)
 
 
 class CellKey(NamedTuple):

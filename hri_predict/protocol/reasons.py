@@ -100,7 +100,7 @@ _TEXT = {
         "its cause clears, and then an Acknowledge with its latch id arrives",
     ),
     Reason.RELEASE_PENDING: (
-        "the cause has cleared; the robot is released step by step",
+        "the robot is released step by step",
         "new captures confirm it, and the speed limit has risen to what people allow",
     ),
     Reason.PERSON_FAST: (

@@ -16,7 +16,9 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from hri_predict.clock import VirtualClock
+from hri_predict.errors import MachineError
 from hri_predict.link import Link
+from hri_predict.machine.asleep import Asleep
 from hri_predict.machine.realtime import steady
 from hri_predict.monitoring.pace import Pace
 from hri_predict.protocol.messages import NodeState
@@ -60,6 +62,7 @@ def run_real_time(
 
     Raises:
         LinkError: a link's device is absent at start.
+        MachineError: the machine was suspended meanwhile; the controllers are told *unknown*.
     """
     clock, node = assembly.clock, assembly.node
     pace = pace or Pace()
@@ -128,9 +131,14 @@ def _loop(
     until_exhausted: bool,
     each_tick: Callable[[int], None] | None,
 ) -> None:
-    clock, node = assembly.clock, assembly.node
+    clock, node, asleep = assembly.clock, assembly.node, Asleep()
     while not stop.is_set():
         ticks.wait(clock, stop)
+        if slept_s := asleep.since_last_s():  # a capture of before would pass for one of now
+            raise MachineError(
+                f"the machine was suspended for {slept_s:.1f} s: nothing that the node knew is of "
+                f"now; start it anew, and forbid the machine to sleep (systemctl mask sleep.target)"
+            )
         now_ns = clock.now_ns()
         if now_ns < ticks.due_ns:
             continue  # woken to stop, or by a capture that has to wait

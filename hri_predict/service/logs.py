@@ -25,7 +25,7 @@ Key = tuple[str, int, str]
 
 
 class Line(logging.Formatter):
-    """``12:03:07.512 warning: ...``: the local time, so that lines can be compared with alerts.
+    """``12:03:07.512Z warning: ...``: UTC, as alerts, recordings and ``explain --at`` have it.
 
     In the journal, which keeps the time, a line begins with the severity alone.
     """
@@ -39,8 +39,8 @@ class Line(logging.Formatter):
         line = f"{record.levelname.lower()}: {record.message}"
         if not self._with_time:
             return line
-        at = time.strftime("%H:%M:%S", time.localtime(record.created))
-        return f"{at}.{record.msecs:03.0f} {line}"
+        at = time.strftime("%H:%M:%S", time.gmtime(record.created))
+        return f"{at}.{min(int(record.msecs), 999):03d}Z {line}"
 
 
 class JsonLine(logging.Formatter):

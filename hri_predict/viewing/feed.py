@@ -95,6 +95,9 @@ class Feed(View):
         """
         for settings in self._settings:
             check_port(settings)
+        ports = [settings.port for settings in self._settings if settings.port]
+        if len(set(ports)) < len(ports):
+            raise ConfigError(f"--viewer, --operator {ports[0]}: give each a port of its own")
         self.screens = [Screen(settings) for settings in self._settings]
         self._thread.start()
         return self

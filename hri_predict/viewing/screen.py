@@ -55,6 +55,8 @@ def check_port(settings: ScreenSettings) -> None:
     """Raise a ``ConfigError`` if a screen cannot listen where it should."""
     if not 0 <= settings.port <= 65535:
         raise ConfigError(f"--{settings.name} {settings.port}: give a port from 0 to 65535")
+    if not settings.host.strip():  # the system takes it for all addresses
+        raise ConfigError(f"--viewer-host: is empty; give an address, such as {LOOPBACK}")
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -74,6 +76,9 @@ class Screen:
         dropped: pictures that it was too slow for, or that came while none ran.
         starts: how often it was started. A new process knows nothing of what the last one was
             shown.
+
+    Raises:
+        ConfigError: the system has no room for its process.
     """
 
     def __init__(self, settings: ScreenSettings) -> None:
@@ -82,7 +87,13 @@ class Screen:
         self._port = settings.port
         self._in_a_row = 0
         self._again_s = math.inf
-        self._start()
+        try:
+            self._start()
+        except OSError as error:
+            raise ConfigError(
+                f"--{settings.name}: its process cannot be started: {error.strerror}; leave it "
+                f"out, or raise the limits of processes and open files (ulimit -u, -n)"
+            ) from error
 
     def _start(self) -> None:
         self._rest = memoryview(b"")
@@ -144,8 +155,8 @@ class Screen:
         self.end(0.0)
         try:
             self._start()
-        except OSError as error:  # no file or process is left
-            log.warning("the %s does not start: %s", self.settings.name, error.strerror)
+        except (OSError, RuntimeError) as error:  # no file, process or thread is left
+            log.warning("the %s does not start: %s", self.settings.name, error)
             self._ended()
 
     @property

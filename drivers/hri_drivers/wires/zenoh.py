@@ -127,7 +127,8 @@ class ZenohTransport:
         """Called by zenoh, in its own thread."""
         payload = sample.payload
         content = bytes(payload) if len(payload) <= MAX_PAYLOAD else b""  # too long: not ours
-        unit = Keyed(str(sample.key_expr).removeprefix(self._prefix), content)
+        key = str(sample.key_expr).removeprefix(self._prefix)
+        unit = Keyed(key, content, time.monotonic_ns())
         with self._arrived:
             self.overflowed += len(self._inbox) == CAPACITY
             self._inbox.append(unit)

@@ -57,14 +57,17 @@ def explain(
     try:
         recordings = Recordings([recording])
         if at is None:
-            _list(recordings, robot, as_json)
-            return
-        about = _about(recordings, asked(at, recordings), robot, following)
-        found = explained(about)
-        if not is_slowed(found):
-            found["nearest"] = neighbours(about)
+            rows = _slowdowns(recordings, robot)
+        else:
+            about = _about(recordings, asked(at, recordings), robot, following)
+            found = explained(about)
+            if not is_slowed(found):
+                found["nearest"] = neighbours(about)
     except OSError as error:
         raise RecordingError(f"recording {recording}: cannot be read: {error.strerror}") from error
+    if at is None:
+        _list(rows, recordings, robot, as_json)
+        return
     if as_json:
         print(json.dumps(found))
     else:
@@ -113,7 +116,7 @@ def _print(found: dict[str, Any], recording: Path) -> None:
             print(f"  hri-predict explain {recording} --at {episode['at']}")
 
 
-def _list(recordings: Recordings, robot: str | None, as_json: bool) -> None:
+def _slowdowns(recordings: Recordings, robot: str | None) -> list[dict[str, Any]]:
     there = {name for file in recordings.files for name, _ in file.info.robots}
     if robot is not None and there and robot not in there:
         raise ConfigError(
@@ -122,7 +125,12 @@ def _list(recordings: Recordings, robot: str | None, as_json: bool) -> None:
         )
     found = [e for e in episodes(recordings.read(["/advice"])) if robot in (None, e.robot)]
     found.sort(key=lambda episode: episode.start_ns)
-    rows = [listing(episode, recordings) for episode in found]
+    return [listing(episode, recordings) for episode in found]
+
+
+def _list(
+    rows: list[dict[str, Any]], recordings: Recordings, robot: str | None, as_json: bool
+) -> None:
     if as_json:
         print(json.dumps({"slowdowns": rows, "notes": recordings.notes}))
         return

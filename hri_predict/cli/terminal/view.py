@@ -5,7 +5,9 @@ the terminal, from 80 x 24 characters on.
 """
 
 import threading
+import time
 from collections import deque
+from collections.abc import Callable
 from types import TracebackType
 
 import numpy as np
@@ -48,15 +50,23 @@ _TROUBLE = {
 
 
 class TerminalView(View):
-    """Shows the newest tick until it is closed; use it as a context manager."""
+    """Shows the newest tick until it is closed; use it as a context manager.
 
-    def __init__(self, console: Console | None = None) -> None:
+    Args:
+        console: default: standard error.
+        utc_s: gives the time of the wall clock, seconds since 1970.
+    """
+
+    def __init__(
+        self, console: Console | None = None, utc_s: Callable[[], float] = time.time
+    ) -> None:
+        self._wall = utc_s
         self._console = console or Console(stderr=True)
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._assembly: Assembly | None = None
         self._extent = Extent(np.zeros((0, 2)))
         self._tick: Tick | None = None
-        self._start_ns: int | None = None
+        self._utc_s = 0.0
         self._changes: deque[Text] = deque(maxlen=_CHANGES)
         self._levels: dict[int, Level] = {}
         self._stop = threading.Event()
@@ -70,13 +80,11 @@ class TerminalView(View):
 
     def on_tick(self, tick: Tick) -> None:
         """Store the newest tick for the drawing thread."""
-        if self._start_ns is None:
-            self._start_ns = tick.now_ns
         for advice in tick.advices:
             if self._levels.get(advice.robot) is not advice.level:
                 self._levels[advice.robot] = advice.level
-                self._changes.append(self._change(tick, advice))
-        self._tick = tick
+                self._changes.append(_change(advice, self._wall()))
+        self._tick, self._utc_s = tick, self._wall()
 
     def __enter__(self) -> "TerminalView":
         self._live.start()
@@ -113,14 +121,6 @@ class TerminalView(View):
         )
         return _High(layout, rows)
 
-    def _seconds(self, now_ns: int) -> float:
-        return (now_ns - (self._start_ns or now_ns)) * 1e-9
-
-    def _change(self, tick: Tick, advice: Advice) -> Text:
-        text = Text(f"{self._seconds(tick.now_ns):6.1f} s ", no_wrap=True, overflow="ellipsis")
-        text.append(f"{advice.level.name:8}", style=COLOURS[advice.level])
-        return text.append(advice.reason.text)
-
     def _side(self, tick: Tick, assembly: Assembly) -> list[RenderableType]:
         """The parts beside the plan, the most important first: what does not fit is cut off."""
         changes = Group(*reversed(self._changes))  # the newest first
@@ -142,7 +142,7 @@ class TerminalView(View):
         table.add_row("speed", f"{speed} of {'-' if limit is None else f'{limit:.2f}'} m/s allowed")
         table.add_row("node", f"{tick.status.node_state.name.lower()}, people {tick.status.people}")
         name = assembly.config.node.robots[advice.robot].name
-        return Panel(table, title=f"{name}  t = {self._seconds(tick.now_ns):.1f} s")
+        return Panel(table, title=f"{name}  {_clock(self._utc_s)}")
 
     def _plan(self, tick: Tick, assembly: Assembly, columns: int, rows: int) -> Panel:
         robots = [
@@ -189,6 +189,17 @@ class _Cropped:
         for line in lines[: self._rows]:
             yield from line
             yield Segment.line()
+
+
+def _clock(utc_s: float) -> str:
+    """The time of day, UTC, as alerts and ``explain --at`` have it."""
+    return time.strftime("%H:%M:%SZ", time.gmtime(utc_s))
+
+
+def _change(advice: Advice, utc_s: float) -> Text:
+    text = Text(f"{_clock(utc_s)} ", no_wrap=True, overflow="ellipsis")
+    text.append(f"{advice.level.name:8}", style=COLOURS[advice.level])
+    return text.append(advice.reason.text)
 
 
 def _links(assembly: Assembly) -> Table:

@@ -96,7 +96,7 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         tag("h3", "By hour"),
         level_bars(hours),
         table(
-            ("from", "recorded", "stops", "stop, unknown or fault", "of the permitted speed"),
+            ("from", "recorded", "stops", "stop, unknown or fault", "of full speed permitted"),
             [_hour(hour) for hour in robot["hours"]],
         ),
         tag("h3", "Why it slowed or stopped"),
@@ -121,7 +121,7 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         missing = f"Not recorded in between: {_time(robot['not_recorded_s'])}."
         parts.append(tag("p", missing, class_="note"))
     words = (
-        f"Full speed is {robot['top_m_s']:g} m/s. The share of the permitted speed is the mean of "
+        f"Full speed is {robot['top_m_s']:g} m/s. Of full speed permitted: the mean of "
         f"the advised limit over it: what the advice leaves for work. Of the working time lost, a "
         f"second at half of full speed is half a second; a slowdown or stop is counted from its "
         f"beginning until the robot may go on."

@@ -72,10 +72,12 @@ def recording_info(path: str | Path) -> RecordingInfo:
     """What a recording says of itself: configuration, robots with their capsules, has it UTC.
 
     Raises:
-        RecordingError: it is no recording of this node.
+        RecordingError: it is no recording of this node, or no file.
         OSError: it cannot be read.
     """
     path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):  # to open a pipe may take forever
+        raise RecordingError(f"recording {path}: is a device or a pipe, not a file; name another")
     with path.open("rb") as file:
         try:
             for record in records(file):

@@ -15,7 +15,7 @@ const LONGEST = 300;
 const SVG = "http://www.w3.org/2000/svg";
 const byId = (id) => document.getElementById(id);
 const page = { told: null, history: [], missed: 0, forgotten: 0 };
-let heardMs = -Infinity, lagMs = Infinity, sound = null, alarmed = 0, rows = "";
+let heardMs = -Infinity, lagMs = Infinity, aheadMs = null, sound = null, alarmed = 0, rows = "";
 
 // Text that cannot turn its surroundings around, and has an end.
 function clean(text) {
@@ -111,6 +111,13 @@ function alive() {
   stands.play();
 }
 
+// In a computer that sleeps, performance.now() may stand still: what waited would seem to be new.
+function slept() {
+  const before = aheadMs;
+  aheadMs = Date.now() - performance.now();
+  return before !== null && Math.abs(aheadMs - before) > GONE_MS;
+}
+
 function take(event) {
   const said = JSON.parse(event.data);
   const lag = performance.now() - said.sent_ms; // clocks differ, but what is late comes later
@@ -129,13 +136,19 @@ function take(event) {
 // Shows with ``draw`` what is told, at each event and four times a second; ``nameOf`` an alert says
 // whose it is.
 function follow(draw, nameOf) {
-  const show = () => { draw(); alive(); };
+  let events = null;
+  const show = () => { if (slept()) listen(); draw(); alive(); };
   const listen = () => { // a browser asks again by itself, but not after a refusal: too many, say
-    const events = new EventSource("/events");
-    events.addEventListener("message", (event) => { take(event); show(); drawHistory(nameOf); });
-    events.addEventListener("open", () => { lagMs = Infinity; alarmed = 0; });
-    events.addEventListener("error", () => {
-      if (events.readyState === EventSource.CLOSED) setTimeout(listen, AGAIN_MS);
+    if (events) events.close(); // with all that waits in it
+    heardMs = Math.min(heardMs, performance.now() - GONE_MS - 1);
+    const mine = events = new EventSource("/events");
+    mine.addEventListener("message", (event) => {
+      if (slept()) { listen(); return; }
+      take(event); show(); drawHistory(nameOf);
+    });
+    mine.addEventListener("open", () => { lagMs = Infinity; alarmed = 0; });
+    mine.addEventListener("error", () => {
+      if (mine.readyState === EventSource.CLOSED && mine === events) setTimeout(listen, AGAIN_MS);
     });
   };
   listen();

@@ -14,7 +14,7 @@ from collections import deque
 
 from hri_predict.viewing.levels import worst
 from hri_predict.viewing.picture import Picture, read
-from hri_predict.viewing.scene3d.panel import STRIP_PARTS, details, head, strip
+from hri_predict.viewing.scene3d.panel import BEAT_S, STRIP_PARTS, details, head, strip
 from hri_predict.viewing.scene3d.server import MAX_AHEAD_S, add_legend, address, bounded, serve
 from hri_predict.viewing.scene3d.stage import Stage
 
@@ -123,12 +123,13 @@ class LiveView:
         if horizon_s > 0 and abs(self._ahead.max - horizon_s) > 0.01:
             self._ahead.value = ahead_s = min(ahead_s, horizon_s)  # type: ignore[misc]
             self._ahead.max = round(horizon_s, 2)
-        shown = (found[0], stale, ahead_s)
+        beat = int(now_s / BEAT_S)
+        shown = (found[0], stale, ahead_s, "" if stale else beat)
         if shown == self._shown:
             return
         self._shown = shown
         picture = found[1]
-        self._head.content = head(picture.facts, stale=stale)
+        self._head.content = head(picture.facts, stale=stale, beat=beat)
         self._details.content = details(picture.facts)
         self._stage.draw(picture, ahead_s, known=not stale or not is_now)
 
@@ -146,8 +147,9 @@ class LiveView:
 def _take(kept: Kept) -> None:
     try:
         while (picture := read(sys.stdin.buffer)) is not None:
-            kept.add(picture, time.monotonic())
-    except ValueError as error:
+            now_s = time.monotonic()  # one that waited in the pipe is as old as it is
+            kept.add(picture, min(now_s, picture.facts.get("made_s", now_s)))
+    except (ValueError, TypeError) as error:
         print(f"the view ends: {error}", file=sys.stderr)
     kept.ended = True
 

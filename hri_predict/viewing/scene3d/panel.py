@@ -31,14 +31,22 @@ _LIVE: Rgb = (60, 75, 90)
 _ONE_LINE = "white-space:nowrap;overflow:hidden;text-overflow:ellipsis"
 _TRACK = "6px 67px 0 120px"
 """Above the track of the slider below it: viser has labels left of it, and a number right."""
+BEAT_S, STILL_S = 0.5, 4.0
+"""What is of now comes again so often, and a view that gets nothing is covered after so long."""
+_UNFOLDED = (
+    "<style>[data-dock-region-handle],[data-dock-minimize],[aria-label^='Collapse panel']"
+    "{visibility:hidden!important}</style>"
+)
+"""A live panel cannot be folded away: it would take the cover along."""
 STRIP_PARTS = 240
 """A timeline has so many parts at most; each shows the worst level within."""
 
 
-def head(facts: dict[str, Any], *, stale: str = "", when: str = "") -> str:
+def head(facts: dict[str, Any], *, stale: str = "", when: str = "", beat: int = 0) -> str:
     """The levels of a picture: ``stale`` says why it is not now, in grey; ``when`` it was recorded.
 
     Its height is always the same for the same robots, so that nothing below it moves under a hand.
+    What is of now has to come again with another ``beat``, or the browser covers the whole view.
     """
     if when:
         parts = [_line("RECORDED", GREY, when)]
@@ -47,7 +55,24 @@ def head(facts: dict[str, Any], *, stale: str = "", when: str = "") -> str:
     for robot in facts["robots"]:
         rgb = GREY if stale else colour(robot["level"])
         parts.append(badge(f"{robot['name']}: {robot['level']}", rgb, robot["reason"]))
+    if not when:
+        parts.append(_UNFOLDED)
+    if not (stale or when):
+        parts.append(_cover(beat))
     return '<div style="padding:0 12px">' + "".join(parts) + "</div>"
+
+
+def _cover(beat: int) -> str:
+    """Comes over the whole view by itself, unless it is replaced before: nothing else tells a
+    browser that the view's process, or the network, has stopped."""
+    return (
+        "<style>@keyframes hri-still{0%,95%{opacity:0}100%{opacity:1}}"
+        ".still::after{content:'NO CONTACT: nothing here is of now'}</style>"
+        f'<div class="still" data-beat="{beat}" style="position:fixed;inset:0;z-index:10000;'
+        "pointer-events:none;display:flex;align-items:center;justify-content:center;"
+        f"background:{css(GREY)};color:#fff;font-size:34px;font-weight:800;opacity:0;"
+        f'animation:hri-still {STILL_S}s linear forwards"></div>'
+    )
 
 
 def note(text: str) -> str:

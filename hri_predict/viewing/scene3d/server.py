@@ -27,7 +27,8 @@ def serve(host: str, port: int) -> viser.ViserServer:
     if not port:
         port = _free(host)
     # whoever reaches the port could fill the node's log with tracebacks of what they send
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    for noisy in ("websockets", "asyncio"):  # asyncio: more connections than files can be open
+        logging.getLogger(noisy).setLevel(logging.CRITICAL)
     with contextlib.redirect_stdout(io.StringIO()):  # its banner
         server = viser.ViserServer(host=host, port=port, label=TITLE, verbose=False)
     server.request_share_url = _refuse  # type: ignore[method-assign]

@@ -22,7 +22,7 @@ def check(data):
     assert found["time"] == b"2026-03-01T14:03:07.123Z"
     assert b" hri-predict " in data
     assert b" STOP - " in data
-    assert found["text"].decode().startswith("cell7: [   12.50 s] clear -> stop: arm: a person")
+    assert found["text"].decode().startswith("cell7: [14:03:07.123Z] clear -> stop: arm: a person")
     assert found["text"].endswith(b"; 2 more changes before")
 
 

@@ -1,6 +1,7 @@
 """``explain`` and ``report``, as a user types them."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -51,6 +52,15 @@ def test_without_a_time_every_slowdown_has_a_line(near):
     for row in rows:  # what is listed can be asked
         found = json.loads(run("explain", near, "--at", row["at"], "--json"))
         assert (found["level"], found["reason"]) == (row["level"], row["reason"])
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
+def test_a_full_disk_of_the_output_is_not_blamed_on_the_recording(near):
+    with open("/dev/full", "wb") as full:
+        command = [sys.executable, "-m", "hri_predict", "explain", str(near)]
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("error: the output cannot be written: No space left on device")
 
 
 def test_the_list_names_each_day(tmp_path):

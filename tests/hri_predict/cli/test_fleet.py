@@ -272,6 +272,20 @@ def test_a_page_of_wrapped_rows_is_no_taller_than_the_screen(
     assert len(shown.splitlines()) <= 24
 
 
+@pytest.mark.parametrize(("waited_s", "state"), [(0.0, "running"), (0.6, "silent")])
+def test_what_waited_to_be_read_is_as_old_as_it_is(waited_s: float, state: str) -> None:
+    """A neighbour that floods the network keeps the messages of the others waiting."""
+    watch, sender = _Watch(NOBODY, Fleet()), KeyedSender()
+    heard_ns = time.monotonic_ns() - round(waited_s * 1e9)
+    status = Status(
+        node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=1, age_s=0.0
+    )
+    for message in (Schema(SCHEMA_VERSION, SCHEMA_HASH), status):
+        unit = sender.encode(message)
+        watch._take(Keyed(f"hri/plant/press/{unit.key}", unit.data, heard_ns))
+    assert watch.rows()[0].state == state
+
+
 def test_nobody_to_connect_to_is_an_error_that_names_the_endpoint() -> None:
     end = f"tcp/127.0.0.1:{free_port()}"
     done = subprocess.run(

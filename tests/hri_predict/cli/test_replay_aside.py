@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from hri_predict.cli.run import replay
+from hri_predict.errors import LinkError
 from hri_predict.files import data_path
 from hri_sim.baseline_demo import BASELINE
 from tests.hri_predict.recording.mcap.test_format1 import PATH
@@ -45,3 +46,12 @@ def test_nothing_of_the_live_cell_is_touched(cell):
 
 def test_alerts_are_written_and_commands_run_only_when_asked_for(cell):
     assert _replay(cell, alerts=True) == {"cell.yaml", "alerts.jsonl", "ran"}
+
+
+def test_it_says_to_which_real_links_it_sends(cell, capsys):
+    data = yaml.safe_load(cell.read_text(encoding="utf-8"))
+    data["links"] = [{"name": "drive", "kind": "serial", "port": "absent", "baudrate": 921600}]
+    cell.write_text(yaml.safe_dump(data), encoding="utf-8")
+    with pytest.raises(LinkError, match="absent"):
+        replay(recording=PATH, config=cell, speed="5", as_json=True)
+    assert "replay: sends to drive, as a live cell does; --no-links" in capsys.readouterr().err

@@ -1,5 +1,7 @@
 """Mistakes of ``hri-predict view``: one line each."""
 
+import os
+
 import pytest
 from typer.testing import CliRunner
 
@@ -26,6 +28,12 @@ def test_what_is_no_recording_is_one_line(tmp_path, name, content, said):
     assert isinstance(result.exception, HriPredictError)
     assert said in str(result.exception)
     assert "\n" not in str(result.exception)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.mcap")
+    result = CliRunner().invoke(app, ["view", str(tmp_path / "pipe.mcap")])
+    assert "is a device or a pipe, not a file" in str(result.exception)
 
 
 def test_an_absurd_port_is_one_line(tmp_path):

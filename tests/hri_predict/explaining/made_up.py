@@ -1,6 +1,6 @@
 """Recordings written message by message, as a node of another day or a deceiver might."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ NOON = 1_772_971_200 * SECOND
 
 def written(
     path: Path,
-    messages: Iterable[tuple[float, str, Mapping[str, Any]]],
+    messages: Iterable[tuple[float, str, Any]],
     *,
     cell: str = "press",
     utc_ns: int | None = NOON,
@@ -34,8 +34,12 @@ def written(
     clocks = VirtualClocks(0, utc_ns)
     with Recorder(path, info, threaded=False, clocks=clocks) as recorder:
         for seconds, topic, message in messages:
-            recorder.take(Item(topic, round(seconds * SECOND), dict, (message,)))
+            recorder.take(Item(topic, round(seconds * SECOND), _as_it_is, (message,)))
     return path
+
+
+def _as_it_is(message: Any) -> Any:
+    return message
 
 
 def advice(level: str, reason: str = "NONE", **fields: Any) -> dict[str, Any]:

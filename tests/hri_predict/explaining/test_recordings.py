@@ -1,12 +1,14 @@
 """Which recordings are meant, in what order, and what is said of those that are damaged."""
 
+import os
+
 import pytest
 
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.explaining.episodes import episodes
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import situation
-from hri_predict.explaining.times import Asked
+from hri_predict.explaining.times import Asked, asked
 from tests.hri_predict.explaining.made_up import NOON, SECOND, told, written
 
 
@@ -62,13 +64,37 @@ def test_what_is_no_recording_in_a_folder_is_left_out_and_told(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("none.mcap", "no such file"), ("empty", "has no .mcap"), ("text.mcap", "not recorded by")],
+    [
+        ("none.mcap", "no such file"),
+        ("empty", "has no .mcap"),
+        ("text.mcap", "not recorded by"),
+        ("pipe.mcap", "is a device or a pipe, not a file"),
+    ],
 )
 def test_what_cannot_be_read_is_one_line(tmp_path, name, words):
     (tmp_path / "empty").mkdir()
+    os.mkfifo(tmp_path / "pipe.mcap")
     (tmp_path / "text.mcap").write_text("hello")
     with pytest.raises(RecordingError, match=words):
         Recordings([tmp_path / name])
+
+
+def test_a_file_that_retention_deletes_meanwhile_is_told_and_costs_no_other(tmp_path):
+    written(tmp_path / "a.mcap", told("CC"))
+    written(tmp_path / "b.mcap", told("SS"), utc_ns=NOON + 60 * SECOND)
+    found = Recordings([tmp_path])
+    (tmp_path / "a.mcap").unlink()
+    levels = [message.data["level"] for message in found.read(["/advice"])]
+    assert levels == ["SLOW", "SLOW"]
+    assert "a.mcap: cannot be read: No such file" in found.notes[0]
+
+
+def test_damage_in_the_last_file_costs_no_time_of_day(tmp_path):
+    """The end of all files is asked for, to know which day is meant."""
+    written(tmp_path / "a.mcap", [*told("CC"), (0.5, "/status", b"no object")])
+    found = Recordings([tmp_path])
+    assert asked("12:00:00", found).start_ns == NOON
+    assert "is damaged" in found.notes[0]
 
 
 def test_files_of_two_cells_are_refused(tmp_path):

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from hri_predict.clock import MonotonicClock, VirtualClock
-from hri_predict.errors import LinkError
+from hri_predict.errors import LinkError, MachineError
+from hri_predict.machine import asleep
 from hri_predict.machine.realtime import RealtimeSettings
 from hri_predict.protocol.messages import NodeState
 from hri_predict.run.runtime import run_real_time, run_virtual
@@ -117,6 +118,24 @@ def test_a_really_slow_tick_is_counted():
     assert pace.ticks + pace.missed_ticks <= 25  # nothing was done twice: 0.5 s hold 25 periods
     assert all(t >= start + k * period for k, t in enumerate(assembly.node.ticks))
     assert max(pace.tick_ms) >= 110
+
+
+def test_no_tick_follows_the_sleep_of_the_machine(monkeypatch):
+    """The node's clock stood still meanwhile: a capture of an hour ago would be of now."""
+    ahead_ns = 0
+    monkeypatch.setattr(asleep, "_clocks", lambda: (1, 1 + ahead_ns, 1))
+    assembly = make(links=[Link("plc")])
+
+    def sleep(_now_ns):
+        nonlocal ahead_ns
+        if len(assembly.node.ticks) == 3:
+            ahead_ns = 3600 * 1000 * MS
+
+    with pytest.raises(MachineError, match=r"was suspended for 3600\.0 s: .*start it anew"):
+        run_real_time(assembly=assembly, stop=threading.Event(), duration_s=5.0, each_tick=sleep)
+    assert len(assembly.node.ticks) == 3
+    assert assembly.node.said[-1] is NodeState.STOPPING
+    assert assembly.links[0].log == ["start", "stop"]
 
 
 def test_a_source_that_raises_is_asked_again_and_counted(caplog):

@@ -12,7 +12,7 @@ def line_of(in_journal):
 
 
 def test_a_line_has_its_time_and_its_severity():
-    assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} warning: robot arm", line_of(False))
+    assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3}Z warning: robot arm", line_of(False))
 
 
 def test_the_journal_keeps_the_time_itself():

@@ -1,12 +1,14 @@
+import errno
 import signal
 import socket
+import subprocess
 import time
 
 import pytest
 
 from hri_predict.errors import ConfigError
 from hri_predict.viewing import screen as screens
-from hri_predict.viewing.feed import OPERATOR, VIEWER
+from hri_predict.viewing.feed import OPERATOR, VIEWER, Feed
 from hri_predict.viewing.picture import Picture, empty_shapes, pack
 from hri_predict.viewing.screen import Screen, ScreenSettings, check_port
 from tests.browser import wait_for
@@ -128,3 +130,28 @@ def test_a_taken_port_is_one_line_with_the_remedy():
 def test_an_absurd_port_is_one_line():
     with pytest.raises(ConfigError, match="from 0 to 65535"):
         check_port(ScreenSettings("operator", OPERATOR, 70000))
+
+
+@pytest.mark.parametrize("host", ["", " "])
+def test_an_empty_host_is_not_every_address(host):
+    """``--viewer-host "$HOST"`` without HOST would open the page to the whole network."""
+    with pytest.raises(ConfigError, match="--viewer-host: is empty; give an address"):
+        check_port(ScreenSettings("operator", OPERATOR, 0, host))
+
+
+def test_two_screens_on_one_port_are_refused():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    both = [ScreenSettings("viewer", VIEWER, port), ScreenSettings("operator", OPERATOR, port)]
+    with pytest.raises(ConfigError, match=f"{port}: give each a port of its own"), Feed(both):
+        pass
+
+
+def test_without_room_for_a_process_there_is_one_line(monkeypatch):
+    def full(*_args, **_options):
+        raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(subprocess, "Popen", full)
+    with pytest.raises(ConfigError, match="--operator: its process cannot be started: Resource"):
+        Screen(ScreenSettings("operator", OPERATOR, 0))

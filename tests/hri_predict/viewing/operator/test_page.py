@@ -14,7 +14,7 @@ from hri_predict.viewing.feed import OPERATOR
 from hri_predict.viewing.operator.server import MAX_BROWSERS, MAX_CONNECTIONS, Server
 from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import Picture, empty_shapes
-from tests.browser import CHROMIUM, Browser
+from tests.browser import CHROMIUM, Browser, wait_for
 from tests.hri_predict.viewing.shown import Shown
 
 
@@ -279,3 +279,32 @@ def test_a_browser_that_was_one_too_many_asks_again():
         for each in held:
             each.close()
         browser.wait_for_text("SLOW", 15)
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_after_a_sleep_of_the_computer_only_a_new_connection_is_believed():
+    """Its performance.now() may have stood still: what waited in the connection seems new."""
+    with Shown(OPERATOR) as page, Browser(1000, 600) as browser:
+        page.show(picture("CLEAR", "nothing is near"))
+        browser.open(page.url)
+        browser.wait_for_text("nothing is near")
+        browser.evaluate(
+            "const source = EventSource, now = Date.now, opened = [];"
+            "window.opened = opened;"
+            "window.EventSource = class { constructor() { opened.push(1); }"
+            "  addEventListener() {} close() {} };"  # the network is not back yet
+            "Date.now = () => now() + 600000; window.back = () => { EventSource = source; };"
+        )
+        since = time.monotonic()
+        browser.wait_for_text("this page lost the node", 5)
+        assert time.monotonic() - since < 1.4  # not by the silence of GONE_MS
+        time.sleep(1.0)  # the old connection still brings CLEAR
+        assert browser.evaluate("document.querySelector('.word').textContent") == "NO CONTACT"
+        assert browser.evaluate("opened.length") == 1  # once for each sleep
+        browser.evaluate("back(); Date.now = now;")  # and the clock is set: asked again
+        wait_for(
+            lambda: browser.evaluate("document.querySelector('.word').textContent") == "CLEAR", 5
+        )
+        assert browser.console == []

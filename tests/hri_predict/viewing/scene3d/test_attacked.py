@@ -2,6 +2,7 @@
 
 import base64
 import random
+import resource
 import socket
 import subprocess
 import time
@@ -67,6 +68,27 @@ def test_garbage_and_fifty_browsers_that_never_read_cost_neither_memory_nor_the_
             made.close()
         assert view.process.poll() is None
     assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+def test_more_connections_than_files_fill_no_log(capfd):
+    """asyncio has a traceback for each try; the node's log, or its journal, gets all of them."""
+    with Shown(VIEWER) as view:
+        port = int(view.url.rsplit(":", 1)[1])
+        resource.prlimit(view.process.pid, resource.RLIMIT_NOFILE, (40, 40))
+        made = [socket.create_connection(("127.0.0.1", port), 5.0) for _ in range(60)]
+        time.sleep(2.0)
+        for each in made:
+            each.close()
+        time.sleep(1.5)  # it accepts again after a second
+        with upgraded(port) as browser:
+            browser.settimeout(5.0)
+            assert browser.recv(100).startswith(b"HTTP/1.1 101")
+        assert view.process.poll() is None
+    said = capfd.readouterr().err
+    assert "Too many open files" not in said
+    assert len(said) < 1000
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1e300])

@@ -1,14 +1,18 @@
 """What the live view keeps, holds and goes back to, without a browser."""
 
+import io
+import sys
+import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from hri_predict.viewing.picture import Picture, empty_shapes
+from hri_predict.viewing.picture import Picture, empty_shapes, pack
 
 pytest.importorskip("viser", reason="the extra viewer is not installed")
 
-from hri_predict.viewing.scene3d.live import KEPT_S, STRIP_PARTS, Kept, LiveView
+from hri_predict.viewing.scene3d.live import KEPT_S, STRIP_PARTS, Kept, LiveView, _take
 from tests.hri_predict.viewing.scene3d.test_stage import ROOM
 
 
@@ -82,3 +86,25 @@ def test_a_paused_view_holds_its_picture_for_longer_than_pictures_are_kept(view,
     view._pause.value, view._back.value = False, 0.0
     view.draw(199.0)
     assert "because of WARN" in view._head.content
+
+
+def test_a_picture_that_waited_in_the_pipe_is_as_old_as_it_is(monkeypatch):
+    """The view's process was stopped, and goes on after the node has died."""
+    old, new = told("CLEAR"), told("STOP")
+    old.facts["made_s"], new.facts["made_s"] = time.monotonic() - 60.0, time.monotonic()
+    pipe = SimpleNamespace(buffer=io.BytesIO(pack(old)))
+    monkeypatch.setattr(sys, "stdin", pipe)
+    kept = Kept()
+    _take(kept)
+    found = kept.newest()
+    assert found is not None
+    assert time.monotonic() - found[0] > 59.0
+
+
+def test_what_is_live_comes_again_each_half_second(view, kept):
+    kept.add(told("CLEAR"), 120.0)
+    heads = []
+    for tenth in range(9):
+        view.draw(120.01 + tenth / 10)
+        heads.append(view._head.content)
+    assert len(set(heads)) in (2, 3)

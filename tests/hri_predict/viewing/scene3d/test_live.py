@@ -1,6 +1,7 @@
 """The 3D view in a real browser: it is up, the scene changes, the panel says the level."""
 
 import io
+import signal
 import time
 
 import matplotlib.image
@@ -9,6 +10,7 @@ import pytest
 
 from hri_predict.viewing.feed import VIEWER
 from hri_predict.viewing.picture import Picture
+from hri_predict.viewing.scene3d.panel import STILL_S
 from tests.browser import CHROMIUM, Browser, wait_for
 from tests.hri_predict.viewing.shown import Shown
 from tests.hri_predict.viewing.staged import pictures
@@ -109,3 +111,32 @@ def test_a_browser_shows_the_cell_as_it_changes():
         assert browser.console == []
         elsewhere = [u for u in browser.requested if u.startswith("http") and view.url not in u]
         assert elsewhere == []
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.timeout(300)
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+@pytest.mark.parametrize("how", [signal.SIGSTOP, signal.SIGKILL])
+def test_a_view_whose_process_hangs_or_dies_is_covered_by_the_browser(how):
+    opacity = "Number(getComputedStyle(document.querySelector('.still')).opacity)"
+    (clear,) = pictures([3.0])
+    with Shown(VIEWER) as view, Browser(900, 800) as browser:
+        view.show(clear)
+        browser.open(view.url)
+        browser.wait_for_text(f"arm: {clear.facts['robots'][0]['level']}")
+        left, top, right, bottom = browser.box("document.querySelector('.still')")
+        assert (left, top) == (0, 0)
+        assert [right, bottom] == browser.evaluate("[innerWidth, innerHeight]")
+        wait_for(lambda: browser.evaluate(opacity) == 0, 60)
+        fold = "document.querySelector('[data-dock-region-handle]')"
+        assert (
+            browser.evaluate(f"getComputedStyle({fold}).visibility") == "hidden"
+        )  # it would go too
+        view.process.send_signal(how)
+        wait_for(lambda: browser.evaluate(opacity) == 1, 3 * STILL_S)
+        time.sleep(2.0)
+        assert browser.evaluate(opacity) == 1
+        if how is signal.SIGSTOP:
+            view.process.send_signal(signal.SIGCONT)
+            wait_for(lambda: browser.evaluate(opacity) == 0, 60)

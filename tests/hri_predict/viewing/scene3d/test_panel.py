@@ -34,6 +34,12 @@ def test_a_picture_that_is_not_of_now_is_grey():
     assert "nothing for 3 s" in stale
 
 
+def test_what_is_of_now_is_covered_unless_it_comes_again():
+    assert head(FACTS, beat=1) != head(FACTS, beat=2)  # only what differs starts the time anew
+    assert "animation" in head(FACTS)
+    assert "animation" not in head(FACTS, stale="the node ended") + head(FACTS, when="12:00:00")
+
+
 def test_a_timeline_has_a_part_for_each_level():
     html = strip(["CLEAR", "CLEAR", "STOP", ""])
     assert f"{css(COLOURS['CLEAR'])} 0.00% 50.00%" in html
