@@ -46,7 +46,7 @@ class Place:
         (folder / "my_parts" / "my_parts" / "__init__.py").touch()
         rest = np.array([[x, y, 0.7] for y in (0.25, 0.1, -0.1) for x in (0.2, -0.2)])
         arms = (rest + 0.1 * np.sin(np.arange(60) / 30)[:, None, None]).astype(np.float32)
-        np.savez(folder / "recording.npz", positions=arms, fps=np.float32(30))
+        np.savez(folder / "walking_1.npz", positions=arms, fps=np.float32(30))
         installed = folder / "installed"
         pip = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-build-isolation"]
         pip += ["--quiet", "--no-index", "--target", str(installed), "./my_parts"]

@@ -9,10 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
-from hri_drivers.links.zenoh.link import ZenohLink
+from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
+from hri_drivers.sources.live import sender_joints
 from hri_drivers.sources.scene_stream.codec import open_datagram
 from hri_drivers.sources.scene_stream.key_file import Key
+from hri_drivers.sources.scene_stream.zenoh_source import ZenohSourceSettings
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
 from hri_predict.errors import LinkError
@@ -92,8 +95,8 @@ def test_each_machine_speaks_for_its_own_cell_alone(folder: Path) -> None:
 def test_the_tracker_that_the_page_shows_is_heard(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "scene.key").write_bytes(SECRET)
-    (tmp_path / "scene.key").chmod(0o600)
+    (tmp_path / "cell.key").write_bytes(SECRET)
+    (tmp_path / "cell.key").chmod(0o600)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(ROOT / "drivers" / "python")
     with socket.socket() as probe:
@@ -109,22 +112,19 @@ def test_the_tracker_that_the_page_shows_is_heard(
     while not heard:  # what is put before the router knows of the client may be lost
         assert time.monotonic() < deadline
         names: dict[str, Any] = {}
-        exec(blocks("python")[0].replace("7447", port), names)
+        exec(blocks("python")[0].replace("7447", port).replace("1800", "3"), names)
         time.sleep(0.2)
         names["session"].close()
     subscriber.undeclare()
     router.close()
-    assert open_datagram(heard[0], Key(SECRET, "scene.key"))[0].people == 1
+    header, _ = open_datagram(heard[0], Key(SECRET, "cell.key"))
+    shown = ZenohSourceSettings.model_validate(yaml.safe_load(blocks("yaml")[2])["source"])
+    assert (header.people, header.joints) == (1, len(sender_joints(shown, None).source_joints))
 
 
 def test_the_links_that_the_page_shows_are_valid() -> None:
-    import yaml
-
-    from hri_drivers.links.zenoh.link import ZenohLinkSettings
-    from hri_drivers.sources.scene_stream.zenoh_source import ZenohSourceSettings
-
     shown = [yaml.safe_load(text) for text in blocks("yaml")]
     assert [ZenohLinkSettings.model_validate(y["links"][0]).cell for y in shown[:2]] == [
         "press"
     ] * 2
-    assert ZenohSourceSettings.model_validate(shown[2]["source"]).key_file == "scene.key"
+    assert ZenohSourceSettings.model_validate(shown[2]["source"]).key_file == "cell.key"

@@ -48,7 +48,6 @@ LONG = {"demo", "train", "calibrate", "evaluate", "simulate", "bench", "explain"
 RECORDINGS = {
     "walking_1.npz": SHARED / "cmu_mocap" / "test" / "walking_1.npz",
     "walking_2.npz": SHARED / "cmu_mocap" / "train" / "walking_2.npz",
-    "task1_human1_trial1.npz": SHARED / "assembly" / "task1_human1_trial1.npz",
 }
 MINE = ("walking_2", "walking_3", "soccer_1", "basketball_1")
 """Of the data pack's training recordings, what stands for the user's own folder."""
@@ -203,6 +202,9 @@ def test_command(page: Path, command: str, folder: Path, serial_port: str):
         hri_predict("init", "first.yaml", "--simulated", "--yes", cwd=folder)
     if "demo.mcap" in words and words[1] in ("explain", "report"):
         hri_predict("demo", "--speed", "max", "--record", "demo.mcap", cwd=folder)
+    if "walk.mcap" in words and words[1] == "convert":  # which an earlier command records
+        (folder / "walking_1.npz").unlink(missing_ok=True)
+        hri_predict("demo", "--speed", "max", "--record", "walk.mcap", cwd=folder)
     if words[1] == "evidence":  # which an earlier run keeps
         with (folder / "cell.yaml").open("a", encoding="utf-8") as cell:
             cell.write("\nevidence: evidence\n")
@@ -276,8 +278,8 @@ def test_a_configuration_is_valid_in_the_cell(block: Block, folder: Path, serial
     put_cell(folder, block.page, serial_port)
     (folder / "mine").mkdir()
     (folder / "mine" / "trajectorycnn.safetensors").symlink_to(WEIGHTS)
-    (folder / "scene.key").write_text("0123456789abcdef" * 2, encoding="utf-8")
-    (folder / "scene.key").chmod(0o600)
+    (folder / "cell.key").write_text("0123456789abcdef" * 2, encoding="utf-8")
+    (folder / "cell.key").chmod(0o600)
     for secret in re.findall(r"(?:token|sign_key|password)_file: ([\w.]+)", block.text):
         (folder / secret).write_text("secret", encoding="utf-8")
         (folder / secret).chmod(0o600)

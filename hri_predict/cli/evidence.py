@@ -11,6 +11,7 @@ from rich.table import Table
 
 from hri_predict.errors import ConfigError
 from hri_predict.evidence import chain
+from hri_predict.skeleton import in_words
 
 _SHOWN = 50
 
@@ -110,10 +111,11 @@ def _show(events: list[dict[str, Any]], near: Counter[tuple[str, str, str]]) -> 
             file = event["file"]
             table.add_section()
         at = _text(event.get("at"))[5:19].replace("T", " ")
-        where = f"{_text(event.get('body_part'))}, {_text(event.get('robot_link'))}"
-        keys = ("robot", "kind", "reason", "separation_m")
+        where = f"{_words(event.get('body_part'))}, {_words(event.get('robot_link'))}"
+        what = (_words(event.get("kind")), _words(event.get("reason")).lower())
         marked = " (wrong)" if event["wrong"] else ""
-        table.add_row(at, *(_text(event.get(key)) for key in keys), where + marked)
+        apart = _text(event.get("separation_m"))
+        table.add_row(at, _text(event.get("robot")), *what, apart, where + marked)
     console.print(table)
     for name in dict.fromkeys(event["file"] for event in events[-_SHOWN:]):
         print(f"file: {_text(name)}")
@@ -122,8 +124,14 @@ def _show(events: list[dict[str, Any]], near: Counter[tuple[str, str, str]]) -> 
         for column in ("robot", "body part", "robot link", "count"):
             counts.add_column(column)
         for row in _rows(near):
-            counts.add_row(*(_text(each) for each in row.values()))
+            parts = (_words(row["body_part"]), _words(row["robot_link"]))
+            counts.add_row(_text(row["robot"]), *parts, _text(row["count"]))
         console.print(counts)
+
+
+def _words(value: Any) -> str:
+    """As people say it; words also let a narrow table break between them."""
+    return in_words(_text(value))
 
 
 def _text(value: Any) -> str:

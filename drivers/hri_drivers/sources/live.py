@@ -239,19 +239,18 @@ class LiveSource:
             self.arrived.set()
 
     def _log_trouble(self) -> None:
-        """At most every ten seconds, log the errors since the last line."""
+        """Log the errors since the last line: the first at once, then at most every ten seconds."""
         now_ns = self._clock.now_ns()
         if now_ns < self._log_ns:
             return
-        self._log_ns = now_ns + LOG_PERIOD_NS
         counts = asdict(self.counters)
         news = [
             f"{counts[name] - self._logged.get(name, 0)} {name.replace('_', ' ')}"
             for name in TROUBLE
             if counts[name] > self._logged.get(name, 0)
         ]
-        self._logged = counts
         if news:
+            self._logged, self._log_ns = counts, now_ns + LOG_PERIOD_NS
             log.warning(
                 "source '%s': %s (%s)",
                 self._settings.kind,

@@ -39,6 +39,11 @@ _BY_PEOPLE = (
     Reason.ZONE_OCCUPIED,
     Reason.ZONE_ENTRY_PREDICTED,
 )
+_NOT_BY_PEOPLE = "people do not stop the robot"
+_WITHIN_BAND = (
+    "people are not near enough to stop the robot anew; a stop that holds clears when they are "
+    "farther away by risk.band_m"
+)
 _NOT_RELEASED = "the request was there before; release it first"
 
 
@@ -173,12 +178,15 @@ class Modes:
         demand = situation.demand
         goes_on = self.mode is OperatingMode.RECOVERY
         level = demand.release if goes_on else demand.level
-        if severity(level) < severity(Level.STOP) or demand.level is Level.FAULT:
-            return "people do not stop the robot"
+        if demand.level is Level.FAULT:
+            return _NOT_BY_PEOPLE
+        if severity(level) < severity(Level.STOP):
+            within = severity(demand.release) >= severity(Level.STOP)
+            return _WITHIN_BAND if within else _NOT_BY_PEOPLE
         if not situation.is_known:
             return ""  # said by the caller
         if situation.beside_unseen or demand.reason not in _BY_PEOPLE:
-            return "more than people who are seen stops the robot"
+            return "something other than people in view stops the robot"
         return situation.not_backing_out
 
     def _demand(self, mode: OperatingMode) -> Demand:

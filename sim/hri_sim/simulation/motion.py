@@ -97,9 +97,11 @@ def _collected(name: str, source: RecordingSource | ProceduralSource) -> Motion:
         stamps.append(scene.stamp_ns)
         positions.append(np.where(seen[:, None], joints, np.nan))
         observed.append(seen)
-    if not stamps or (stamps[-1] - stamps[0]) * 1e-9 < _SHORTEST_S or not observed[0].any():
+    first = next((i for i, seen in enumerate(observed) if seen.any()), len(stamps))
+    stamps, positions, observed = stamps[first:], positions[first:], observed[first:]
+    if not stamps or (stamps[-1] - stamps[0]) * 1e-9 < _SHORTEST_S:
         raise UnusableRecordingError(
-            f"recording {name}: too short, or nobody is in view at its start; an approach needs "
+            f"recording {name}: too short from where somebody comes into view; an approach needs "
             f"{_SHORTEST_S:g} s of a person; leave it out"
         )
     capture_ns = np.array(stamps, dtype=np.int64) - stamps[0]

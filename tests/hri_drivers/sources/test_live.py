@@ -229,3 +229,18 @@ def test_an_unknown_joint_map_is_refused(tmp_path):
 def test_a_joint_map_is_found_beside_the_configuration(map_path, tmp_path):
     settings = LiveSettings(kind="udp", rate_hz=30, room_from_source=Pose(), joint_map="mine.yaml")
     assert sender_joints(settings, tmp_path).source_joints == ("a", "b")
+
+
+def test_what_is_refused_is_logged_at_once_and_then_seldom(rig, caplog):
+    def said() -> list[str]:
+        return [line for line in caplog.messages if "malformed" in line]
+
+    with caplog.at_level("WARNING"):
+        rig.put(b"no scene")
+        rig.wait(said)
+        rig.put(b"no scene", b"no scene", b"1:0")
+        rig.scenes(1)
+        rig.wait(lambda: rig.counters.malformed == 3)
+    assert said() == [
+        "source 'mine': 1 malformed (invalid literal for int() with base 10: b'no scene')"
+    ]

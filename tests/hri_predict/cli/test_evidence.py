@@ -37,8 +37,9 @@ def asked(monkeypatch, capsys):
 def test_it_lists_events_and_counts_near_misses(folder, asked):
     status, said = asked(folder)
     assert status == 0
-    assert "near_miss" in said
-    assert "l_hand" in said
+    assert "near miss" in said
+    assert "left hand" in said
+    assert "l_hand" not in said
     assert "4 lines, 0 wrong" in said
     found = json.loads(asked(folder, "--json")[1])
     assert [event["kind"] for event in found["events"]] == ["near_miss", "stop"]
@@ -97,3 +98,10 @@ def test_a_broken_log_that_was_set_aside_stays_wrong(folder, asked):
     status, said = asked(folder)
     assert status == 1
     assert "is an earlier log that was broken" in said
+
+
+def test_a_narrow_table_breaks_no_word(monkeypatch, folder, asked):
+    monkeypatch.setenv("COLUMNS", "80")
+    log = folder / chain.LOG
+    log.write_text(log.read_text().replace("PERSON_NEAR", "PERSON_APPROACHING"))
+    assert "approaching" in asked(folder)[1]

@@ -65,3 +65,16 @@ def test_a_recording_shorter_than_a_second_is_refused(tmp_path):
     np.savez(path, positions=np.ones((20, 6, 3), np.float32), fps=np.float32(30))
     with pytest.raises(UnusableRecordingError, match="too short"):
         load_motion(str(path), 30.0)
+
+
+def test_a_motion_begins_where_somebody_comes_into_view(tmp_path):
+    positions = np.random.default_rng(0).normal(size=(90, 6, 3)).astype(np.float32)
+    for name, seen_from in (("late", 20), ("never", 90)):
+        later = positions.copy()
+        later[:seen_from] = np.nan
+        np.savez(tmp_path / f"{name}.npz", positions=later, fps=np.float32(30))
+    motion = load_motion(str(tmp_path / "late.npz"), 30.0)
+    assert motion.observed[0].any()
+    assert (motion.capture_ns[0], len(motion.capture_ns)) == (0, 70)
+    with pytest.raises(UnusableRecordingError, match="comes into view"):
+        load_motion(str(tmp_path / "never.npz"), 30.0)
