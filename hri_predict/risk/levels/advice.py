@@ -27,6 +27,7 @@ from hri_predict.risk.separation.stage import Findings, RobotFindings
 from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
+from hri_predict.risk.wording import BY_PEOPLE, NOTE
 from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.skeleton import JOINTS, in_words
 
@@ -161,7 +162,7 @@ class Levels:
         elif reason is Reason.NONE and (bodies.reasons or remarks):
             reason = (*bodies.reasons, *remarks)[0]
         reason = self._reasons[robot].update(advised.level, reason, snapshot.captures)
-        who = people if people is not None and _decided_by_people(natural) else None
+        who = people if people is not None and natural.reason in BY_PEOPLE else None
         detail = _detail(
             self._robots[robot],
             bodies,
@@ -297,16 +298,6 @@ def _reason(finding: Finding, bodies: BodyZones) -> Reason:
     return Reason.PERSON_NEAR if finding.near else Reason.PERSON_APPROACHING
 
 
-def _decided_by_people(demand: Demand) -> bool:
-    return demand.reason in (
-        Reason.PERSON_NEAR,
-        Reason.PERSON_APPROACHING,
-        Reason.PERSON_LOST,
-        Reason.SPEED_UNKNOWN,
-        Reason.CONTACT_POSSIBLE,
-    )
-
-
 def _wire_m(distance_m: float) -> float:
     """A distance for the wire: never below 0, and 0 if it is not finite."""
     return max(0.0, distance_m) if math.isfinite(distance_m) else 0.0
@@ -329,7 +320,7 @@ def _detail(
     ids, speeds = bodies.zones.ids, bodies.speeds
     is_clear = advised.level is Level.CLEAR
     text, clears_when = _released(advised, robot.risk) or (reason.text, reason.clears_when)
-    parts = [f"{robot.name}: {'nobody is too close; note: ' if is_clear else ''}{text}"]
+    parts = [f"{robot.name}: {NOTE if is_clear else ''}{text}"]
     if demand.reason not in (Reason.NONE, reason):
         parts.append(demand.reason.text)
     if who is not None:
