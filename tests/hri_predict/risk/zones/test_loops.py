@@ -1,7 +1,6 @@
 """Compiled loops and array operations give the same zones."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -200,11 +199,11 @@ def test_loops_and_arrays_take_a_forecast_that_is_no_number_as_no_radius() -> No
     ticks = list(ticks_of(4, 1, 0.0))
     broken = ticks[2][1]
     assert broken is not None
-    far = replace(broken, positions=np.full_like(broken.positions, 1e300))
+    beyond = np.full_like(broken.positions, np.inf)
     evidence = learned_scale.Evidence(
         history=ticks[2][0].history,
         observed=ticks[2][0].observed,
-        forecast=far.positions * 1e10,
+        forecast=beyond,
         error_m=np.full((1, 2, COUNT), np.nan),
         residual_m=np.full(1, np.nan),
     )
