@@ -27,12 +27,10 @@ from hri_predict.risk.separation.stage import Findings, RobotFindings
 from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import NamedZoneState
-from hri_predict.risk.wording import BY_PEOPLE, NOTE
+from hri_predict.risk.wording import BY_PEOPLE, NOTE, STANDS_M_S
 from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.skeleton import JOINTS, in_words
 
-STANDS_M_S = 0.01
-"""A robot that is slower stands, as far as words go."""
 _TOO_CLOSE = "too close for the robot's present speed"
 _TOO_NEAR_TO_START = "too close for the standing robot to start"
 
