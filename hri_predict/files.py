@@ -4,12 +4,14 @@ A named pipe is refused before it is opened, because opening one may block forev
 shell (``/dev/stdin``, ``<(...)``) have no name and already have a writer, so they are accepted.
 
 YAML errors are not hidden. PyYAML's safe loader silently keeps the last of two equal keys, expands
-aliases to any size, and lets exceptions of Python's conversions through; ours does not.
+aliases to any size, and lets exceptions of Python's conversions through; ours does not. YAML 1.1
+reads 010 as 8, 1:00 as 60 and 1_0 as 10; ours refuses numbers that are written so.
 """
 
 import contextlib
 import errno
 import os
+import re
 import stat
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
@@ -25,6 +27,26 @@ YAML_ENDINGS = (".yaml", ".yml")
 MAX_CHARACTERS = 1_000_000  # of a file; the longest shipped file has 8000
 MAX_VALUES = 100_000  # with all aliases expanded
 MAX_SCALAR = 2000  # characters of one value; half of the longest path
+
+_ZERO_FIRST = re.compile(r"[-+]?0[0-9_]+(\.[0-9_]*)?([eE][-+]?[0-9]+)?")
+_NUMBERS = (  # plain scalars that YAML 1.1 does not read as people write them
+    (
+        re.compile(r"[-+]?[0-9][0-9_]*(:[0-9][0-9_]*)+(\.[0-9_]*)?"),
+        "has a colon, with which YAML counts in sixties: write a plain number, or put text in "
+        "quotes",
+    ),
+    (
+        re.compile(r"[-+]?0[0-9_]+(\.[0-9_]*)?([eE][-+]?[0-9]+)?"),
+        "begins with a zero, with which YAML counts in eights: write it without the zero, with 0x "
+        "if it is hexadecimal, or in quotes if it is text",
+    ),
+    (
+        re.compile(r"[-+]?(0[bx])?[0-9A-Fa-f.]*[0-9A-Fa-f]_[0-9A-Fa-f_.]*([eE][-+]?[0-9]+)?"),
+        "has an underscore, which YAML leaves out: write the number without it, or put text in "
+        "quotes",
+    ),
+)
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 def data_path(*parts: str) -> Path:
@@ -127,13 +149,19 @@ def read_yaml(path: Path, what: str) -> dict[str, Any]:
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        problem = getattr(error, "problem", None)
-        why = f" ({problem})" if isinstance(problem, str) and problem else ""
-        raise ConfigError(f"{what} {path}: not valid YAML{where}{why}; correct it there") from error
+        raise ConfigError(
+            f"{what} {path}: not valid YAML{where}{yaml_problem(error)}; correct it there"
+        ) from error
     if not isinstance(data, dict):
         found = "nothing" if data is None else type(data).__name__
         raise ConfigError(f"{what} {path}: expected keys and values, found {found}")
     return data
+
+
+def yaml_problem(error: Exception) -> str:
+    """What the loader says of a text, in brackets; empty if it says nothing."""
+    problem = getattr(error, "problem", None)
+    return f" ({problem})" if isinstance(problem, str) and problem else ""
 
 
 def read_text(path: Path, what: str) -> str:
@@ -160,7 +188,8 @@ def load_yaml(text: str) -> Any:
     Raises:
         yaml.YAMLError: not YAML; a key twice in one mapping; an alias inside itself; too many
             values after expanding aliases; or a scalar that is too long, contains a control
-            character or does not match its form or tag.
+            character, does not match its form or tag, or is a number that YAML 1.1 reads otherwise
+            than people write it (010, 1:00, 1_0).
         RecursionError: nested too deeply.
     """
     return deepcopy(_parsed(text))
@@ -240,6 +269,26 @@ def _check_scalar(node: yaml.ScalarNode) -> None:
         raise _error(f"a value of more than {MAX_SCALAR} characters", node)
     if any((ord(c) < 32 and c not in "\n\t") or ord(c) == 127 for c in node.value):
         raise _error(f"{_short(node)} contains a control character", node)
+    if problem := _number_problem(node):
+        raise _error(f"{_short(node)} {problem}", node)
+
+
+def _number_problem(node: yaml.ScalarNode) -> str | None:
+    """Why a number is not read as people write it; ``None`` for all others, and for quoted text."""
+    number = node.tag in _NUMBERS
+    if (number or node.style is None) and _ZERO_FIRST.fullmatch(node.value):
+        return (
+            "begins with a zero, with which YAML counts in eights: write it without the zero, with "
+            "0x if it is hexadecimal, or in quotes if it is text"
+        )
+    if number and ":" in node.value:
+        return (
+            "has a colon, with which YAML counts in sixties: write a plain number, or quote it if "
+            "it is text"
+        )
+    if number and re.search("[0-9A-Fa-f]_", node.value):
+        return "has an underscore, which YAML leaves out; leave it out, or quote it if it is text"
+    return None
 
 
 def _check_keys(node: yaml.MappingNode) -> None:

@@ -9,6 +9,7 @@ import reprlib
 import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import date
 from typing import Annotated, Any, Self, TypeVar, get_args
 
 import numpy as np
@@ -29,7 +30,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
-from hri_predict.files import load_yaml
+from hri_predict.files import load_yaml, yaml_problem
 from hri_predict.geometry import crosses_itself, is_in_polygon
 
 
@@ -281,6 +282,8 @@ def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
     message = message[0].lower() + message[1:]
     if isinstance(found["input"], dict):  # of the whole block; its value adds nothing
         return message
+    if found["type"] == "string_type" and isinstance(found["input"], bool | int | float | date):
+        message += ", so put it in quotes"  # no, on, 12 and 2026-01-01 are no text in YAML
     return f"{message}; got {_echo(found['input'])}{about}"
 
 
@@ -342,7 +345,8 @@ def set_key(data: dict[str, Any], change: str) -> None:
     try:
         value = load_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:
-        raise ConfigError(f"--set {change}: its value is not valid YAML; quote it") from error
+        why = yaml_problem(error)
+        raise ConfigError(f"--set {change}: its value is not valid YAML{why}; quote it") from error
     at: Any = data
     for key, after in itertools.pairwise(path):
         empty: Any = [] if after.isdecimal() else {}

@@ -6,6 +6,7 @@ from typing import Any
 import yaml
 from pydantic import TypeAdapter
 
+from hri_predict.files import load_yaml
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.run.config import Config
@@ -51,7 +52,7 @@ def room_of(config: Config) -> dict[str, Any]:
 def room_of_text(text: str, cell: str) -> dict[str, Any]:
     """The same of a configuration's text, as a recording has it; what is wrong is left out."""
     try:
-        data = yaml.safe_load(text)
+        data = load_yaml(text)
         source, view = data["source"], data["source"].get("field_of_view")
         people = data.get("people") or {}
         walls = people.get("room")
@@ -72,7 +73,7 @@ def room_of_text(text: str, cell: str) -> dict[str, Any]:
 def band_of_text(text: str) -> float | None:
     """``risk.band_m`` of a configuration's text; ``None`` if the text makes no sense."""
     try:
-        risk = yaml.safe_load(text).get("risk") or {}
+        risk = load_yaml(text).get("risk") or {}
         return float(risk.get("band_m", RiskSettings.model_fields["band_m"].default))
     except (yaml.YAMLError, TypeError, ValueError, AttributeError, RecursionError):
         return None

@@ -9,6 +9,7 @@ import yaml
 
 from hri_predict.cli.common import files, predictor_settings, progress, warn
 from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.files import load_yaml
 from hri_predict.joint_map import JointMap
 from hri_predict.predictors.base import PredictorSettings
 from hri_predict.recording import recording_info
@@ -79,9 +80,9 @@ def _is_simulated(path: Path) -> bool:
     if path.suffix.lower() != ".mcap":
         return False
     try:
-        config = yaml.safe_load(recording_info(path).config)
+        config = load_yaml(recording_info(path).config)
         return config["source"]["kind"] in SIMULATED
-    except (OSError, RecordingError, yaml.YAMLError, KeyError, TypeError):
+    except (OSError, RecordingError, yaml.YAMLError, KeyError, TypeError, RecursionError):
         return False  # whoever reads the motion tells what is wrong with the file
 
 

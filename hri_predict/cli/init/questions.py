@@ -215,7 +215,8 @@ def _value(text: str) -> Any:
     try:
         return load_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:
-        raise ConfigError(f"'{text}' is not valid YAML; quote it") from error
+        why = yaml_problem(error)
+        raise ConfigError(f"'{text}' is not valid YAML{why}; quote it") from error
 
 
 def ask_all(

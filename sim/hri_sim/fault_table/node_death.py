@@ -21,6 +21,7 @@ import yaml
 
 from hri_predict.clock import MonotonicClock
 from hri_predict.errors import LinkError
+from hri_predict.files import load_yaml
 from hri_predict.link import LinkSettings
 from hri_predict.peers import ControllerReport
 from hri_predict.run import config as configuration
@@ -112,7 +113,7 @@ def write_config(
         ports: link name -> port or channel.
         people: the people in the room.
     """
-    data = yaml.safe_load(configuration.shipped("demo.yaml").read_text(encoding="utf-8"))
+    data = load_yaml(configuration.shipped("demo.yaml").read_text(encoding="utf-8"))
     for link, settings in zip(data["links"], links, strict=True):
         del link["simulate"]
         link["channel" if settings.kind == "can" else "port"] = ports[settings.name]

@@ -8,7 +8,7 @@ import yaml
 from pydantic import Field, model_validator
 
 from hri_predict.errors import ConfigError, nearest
-from hri_predict.files import load_yaml
+from hri_predict.files import load_yaml, yaml_problem
 from hri_predict.settings import Settings, validated
 
 
@@ -102,6 +102,6 @@ def fault_mapping(text: str, kinds: Mapping[str, type[F]]) -> dict[str, Any]:
                     raise ConfigError(f"{where}: parameter '{name}' is given twice; remove one")
                 data[name] = load_yaml(value)
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        raise ConfigError(f"{where}: {form}") from error
+        raise ConfigError(f"{where}: {form}{yaml_problem(error)}") from error
     fault_from(data, kinds, where)
     return data

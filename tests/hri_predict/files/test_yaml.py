@@ -73,3 +73,56 @@ def test_an_echoed_value_is_short(value):
 def test_what_a_reader_changes_nobody_else_reads():
     load_yaml("a: [1]")["a"].append(2)
     assert load_yaml("a: [1]") == {"a": [1]}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "bitrate: 0500000", "a: [1, 025]", "a: -010", "{vid: 0403, pid: 6001}", "a: 0980", "a: 00",
+        "a: 01.5", "a: 007e1", "08: x", "a: !!int '010'",
+    ],
+)  # fmt: skip
+def test_a_number_that_begins_with_a_zero_is_refused(text):
+    with pytest.raises(yaml.YAMLError, match="begins with a zero.*0x.*quotes"):
+        load_yaml(text)
+
+
+@pytest.mark.parametrize("text", ["rate_hz: 1:00", "a: [12:30:45]", "a: 1:30.5", "a: -2:00"])
+def test_a_number_with_a_colon_is_refused(text):
+    with pytest.raises(yaml.YAMLError, match="has a colon.*quote"):
+        load_yaml(text)
+
+
+@pytest.mark.parametrize("text", ["bitrate: 500_000", "a: 1_0.5", "a: 0x1_0"])
+def test_a_number_with_an_underscore_is_refused(text):
+    with pytest.raises(yaml.YAMLError, match="has an underscore"):
+        load_yaml(text)
+
+
+def test_numbers_and_texts_that_mean_what_they_say_are_read():
+    data = load_yaml(
+        "[0, -0, 0.5, +0.25, 0x0403, 1.0e+3, '0403', '1:00', \"1_0\", a_b, 0x_y, 00:1a, v0.1, 10.0.0.1]"
+    )
+    assert data[:6] == [0, 0, 0.5, 0.25, 0x403, 1000.0]
+    assert data[6:] == [
+        "0403", "1:00", "1_0", "a_b", "0x_y", "00:1a", "v0.1", "10.0.0.1",
+    ]  # fmt: skip
+
+
+def test_the_file_and_the_line_are_named(tmp_path):
+    path = tmp_path / "cell.yaml"
+    path.write_text("a: 1\nlinks:\n  - {name: plc, bitrate: 0500000}\n")
+    with pytest.raises(
+        ConfigError, match=r"cell.yaml: not valid YAML at line 3, column 26 \('0500"
+    ):
+        read_yaml(path, "configuration")
+
+
+@pytest.mark.parametrize("text", ["no", "on", "12", "2026-01-01"])
+def test_text_that_yaml_does_not_read_as_text_has_a_remedy(text):
+    with pytest.raises(ConfigError, match="text: input should be a valid string, so put it in quo"):
+        validated(Text, load_yaml(f"text: {text}"), "")
+
+
+class Text(Settings):
+    text: str
