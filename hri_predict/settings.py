@@ -32,6 +32,7 @@ from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.files import load_yaml, yaml_problem
 from hri_predict.geometry import crosses_itself, is_in_polygon
+from hri_predict.quantities.units import meant, phrase, unit_at
 
 
 class Settings(BaseModel):
@@ -91,6 +92,9 @@ S = TypeVar("S", bound=Settings)
 
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0  # of a source of scenes
 MAX_COORDINATE_M = 1000.0
+"""Of what a source reports. With such a limit products of coordinates stay accurate."""
+MAX_ROOM_M = 100.0
+"""Of places in a configuration: a cell whose origin is farther away was written in another unit."""
 MIN_SPEED_M_S = 0.01
 """Nothing slower is configured: ISO 10218-1 has 0.25 m/s as reduced speed, and what moves by less
 than 1 mm/s counts as standing (``robots.stopping``)."""
@@ -104,9 +108,8 @@ MAX_ANGLE_RAD = 2 * math.pi
 """Of a fixed angle: whoever writes degrees is told so."""
 Radians = Annotated[float, Field(ge=-MAX_ANGLE_RAD, le=MAX_ANGLE_RAD)]
 """An angle of something that does not turn."""
-Metres = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
-"""A coordinate. No cell is a kilometre away from its origin, and with such limits products of
-coordinates stay accurate."""
+Metres = Annotated[float, Field(ge=-MAX_ROOM_M, le=MAX_ROOM_M)]
+"""A coordinate of a configuration."""
 MIN_SIDE_M = 0.01
 """Of a region: no tracker tells whether somebody is in a smaller one."""
 Vector3 = Annotated[list[Metres], Field(min_length=3, max_length=3)]
@@ -275,7 +278,7 @@ def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
     if found["type"] == "extra_forbidden":
         known = sorted({key for m in _models_at(model, loc[:-1]) for key in m.model_fields})
         return f"unknown key{nearest(str(loc[-1]), known)} (known: {', '.join(known)})"
-    about = _about(model, loc)
+    about, unit = _about(model, loc)
     if found["type"] == "missing":
         return f"required key is missing; add it{about}"
     message = found["msg"].removeprefix("Value error, ")
@@ -284,52 +287,30 @@ def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
         return message
     if found["type"] == "string_type" and isinstance(found["input"], bool | int | float | date):
         message += ", so put it in quotes"  # no, on, 12 and 2026-01-01 are no text in YAML
-    return f"{message}; got {_echo(found['input'])}{about}"
+    return f"{message}; got {_echo(found['input'])}{about}{_hint(found, unit)}"
 
 
-def _about(model: type[BaseModel], loc: tuple[int | str, ...]) -> str:
-    """What the key is, in brackets; empty where a field has no description."""
+def _hint(found: ErrorDetails, unit: str) -> str:
+    """What a number beyond its greatest value would be in the right unit; empty for others."""
+    greatest = found.get("ctx", {}).get("le")
+    if found["type"] == "greater_than_equal":  # the other end of a range around 0
+        greatest = -found["ctx"]["ge"] if found["ctx"]["ge"] < 0 else None
+    if greatest is None or not isinstance(found["input"], int | float):
+        return ""
+    hint = meant(float(found["input"]), unit)
+    return f"; {hint}" if hint else ""
+
+
+def _about(model: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[str, str]:
+    """What the key is, in brackets, and its unit; empty where a field has no description."""
     for end in range(len(loc), 0, -1):
-        key = loc[end - 1]
+        key = str(loc[end - 1])
         for owner in _models_at(model, loc[: end - 1]):
-            field = owner.model_fields.get(str(key))
+            field = owner.model_fields.get(key)
             if field is not None:
-                return f" ({phrase(str(key), field.description)})" if field.description else ""
-    return ""
-
-
-_UNITS = {
-    "_m_s2": "m/s^2",
-    "_m_s": "m/s",
-    "_rad_s": "rad/s",
-    "_rad": "rad",
-    "_hz": "Hz",
-    "_kg": "kg",
-    "_mb": "MB",
-    "_gb": "GB",
-    "_minutes": "min",
-    "_days": "days",
-    "_cm2": "cm^2",
-    "_ppm": "ppm",
-    "_s": "s",
-    "_m": "m",
-    "baudrate": "bit/s",
-    "bitrate": "bit/s",
-    "seconds": "s",
-    "yaw": "rad",
-}
-
-
-def unit_of(key: str) -> str:
-    """The unit that a key's name ends with; empty if it has none."""
-    return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
-
-
-def phrase(key: str, description: str) -> str:
-    """A key's description up to its first semicolon, with its unit."""
-    said = description.split("; ")[0]
-    unit = unit_of(key)
-    return f"{said}, {unit}" if unit else said
+                said = field.description or ""
+                return f" ({phrase(key, said)})" if said else "", unit_at(key, said)
+    return "", ""
 
 
 def set_key(data: dict[str, Any], change: str) -> None:

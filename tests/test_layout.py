@@ -19,6 +19,7 @@ SOURCES = ("*.py", "*.c", "*.h", "*.st")
 # Files directly in hri_predict: "core" needs nothing, "contracts" say what a part must be (for a
 # predictor ``predictors.base`` does), "library" is what ``import hri_predict`` offers (the version
 # too, which the command line prints).
+CORE = {"quantities"}  # a folder, because hri_predict is full
 CONTRACTS = {"link", "peers", "registry"}
 BASES = {"hri_predict.predictors.base"}
 LIBRARY = {"__init__", "library"}
@@ -103,6 +104,8 @@ def room_of(module: str) -> str:
         return "library"
     if first == "__main__":
         return "cli"
+    if first in CORE:
+        return "core"
     if first in CONTRACTS:
         return "contracts"
     return first if (ROOT / package / first).is_dir() else "core"

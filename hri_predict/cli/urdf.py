@@ -76,6 +76,8 @@ def urdf(
     print(f"{out}: {joints} joints, {capsules} capsules; review the file before you use it")
     if found.omitted:
         print(f"not covered: {', '.join(found.omitted)}")
+    if found.unread:
+        print(f"not read, of other programs: {', '.join(found.unread)}")
 
 
 def _stopping(

@@ -3,6 +3,7 @@
 ``configs/robots/ur5e.yaml`` is the example to copy.
 """
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -12,11 +13,11 @@ from pydantic import AfterValidator, Field, model_validator
 
 from hri_predict.errors import ConfigError, RobotError, nearest
 from hri_predict.files import read_yaml, shipped_path
+from hri_predict.quantities.units import meant
 from hri_predict.robots.kinematics import Joint, dh_joint, origin_joint
 from hri_predict.settings import (
     MAX_PAYLOAD_KG,
     MIN_SPEED_M_S,
-    Metres,
     Name,
     Radians,
     Settings,
@@ -29,6 +30,20 @@ MAX_JOINTS = 9
 MAX_SLIDE_M = 8.0
 """A prismatic joint's position, at most: RobotState carries 8.19 m."""
 MAX_SLIDE_M_S = 20.0
+MAX_TURN_RAD = 8.19
+"""A turning joint's position, at most, likewise: 469 degrees."""
+MAX_TURN_RAD_S = 32.7
+"""Its speed, likewise."""
+MAX_PART_M = 10.0
+"""Between neighbouring joints, and from a joint to the end of a capsule. The longest arms of
+catalogues reach 4.7 m (FANUC M-2000iA/1700L)."""
+MAX_REACH_M = 15.0
+"""Of the whole chain: such an arm on a slide as long as RobotState carries."""
+MAX_TIP_M_S = 25.0
+"""What one turning joint gives the farthest point: twice what the fastest delta robots do."""
+PartMetres = Annotated[float, Field(ge=-MAX_PART_M, le=MAX_PART_M)]
+"""A length within a robot."""
+PartVector3 = Annotated[list[PartMetres], Field(min_length=3, max_length=3)]
 
 
 def _printable(value: str) -> str:
@@ -54,16 +69,16 @@ class DhRow(Settings):
     The position q of a prismatic joint is added to d instead.
     """
 
-    a: Metres = Field(description="length along x, m")
+    a: PartMetres = Field(description="length along x, m")
     alpha: Radians = Field(description="twist about x, rad")
-    d: Metres = Field(description="offset along z, m")
+    d: PartMetres = Field(description="offset along z, m")
     theta: Radians = Field(0.0, description="angle about z at position 0, rad")
 
 
 class Origin(Settings):
     """As in URDF: the joint's pose in its parent link; metres, fixed-axis roll pitch yaw."""
 
-    xyz: Vector3 = Field(description="place in the parent link, m")
+    xyz: PartVector3 = Field(description="place in the parent link, m")
     rpy: Annotated[list[Radians], Field(min_length=3, max_length=3)] = Field(
         [0.0, 0.0, 0.0], description="fixed-axis roll, pitch, yaw, rad"
     )
@@ -103,12 +118,22 @@ class JointFile(Settings):
             raise ValueError(f"joint '{self.name}': axis must have length 1")
         if not self.position[0] < self.position[1]:
             raise ValueError(f"joint '{self.name}': position must be [lower, upper]")
-        farthest = max(abs(limit) for limit in self.position)
-        if self.slides and (farthest > MAX_SLIDE_M or self.velocity > MAX_SLIDE_M_S):
+        farthest = max(self.position, key=abs)
+        if self.slides and (abs(farthest) > MAX_SLIDE_M or self.velocity > MAX_SLIDE_M_S):
             raise ValueError(
                 f"joint '{self.name}': a prismatic joint is in metres: position at most "
                 f"{MAX_SLIDE_M:g} m from 0, which RobotState carries, and velocity at most "
                 f"{MAX_SLIDE_M_S:g} m/s; put its 0 in the middle"
+            )
+        if not self.slides and abs(farthest) > MAX_TURN_RAD:
+            raise ValueError(
+                f"joint '{self.name}': position {farthest:g} is more than {MAX_TURN_RAD:g} rad, "
+                f"which RobotState carries; {meant(farthest, 'rad')}"
+            )
+        if not self.slides and self.velocity > MAX_TURN_RAD_S:
+            raise ValueError(
+                f"joint '{self.name}': velocity {self.velocity:g} is more than {MAX_TURN_RAD_S:g} "
+                f"rad/s, which RobotState carries; {meant(self.velocity, 'rad/s')}"
             )
         return self
 
@@ -132,9 +157,9 @@ class CapsuleFile(Settings):
     """A capsule fixed to a link: ends in the link's frame, metres. Equal ends make a sphere."""
 
     name: PartName = Field(description="its own name")
-    a: Vector3 = Field(description="one end of its axis, m")
-    b: Vector3 = Field(description="the other end; the same point makes a sphere")
-    radius: float = Field(ge=0.001, le=10, description="radius, m")
+    a: PartVector3 = Field(description="one end of its axis, m")
+    b: PartVector3 = Field(description="the other end, m; the same point makes a sphere")
+    radius: float = Field(ge=0.001, le=3, description="radius, m")
 
 
 class LinkCapsuleFile(CapsuleFile):
@@ -263,7 +288,7 @@ def read_robot_file(model: str, base_dir: Path | None) -> RobotFile:
         robot = validated(RobotFile, read_yaml(path, "robot file"), f"robot file {path}")
     except ConfigError as error:
         raise RobotError(str(error)) from error
-    problem = _chain_problem(robot) or _capsule_problem(robot)
+    problem = _chain_problem(robot) or _capsule_problem(robot) or size_problem(robot)
     if problem:
         raise RobotError(f"robot file {path}: {problem}")
     return robot
@@ -324,3 +349,46 @@ def _capsule_problem(robot: RobotFile) -> str:
     names = [c.name for c in (*robot.capsules, *robot.tool, *robot.payload)]
     twice = next((name for name in names if names.count(name) > 1), None)
     return f"capsule name '{twice}' is used twice; rename one" if twice else ""
+
+
+def size_problem(robot: RobotFile) -> str:
+    """Why the robot is larger or faster than robots are, which means other units; or "".
+
+    Lengths are added up as if the arm could be stretched, so both figures are upper bounds.
+    """
+    links = robot.links()
+    extent = {
+        link: max(
+            [_farthest(capsule) for capsule in robot.capsules if capsule.link == link], default=0.0
+        )
+        for link in links
+    }
+    beyond = 0.0  # from the axis of the joint after ``link`` to the farthest point that it moves
+    for joint in reversed(robot.joints):
+        before, after = _lengths(joint)
+        beyond = after + max(beyond, extent[joint.child])
+        if not joint.slides and beyond * joint.velocity > MAX_TIP_M_S:
+            return (
+                f"joint '{joint.name}': velocity {joint.velocity:g} rad/s would move the arm's end "
+                f"at {beyond * joint.velocity:.3g} m/s, {beyond:.3g} m from its axis; "
+                f"{meant(joint.velocity, 'rad/s')}"
+            )
+        beyond += before
+    reach = max(beyond, extent[robot.base])
+    if reach > MAX_REACH_M:
+        return f"its arm reaches {reach:.4g} m; {meant(reach, 'm')}"
+    return ""
+
+
+def _farthest(capsule: CapsuleFile) -> float:
+    """From the origin of the capsule's frame to its farthest point, metres."""
+    return max(math.hypot(*capsule.a), math.hypot(*capsule.b)) + capsule.radius
+
+
+def _lengths(joint: JointFile) -> tuple[float, float]:
+    """From the parent link to the joint's axis, and from there to its child, metres at most."""
+    slide = max(map(abs, joint.position)) if joint.slides else 0.0
+    if joint.dh is not None:
+        return 0.0, math.hypot(joint.dh.a, joint.dh.d) + slide
+    assert joint.origin is not None  # the validator guarantees it
+    return math.hypot(*joint.origin.xyz), slide

@@ -2,9 +2,10 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from hri_predict.robots.file import CapsuleFile, StoppingFile
+from hri_predict.quantities.units import meant
+from hri_predict.robots.file import MAX_PART_M, CapsuleFile, StoppingFile
 from hri_predict.robots.modes import ModeSettings
 from hri_predict.settings import MAX_PAYLOAD_KG, MIN_SPEED_M_S, Name, Pose, Settings
 
@@ -107,6 +108,13 @@ class MobileBaseSettings(Settings):
     stopping: StoppingFile = Field(
         description="over the speed that the base's motion gives the robot's fastest point"
     )
+
+    @field_validator("base_from_robot")
+    @classmethod
+    def _is_on_it(cls, value: Pose) -> Pose:
+        if (far := max(value.xyz, key=abs)) and abs(far) > MAX_PART_M:
+            raise ValueError(f"xyz: {far:g} m is beyond {MAX_PART_M:g} m; {meant(far, 'm')}")
+        return value
 
 
 class RobotSettings(Settings):

@@ -12,6 +12,7 @@ from hri_predict.errors import RobotError
 from hri_predict.geometry import Capsules
 from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
+from hri_predict.quantities.units import meant
 from hri_predict.robots.asked import NOTHING_ASKED, Asked, AskedByLinks
 from hri_predict.robots.model import (
     RobotModel,
@@ -390,6 +391,6 @@ class RobotTracker:
             raise RobotError(
                 f"robot '{name}': motion.positions: joint '{model.joint_names[j]}' at {q[j]:g} "
                 f"{model.units[j]} is outside {model.position_min[j]:g} .. "
-                f"{model.position_max[j]:g}"
+                f"{model.position_max[j]:g}; {meant(q[j], model.units[j])}"
             )
         return q

@@ -11,16 +11,18 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, RobotError
 from hri_predict.files import read_yaml, shipped_path
 from hri_predict.machine.compiled import plain
+from hri_predict.quantities.units import meant
 from hri_predict.robots.body.ahead import Moves, at_phases
 from hri_predict.robots.model import RobotModel
-from hri_predict.settings import Settings, validated
+from hri_predict.settings import MAX_ANGLE_RAD, MAX_ROOM_M, Settings, validated
 
+_FARTHEST = (MAX_ROOM_M, MAX_ROOM_M, 2 * MAX_ANGLE_RAD)  # a base may turn round and back
 PEAK = 15 / 8
 """Greatest velocity of a minimum-jerk move divided by its mean velocity."""
 
@@ -33,6 +35,14 @@ class Waypoint(Settings):
     base: Annotated[list[float], Field(min_length=3, max_length=3)] | None = Field(
         None, description="x, y (m) and yaw (rad) in the room's frame"
     )
+
+    @field_validator("base")
+    @classmethod
+    def _in_the_room(cls, value: list[float] | None) -> list[float] | None:
+        for each, unit, most in zip(value or (), ("m", "m", "rad"), _FARTHEST, strict=False):
+            if abs(each) > most:
+                raise ValueError(f"{each:g} {unit} is beyond {most:g}; {meant(each, unit)}")
+        return value
 
     @property
     def coordinates(self) -> list[float]:
@@ -166,7 +176,8 @@ def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
         return (
             f"waypoints.{i}: joint '{model.joint_names[j]}' at {positions[i, j]:g} "
             f"{model.units[j]} is outside "
-            f"{model.position_min[j]:g} .. {model.position_max[j]:g}"
+            f"{model.position_min[j]:g} .. {model.position_max[j]:g}; "
+            f"{meant(positions[i, j], model.units[j])}"
         )
     peak = PEAK * np.abs(np.diff(positions, axis=0)) / np.diff(times)[:, None]
     fast = np.argwhere(peak > model.velocity_max)

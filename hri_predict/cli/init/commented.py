@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from hri_predict.run.described.schema import Schema
-from hri_predict.settings import phrase
+from hri_predict.quantities.units import phrase
 
 WIDTH = 80
 _COLUMN = 30  # comments begin here, where there is room

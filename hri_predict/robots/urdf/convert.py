@@ -15,7 +15,7 @@ import yaml
 
 from hri_predict.errors import ConfigError, RobotError
 from hri_predict.files import atomic_write
-from hri_predict.robots.file import RobotFile, StoppingFile, read_robot_file
+from hri_predict.robots.file import RobotFile, StoppingFile, read_robot_file, size_problem
 from hri_predict.robots.urdf.capsule_fit import fit_capsule, needed_radius
 from hri_predict.robots.urdf.model import read_model
 from hri_predict.robots.urdf.tree import read_chain
@@ -32,11 +32,13 @@ class Converted:
         data: its contents, valid as ``RobotFile``.
         needed: radius (m) that each capsule needs to contain its link, without the margin.
         omitted: links of the URDF with a shape that no capsule covers.
+        unread: extensions of URDF for other programs, with their number.
     """
 
     data: dict[str, Any]
     needed: dict[str, float]
     omitted: list[str]
+    unread: list[str]
 
 
 def convert(
@@ -83,10 +85,12 @@ def convert(
         "stopping": stopping,
     }
     try:
-        validated(RobotFile, data, f"URDF file {urdf}")
+        robot = validated(RobotFile, data, f"URDF file {urdf}")
     except ConfigError as error:
         raise RobotError(str(error)) from None
-    return Converted(data, needed, chain.omitted)
+    if problem := size_problem(robot):
+        raise RobotError(f"URDF file {urdf}: {problem}")
+    return Converted(data, needed, chain.omitted, chain.unread)
 
 
 def copied_stopping(robot: str) -> dict[str, Any]:

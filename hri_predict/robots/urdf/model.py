@@ -16,11 +16,13 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import RobotError
-from hri_predict.robots.file import MAX_SLIDE_M_S
+from hri_predict.quantities.units import meant
+from hri_predict.robots.file import MAX_PART_M, MAX_SLIDE_M_S, MAX_TURN_RAD, MAX_TURN_RAD_S
+from hri_predict.robots.urdf.reading import numbers
 from hri_predict.robots.urdf.tree import UrdfChain
-from hri_predict.settings import MAX_COORDINATE_M
 
 CONTINUOUS_RAD = 8.0  # for a joint without limits: about the range of RobotState on CAN
+MIN_BODY_M = 0.001  # no link is smaller; what is was scaled away
 CIRCLE = 48  # corners of the polygon around a cylinder's circle: 0.2 % wider
 
 
@@ -87,12 +89,21 @@ def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Bo
     for item in geometry.geometryObjects:
         name = model.frames[item.parentFrame].name
         points, radii = _spheres(item.geometry, name)
+        if not len(points):
+            raise RobotError(f"link '{name}': its mesh has no points; export it again")
         points = points @ item.placement.rotation.T + item.placement.translation
-        sound = np.abs(points).max() <= MAX_COORDINATE_M and radii.min() >= 0
-        if not (sound and radii.max() <= MAX_COORDINATE_M):
+        far = float(np.abs(points).max() + radii.max())  # NaN stays NaN
+        if not (far <= MAX_PART_M and radii.min() >= 0):
+            hint = meant(far, "m")
             raise RobotError(
-                f"link '{name}': collision geometry is negative, beyond {MAX_COORDINATE_M:g} m, or "
-                f"not a number; correct it"
+                f"link '{name}': collision geometry is negative, beyond {MAX_PART_M:g} m, or "
+                f"not a number; {hint or 'correct it'}"
+            )
+        size = float(np.linalg.norm(np.ptp(points, axis=0)) + 2 * radii.max())
+        if size < MIN_BODY_M:
+            raise RobotError(
+                f"link '{name}': collision geometry of {size:.2g} m is smaller than "
+                f"{MIN_BODY_M:g} m; is the mesh in metres, and its scale right?"
             )
         if name in bodies:
             points = np.vstack([bodies[name].points, points])
@@ -110,10 +121,11 @@ def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Bo
 
 def _origin(placement: Any, pinocchio: Any, joint: str) -> dict[str, Any]:
     rpy = pinocchio.rpy.matrixToRpy(placement.rotation)
-    if not (np.isfinite(rpy).all() and np.abs(placement.translation).max() <= MAX_COORDINATE_M):
+    far = float(np.abs(placement.translation).max())
+    if not (np.isfinite(rpy).all() and far <= MAX_PART_M):
         raise RobotError(
-            f"joint '{joint}': its origin, or one it hangs on, is beyond {MAX_COORDINATE_M:g} m or "
-            f"not a number; correct it"
+            f"joint '{joint}': its origin, with what it hangs on, is beyond {MAX_PART_M:g} m or "
+            f"not a number; {meant(far, 'm') or 'correct it'}"
         )
     xyz, rpy = (np.round(v, 12) + 0.0 for v in (placement.translation, rpy))
     return {"origin": {"xyz": xyz.tolist(), "rpy": rpy.tolist()}}
@@ -133,26 +145,27 @@ def _limits(joint: ElementTree.Element, name: str) -> dict[str, Any]:
     given = {} if limit is None else limit.attrib
     velocity = _number(given.get("velocity", "0"), f"joint '{name}': velocity")
     slides = joint.get("type") == "prismatic"
-    most, unit = (MAX_SLIDE_M_S, "m/s") if slides else (1000.0, "rad/s")
+    most, unit = (MAX_SLIDE_M_S, "m/s") if slides else (MAX_TURN_RAD_S, "rad/s")
     if not 0 < velocity <= most:
+        hint = f"; {meant(velocity, unit)}" if velocity > most else ""
         raise RobotError(
             f"joint '{name}': <limit velocity> must be above 0 (and up to {most:g}) {unit}, "
-            f"as the robot's data sheet says; got {velocity:g}"
+            f"as the robot's data sheet says; got {velocity:g}{hint}"
         )
     position = [-CONTINUOUS_RAD, CONTINUOUS_RAD]
     if joint.get("type") != "continuous":
         position = [_number(given.get(k, "0"), f"joint '{name}': {k}") for k in ("lower", "upper")]
+        far = max(position, key=abs)
+        if not slides and abs(far) > MAX_TURN_RAD:
+            raise RobotError(
+                f"joint '{name}': its limit {far:g} is beyond {MAX_TURN_RAD:g} rad; "
+                f"{meant(far, 'rad')}"
+            )
     return {"position": position, "velocity": velocity}
 
 
 def _number(text: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise RobotError(f"{where} '{text}' is not a finite number; correct it")
-    return value
+    return numbers(text, where, 1)[0]
 
 
 def _spheres(shape: Any, link: str) -> tuple[Floats, Floats]:

@@ -6,7 +6,6 @@ What is left is a URDF of links, joints and collision geometry alone, with absol
 a URDF library to read. Specification: wiki.ros.org/urdf/XML (joint, link).
 """
 
-import math
 import os
 import re
 from dataclasses import dataclass
@@ -15,14 +14,28 @@ from xml.etree import ElementTree
 
 from hri_predict.errors import RobotError, nearest
 from hri_predict.files import read_text
-from hri_predict.robots.file import MAX_JOINTS
+from hri_predict.quantities.units import meant
+from hri_predict.robots.file import MAX_JOINTS, MAX_PART_M
+from hri_predict.robots.urdf.reading import (
+    EXPAND,
+    check_expanded,
+    check_known,
+    check_numbers,
+    numbers,
+)
 
 MAX_LINKS = 1000
 MAX_MESH_BYTES = 100_000_000
+MIN_SIZE_M = 1e-4
+"""Of a shape's side: a film of paint; less is none, or another unit."""
 MESHES = (".stl", ".obj", ".dae")  # the first two have no units of their own: metres
 MOVING = ("revolute", "continuous", "prismatic")
-SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
-SIZES["capsule"] = SIZES["cylinder"]
+SIZES = {  # number of numbers of each
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +48,14 @@ class UrdfChain:
         text: a URDF of these links and joints with collision geometry only; a link without it gets
             its visual geometry.
         omitted: links with a shape that are not in the text: left out, or not beyond the base.
+        unread: extensions of URDF for other programs, with their number.
     """
 
     name: str
     joints: list[ElementTree.Element]
     text: str
     omitted: list[str]
+    unread: list[str]
 
 
 class _Plain(ElementTree.TreeBuilder):
@@ -84,6 +99,8 @@ def _chain(
     left_out: list[str],
     packages: list[Path],
 ) -> UrdfChain:
+    check_expanded(root)
+    unread = check_known(root)
     links = _by_name(root.findall("link"))
     _by_name(root.findall("joint"))
     if not 0 < len(links) <= MAX_LINKS:
@@ -112,11 +129,12 @@ def _chain(
                     f"and '{tip}'; a robot file has one chain: --leave-out {link} and describe it "
                     f"under tool: by hand, or make the joint fixed"
                 )
+            check_numbers(joint, f"joint '{_name(joint)}'")
             slim.append(joint)
         slim.append(_shaped(links[link], path, packages))
     omitted = [link for link in links if link not in kept and _has_shape(links[link])]
     text = ElementTree.tostring(slim, encoding="unicode")
-    return UrdfChain(slim.get("name", ""), moving, text, omitted)
+    return UrdfChain(slim.get("name", ""), moving, text, omitted, unread)
 
 
 def _parse(text: str) -> ElementTree.Element:
@@ -125,11 +143,11 @@ def _parse(text: str) -> ElementTree.Element:
         parser.feed(text)
         root = parser.close()
     except ElementTree.ParseError as error:
-        raise RobotError(f"not valid XML ({error}); correct it there") from None
+        remedy = EXPAND if "<xacro:" in text else "correct it there"
+        raise RobotError(f"not valid XML ({error}); {remedy}") from None
     if root.tag != "robot":
         raise RobotError(
-            f"its outermost element is <{root.tag}>, not <robot>; if it is a xacro file, expand it "
-            f"first: xacro robot.urdf.xacro > robot.urdf"
+            f"its outermost element is <{root.tag}>, not <robot>; if it is a xacro file, {EXPAND}"
         )
     return root
 
@@ -226,6 +244,7 @@ def _shaped(link: ElementTree.Element, urdf: Path, packages: list[Path]) -> Elem
                 f"split it"
             )
     _check_sizes(slim)
+    check_numbers(slim, f"link '{_name(link)}'")
     for mesh in slim.iter("mesh"):
         try:
             mesh.set("filename", str(_mesh(mesh.get("filename", ""), urdf, packages)))
@@ -238,19 +257,13 @@ def _check_sizes(link: ElementTree.Element) -> None:
     """Refuse shapes without size or inside out: the robot would keep no distance from them."""
     for kind, names in SIZES.items():
         for shape, name in ((shape, name) for shape in link.iter(kind) for name in names):
-            text = shape.get(name, "")
-            if not all(0 < _float(word) < math.inf for word in text.split() or [""]):
-                raise RobotError(
-                    f"link '{_name(link)}': the {name} of a <{kind}> must be above 0 m and finite; "
-                    f"got '{text}'"
-                )
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
+            where = f"link '{_name(link)}': the {name} of a <{kind}>"
+            for value in numbers(shape.get(name, ""), where, names[name]):
+                if not MIN_SIZE_M <= value <= MAX_PART_M:
+                    hint = f"; {meant(value, 'm')}" if value > MAX_PART_M else ""
+                    raise RobotError(
+                        f"{where} must be {MIN_SIZE_M:g} to {MAX_PART_M:g} m; got {value:g}{hint}"
+                    )
 
 
 def _has_shape(link: ElementTree.Element) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hri_predict.run.described.schema import NAMED_BY, Schema, schema
-from hri_predict.settings import unit_of
+from hri_predict.quantities.units import unit_of
 
 HEAD = """\
 # Configuration

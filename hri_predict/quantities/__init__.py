@@ -1,0 +1,1 @@
+"""Units of numbers in configurations, and the direction in which a setting becomes less safe."""
