@@ -8,7 +8,7 @@ may have or lack. ``hri-predict conformance link:NAME`` checks the contract on a
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
 from pydantic import Field
 
@@ -18,11 +18,16 @@ from hri_predict.protocol.keyed import Keyed
 from hri_predict.protocol.messages import Advice, Message, Status
 from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.protocol.wire import StateShape
+from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.settings import Name, Settings
 
 MIN_SILENCE_S = 0.01
 """No controller stops after less silence: it hears from the node once a cycle, at most every 10 ms,
 and a shorter one would make the delays seem shorter than they are."""
+MIN_DELAY_S = 0.0001
+"""No wire is faster: an 8-byte frame takes 0.11 ms at 1 Mbit/s, and drivers take longer."""
+MIN_REACTION_S = 0.001
+"""No controller begins to brake sooner: the fastest have cycles of 1 ms."""
 MIN_STATUS_HZ = 10.0
 """Status goes out at least so often, even where the node's cycle is longer."""
 
@@ -34,7 +39,10 @@ class LinkSettings(Settings):
     kind: str = Field(description="kind of wire")
     robots: list[str] | None = Field(None, description="robots advised on this link; default all")
     delay_s: float = Field(
-        0.005, ge=0, le=1, description="one-way delay of the link at worst, its wire being free"
+        0.005,
+        ge=MIN_DELAY_S,
+        le=1,
+        description="one-way delay of the link at worst, its wire being free",
     )
     silence_timeout_s: float = Field(
         0.15,
@@ -43,7 +51,10 @@ class LinkSettings(Settings):
         description="after how much silence the controller stops by itself",
     )
     reaction_s: float = Field(
-        0.05, ge=0, le=2, description="from a frame's receipt until the controller begins to brake"
+        0.05,
+        ge=MIN_REACTION_S,
+        le=2,
+        description="from a frame's receipt until the controller begins to brake",
     )
     reserved_load: float = Field(
         0.3, ge=0, lt=1, description="fraction of the wire kept free for others"
@@ -55,6 +66,21 @@ class LinkSettings(Settings):
     faults: list[dict[str, Any]] = Field(
         [], description="faults to inject; see hri_sim.faults.injector"
     )
+
+    safety: ClassVar[Safety] = harmless("reserved_load", "zones") | {
+        "delay_s": LessSafe(
+            below="the robot is expected to hear each advice {more:.2g} s sooner; if it does not, a"
+            " person comes 1.6 m/s times that nearer"
+        ),
+        "silence_timeout_s": LessSafe(
+            below="the controller is expected to stop {more:.2g} s sooner after the node fell "
+            "silent; if it does not, a person comes 1.6 m/s times that nearer"
+        ),
+        "reaction_s": LessSafe(
+            below="the controller is expected to brake {more:.2g} s sooner; if it does not, a "
+            "person comes 1.6 m/s times that nearer"
+        ),
+    }
 
     def resolved(self, base_dir: Path) -> Self:
         """The same with its files found from ``base_dir``, where the configuration lies."""

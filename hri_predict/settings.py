@@ -10,7 +10,7 @@ import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import date
-from typing import Annotated, Any, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 import numpy as np
 import yaml
@@ -32,6 +32,7 @@ from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, nearest
 from hri_predict.files import load_yaml, yaml_problem
 from hri_predict.geometry import crosses_itself, is_in_polygon
+from hri_predict.quantities.safe_side import Safety, harmless
 from hri_predict.quantities.units import meant, phrase, unit_at
 
 
@@ -39,7 +40,12 @@ class Settings(BaseModel):
     """Base of every settings model: unknown keys are refused, values are immutable and finite.
 
     Truth is no number: YAML reads ``yes`` as true, and pydantic would take that for 1.
+
+    Attributes:
+        safety: by key, the side on which a value is less safe than the default (``safe_side``).
     """
+
+    safety: ClassVar[Safety] = {}
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True
@@ -98,10 +104,9 @@ MAX_ROOM_M = 100.0
 MIN_SPEED_M_S = 0.01
 """Nothing slower is configured: ISO 10218-1 has 0.25 m/s as reduced speed, and what moves by less
 than 1 mm/s counts as standing (``robots.stopping``)."""
-MIN_HUMAN_M_S = 0.5
-"""No person is assumed to be slower: half of 0.94 m/s, the lowest mean of comfortable walking, that
-of women of 80 to 99 years (Bohannon and Andrews, Physiotherapy 97 (2011) 182). ISO 13855 has
-1.6 m/s for everybody."""
+MIN_HUMAN_M_S = 1.2
+"""No person is assumed to be slower: people at work walk at 1.2 to 1.4 m/s in comfort (R. Bohannon,
+Age and Ageing 26 (1997) 15). ISO 13855 has 1.6 m/s for everybody."""
 MAX_PAYLOAD_KG = 5000.0
 """The strongest arms of catalogues carry 2.3 t (FANUC M-2000iA/2300)."""
 MAX_ANGLE_RAD = 2 * math.pi
@@ -185,6 +190,8 @@ class Region(Settings):
     )
     z_min: Metres = Field(0.0, description="its lower end, m")
     z_max: Metres = Field(3.0, description="its upper end, m")
+
+    safety: ClassVar[Safety] = harmless("z_min", "z_max")
 
     @model_validator(mode="after")
     def _has_volume(self) -> Self:

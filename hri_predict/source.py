@@ -8,12 +8,13 @@ conformance source:NAME`` checks the contract on any kind.
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
 from pydantic import Field, model_validator
 
 from hri_predict.clock import Clock
 from hri_predict.joint_map import JointMap
+from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.scene import Scene
 from hri_predict.settings import Pose, Region, Settings, Vector3
 
@@ -64,6 +65,22 @@ class SourceSettings(Settings):
         [], description="faults to inject; see hri_sim.faults.injector"
     )
 
+    safety: ClassVar[Safety] = harmless("min_latency_s") | {
+        "clock_wander_s": LessSafe(
+            above="a person may be up to {value:g} s older than believed: 1.6 m/s times {more:.2g} "
+            "s farther on than with the default"
+        ),
+        "even_captures": LessSafe(other="stamps are believed, up to 40 ms more than by default"),
+        "stale_s": LessSafe(
+            above="input {value:.2g} s old is used, not {default:.2g} s; a person walks "
+            "1.6 m/s times {more:.2g} s meanwhile"
+        ),
+        "keeps_ids": LessSafe(other="an id that comes back ends the lost person who had it"),
+        "sees_free_space": LessSafe(
+            other="a lost person is forgotten where the source reports no body in its view"
+        ),
+    }
+
     @model_validator(mode="after")
     def _sees_a_field(self) -> Self:
         if self.sees_free_space and self.field_of_view is None:
@@ -75,6 +92,11 @@ class SourceSettings(Settings):
     def stale_after_s(self, rate_hz: float) -> float:
         """Age in seconds at which input of ``rate_hz`` scenes per second is stale."""
         return self.stale_s or 3.0 / rate_hz + 0.02
+
+    @property
+    def known_places(self) -> list[list[float]]:
+        """Places [x, y, z] in the room that the source is at, or sees for certain, metres."""
+        return [self.room_from_source.xyz, *self.viewpoints]
 
     @property
     def notes(self) -> list[str]:

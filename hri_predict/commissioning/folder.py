@@ -14,6 +14,7 @@ from hri_predict.commissioning.report import PAGE, Lines, Report, Signature, Ste
 from hri_predict.errors import ConfigError
 from hri_predict.files import atomic_write, read_text
 from hri_predict.run.config import Config
+from hri_predict.run.review.less_safe import less_safe_settings
 from hri_predict.settings import Settings
 
 STATE = "state.json"
@@ -67,6 +68,7 @@ def save(folder: Path, config: Config, state: State) -> tuple[Report, str]:
         made=datetime.now(UTC).replace(microsecond=0),
         identity=identity_of(config),
         steps=state.steps,
+        less_safe=[str(each) for each in less_safe_settings(config)],
         notes=state.notes,
         signatures=state.signatures,
     )

@@ -243,7 +243,10 @@ class Signature(Settings):
 
 
 class Report(Settings):
-    """The whole report, without its own hash."""
+    """The whole report, without its own hash.
+
+    ``less_safe`` has a line for each setting that is less safe than its default, to be signed for.
+    """
 
     format: Literal[1] = FORMAT
     cell: Text
@@ -251,6 +254,7 @@ class Report(Settings):
     made: datetime
     identity: Identity
     steps: Steps
+    less_safe: Lines = []
     notes: Lines = []
     signatures: Annotated[list[Signature], Field(max_length=50)] = []
 

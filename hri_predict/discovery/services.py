@@ -3,10 +3,11 @@
 import ipaddress
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, Field
 
+from hri_predict.quantities.safe_side import Safety, harmless
 from hri_predict.settings import Abbreviated, Settings
 
 NODE = "_hri-predict._tcp.local."
@@ -55,6 +56,8 @@ class ServiceSettings(Abbreviated):
     name: ServiceName = Field(description="as it announces itself")
     interfaces: Interfaces = Field(LOOPBACK, description="where to search for it")
     timeout_s: float = Field(2.0, ge=0.1, le=30, description="how long each search takes")
+
+    safety: ClassVar[Safety] = harmless("timeout_s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,9 +1,10 @@
 """Settings of the people stage (``people:`` in the configuration)."""
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.settings import MIN_HUMAN_M_S, Metres, Region, Settings
 
 Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
@@ -41,7 +42,7 @@ class PeopleSettings(Settings):
     found_within_s: float = Field(
         0.5,
         ge=0,
-        le=5,
+        le=2,
         description="a body that appears may be a person who vanished at most so long before; "
         "later, both exist",
     )
@@ -87,7 +88,7 @@ class PeopleSettings(Settings):
         0.3, ge=0.05, le=2, description="how far off the floor a foot may seem to be"
     )
     platform_m: float = Field(
-        1.0, ge=0, le=100, description="highest place above the floor where people stand"
+        1.0, ge=0, le=20, description="highest place above the floor where people stand"
     )
     posture_unchecked: str | None = Field(
         None,
@@ -95,6 +96,54 @@ class PeopleSettings(Settings):
         description="why bodies are not checked against gravity and the floor here; without a "
         "reason they are, and a body that cannot be right makes the advice unknown",
     )
+
+    safety: ClassVar[Safety] = harmless("max_people", "floor_m") | {
+        "max_gap_s": LessSafe(
+            above="a person may be unseen for {value:.2g} s, not {default:.2g} s, before the node "
+            "counts on a loss"
+        ),
+        "exits": LessSafe(
+            other="a person who vanishes in one, on the way out, counts as gone; none may be larger"
+            " than the floor before its door"
+        ),
+        "room": LessSafe(other="the node expects no person outside it"),
+        "absent_parts": LessSafe(other="no distance is kept from these parts of any body"),
+        "found_within_s": LessSafe(
+            above="a body that appears up to {value:g} s after a loss may end the lost person, who "
+            "may be another one"
+        ),
+        "lost_speed_m_s": LessSafe(
+            below="the zone of a lost person grows {more:.2g} m less in each second"
+        ),
+        "acknowledge_after_s": LessSafe(
+            below="an Acknowledge forgets a person who was seen {value:g} s before"
+        ),
+        "free_captures": LessSafe(
+            below="after {value:g} captures without a body a place counts as free"
+        ),
+        "max_joint_speed_m_s": LessSafe(
+            above="a joint that jumps by {value:g} m in a second is believed",
+            below="the limb of a person who strikes out faster than {value:g} m/s is not believed",
+        ),
+        "max_body_speed_m_s": LessSafe(
+            above="a body that jumps by {value:g} m in a second is believed",
+            below="a person who runs faster than {value:g} m/s is not believed",
+        ),
+        "reaccept_captures": LessSafe(below="{value:g} captures that agree make a jump believed"),
+        "frozen_scenes": LessSafe(
+            above="a frozen source is noticed only after {value:g} equal scenes"
+        ),
+        "future_tolerance_s": LessSafe(
+            above="a capture may lie {value:g} s ahead, so that its age is too small by as much"
+        ),
+        "floor_tolerance_m": LessSafe(
+            above="a body {value:g} m above or below the floor still counts as right"
+        ),
+        "platform_m": LessSafe(above="a body up to {value:g} m above the floor counts as right"),
+        "posture_unchecked": LessSafe(
+            other="axes and height of the source are not checked: people may be somewhere else"
+        ),
+    }
 
     @model_validator(mode="before")
     @classmethod

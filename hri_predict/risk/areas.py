@@ -1,7 +1,7 @@
 """Areas of the room: the user's named zones, and the sensor's field of view."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -10,6 +10,7 @@ from hri_predict.arrays import Bools, Floats
 from hri_predict.geometry import Capsules, in_polygon, segment_distance
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
+from hri_predict.quantities.safe_side import LessSafe, Safety
 from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.separation.permitted import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
 from hri_predict.risk.types import NamedZoneState
@@ -51,6 +52,13 @@ class NamedZoneSettings(Region):
     entry_warning_s: float = Field(
         0.0, ge=0, le=10, description="ask this long before a predicted entry"
     )
+
+    safety: ClassVar[Safety] = {
+        "speed_limit_m_s": LessSafe(
+            above="robots move at up to {value:g} m/s while a person is inside"
+        ),
+        "entry_warning_s": LessSafe(below="robots are asked {more:g} s later"),
+    }
 
 
 class _Outline:

@@ -1,9 +1,10 @@
 """Settings of the risk stage (``risk:`` in the configuration)."""
 
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, field_validator, model_validator
 
+from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.risk.contact.fixtures import Fixture
 from hri_predict.settings import MIN_HUMAN_M_S, MIN_SPEED_M_S, Settings
 
@@ -12,6 +13,10 @@ LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
 
 MIN_HUMAN_M_S2 = 3.0
 """No joint is assumed to accelerate less: half of what sprinters' trunks do (``HumanLimits``)."""
+MAX_ASSUMED_M_S = 5.0
+"""No person is assumed to be faster: with more, runners would not count as fast."""
+MIN_REACH_SHARE = 0.5
+"""Of the default reach, at least: less is less than people at work do."""
 MIN_FIXED_RADIUS_M = 0.3
 """Arms of the smallest robots reach 0.5 m and more (UR3e)."""
 
@@ -36,6 +41,27 @@ class Reach(Settings):
     )
     sustained_m_s2: float = Field(8.3, ge=2, le=100, description="acceleration of the whole body")
 
+    safety: ClassVar[Safety] = {
+        "speed_m_s": LessSafe(
+            below="no zone holds a joint that is faster than {value:g} m/s: {more:.2g} m less in "
+            "each second"
+        ),
+        "burst_m_s": LessSafe(
+            below="a joint that jerks is expected {more:.2g} m less far in each second"
+        ),
+        "sustained_m_s2": LessSafe(
+            below="a body that speeds up for a second is expected {more:.2g} m/s slower"
+        ),
+    }
+
+
+REACH = {
+    "trunk": Reach(speed_m_s=10.0, burst_m_s=2.0),
+    "arm": Reach(speed_m_s=15.0, burst_m_s=4.5),
+    "leg": Reach(speed_m_s=20.0, burst_m_s=9.0),
+}
+"""See ``HumanLimits``."""
+
 
 class HumanLimits(Settings):
     """How fast people move: what the standard assumes, and what bodies can do.
@@ -55,9 +81,11 @@ class HumanLimits(Settings):
     """
 
     arm_speed_m_s: float = Field(
-        2.0, ge=MIN_HUMAN_M_S, le=20, description="shoulder to finger tips"
+        2.0, ge=MIN_HUMAN_M_S, le=MAX_ASSUMED_M_S, description="shoulder to finger tips"
     )
-    body_speed_m_s: float = Field(1.6, ge=MIN_HUMAN_M_S, le=20, description="everything else")
+    body_speed_m_s: float = Field(
+        1.6, ge=MIN_HUMAN_M_S, le=MAX_ASSUMED_M_S, description="everything else"
+    )
     physical_speed_m_s: float = Field(
         2.0,
         ge=MIN_HUMAN_M_S,
@@ -84,13 +112,38 @@ class HumanLimits(Settings):
         False, description="past the last horizon zones grow at the physical speed"
     )
     reach: dict[Literal["trunk", "arm", "leg"], Reach] = Field(
-        {
-            "trunk": Reach(speed_m_s=10.0, burst_m_s=2.0),
-            "arm": Reach(speed_m_s=15.0, burst_m_s=4.5),
-            "leg": Reach(speed_m_s=20.0, burst_m_s=9.0),
-        },
+        REACH,
         description="how far each part of the body can get: trunk, arm, leg",
     )
+
+    safety: ClassVar[Safety] = {
+        "arm_speed_m_s": LessSafe(
+            below="an arm that comes is expected {more:.2g} m less far in each second",
+            above="an arm of up to {value:g} m/s does not count as fast",
+        ),
+        "body_speed_m_s": LessSafe(
+            below="a person who comes is expected {more:.2g} m less far in each second",
+            above="a person who comes at up to {value:g} m/s does not count as fast",
+        ),
+        "physical_speed_m_s": LessSafe(
+            below="what has no forecast, and the lost, are expected {more:.2g} m less far in each "
+            "second"
+        ),
+        "arm_acceleration_m_s2": LessSafe(
+            below="an arm that sets out is expected {more:.2g} m/s slower after a second"
+        ),
+        "body_acceleration_m_s2": LessSafe(
+            below="a person who sets out is expected {more:.2g} m/s slower after a second"
+        ),
+        "velocity_error_m_s": LessSafe(
+            below="zones without a calibration are {more:.2g} m narrower for each second ahead"
+        ),
+        "std_factor": LessSafe(below="zones hold fewer of the forecast's std"),
+        "extend_beyond_horizon": LessSafe(
+            other="past the horizon zones rest on physical_speed_m_s alone, and the robot need not "
+            "stop within the horizon"
+        ),
+    }
 
     @field_validator("reach")
     @classmethod
@@ -98,6 +151,13 @@ class HumanLimits(Settings):
         for part in ("trunk", "arm", "leg"):
             if part not in value:
                 raise ValueError(f"reach needs trunk, arm and leg; {part} is missing")
+            for key in Reach.model_fields:
+                given, usual = getattr(value[part], key), getattr(REACH[part], key)
+                if given < MIN_REACH_SHARE * usual:
+                    raise ValueError(
+                        f"{part}.{key} {given:g} is less than people at work do; give at least "
+                        f"{MIN_REACH_SHARE * usual:g}, the default is {usual:g}"
+                    )
         return value
 
 
@@ -124,6 +184,11 @@ class CoverageSettings(Settings):
     self_check: bool = Field(
         True, description="compare past forecasts with the truth; widen zones that were too small"
     )
+
+    safety: ClassVar[Safety] = {
+        "level": LessSafe(below="zones fail to hold a body more often: 1 - {value:g} of the time"),
+        "self_check": LessSafe(other="zones that turn out too small are not noticed or widened"),
+    }
 
     @model_validator(mode="after")
     def _known_level(self) -> Self:
@@ -156,6 +221,15 @@ class ContactSettings(Settings):
         le=2,
         description="as risk.slow_margin_m, for the parts of the body that may not be touched",
     )
+
+    safety: ClassVar[Safety] = {
+        "own_speed": LessSafe(
+            other="a person who moves towards the robot may be struck at more than the limit of "
+            "the body part, by that person's own speed"
+        ),
+        "fixtures": LessSafe(other="clamping is judged against these alone, and the floor"),
+        "slow_margin_m": LessSafe(below="the limit assumes a person {more:.2g} m farther away"),
+    }
 
 
 class RiskSettings(Settings):
@@ -227,6 +301,29 @@ class RiskSettings(Settings):
     contact: ContactSettings = Field(
         ContactSettings(), description="contact that is permitted in mode hybrid"
     )
+
+    safety: ClassVar[Safety] = harmless("region_margins_m") | {
+        "fixed_radius_m": LessSafe(below="a person may be {more:.2g} m nearer to a moving robot"),
+        "intrusion_m": LessSafe(below="a person may be {more:.2g} m nearer"),
+        "person_uncertainty_m": LessSafe(
+            below="a person may be {more:.2g} m nearer: the source must be as exact as that"
+        ),
+        "robot_uncertainty_m": LessSafe(
+            below="a person may be {more:.2g} m nearer: the robot's place must be as exact as that"
+        ),
+        "band_m": LessSafe(below="the robot is released {more:.2g} m sooner"),
+        "release_captures": LessSafe(
+            below="the robot is released after {value:g} captures, not {default:g}"
+        ),
+        "warn_margin_m": LessSafe(below="people are warned {more:.2g} m later"),
+        "slow_margin_m": LessSafe(below="the limit assumes a person {more:.2g} m farther away"),
+        "min_speed_m_s": LessSafe(
+            below="the robot may creep at {value:g} m/s where it would stand by default"
+        ),
+        "speed_rise_m_s2": LessSafe(
+            above="the limit may rise by {more:.2g} m/s more in each second"
+        ),
+    }
 
     @model_validator(mode="before")
     @classmethod

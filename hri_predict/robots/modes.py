@@ -1,7 +1,10 @@
 """The operating modes that an integrator may allow for a robot; none is allowed by default."""
 
+from typing import ClassVar
+
 from pydantic import Field
 
+from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.settings import MIN_SPEED_M_S, Settings
 
 
@@ -16,6 +19,8 @@ class TeachMode(Settings):
         0.25, ge=MIN_SPEED_M_S, le=0.25, strict=True, description="of the fastest point, at most"
     )
 
+    safety: ClassVar[Safety] = harmless("speed_m_s")
+
 
 class RecoveryMode(Settings):
     """Backing out slowly where people stop the robot, as long as no link comes nearer to anybody.
@@ -26,6 +31,8 @@ class RecoveryMode(Settings):
     speed_m_s: float = Field(
         0.1, ge=MIN_SPEED_M_S, le=0.1, strict=True, description="of the fastest point, at most"
     )
+
+    safety: ClassVar[Safety] = harmless("speed_m_s")
 
 
 class MutingMode(Settings):
@@ -45,6 +52,8 @@ class MutingMode(Settings):
         description="of the fastest point; default: the robot's highest",
     )
 
+    safety: ClassVar[Safety] = harmless("speed_m_s")  # a value can only lower it
+
 
 class ModeSettings(Settings):
     """``robots[].modes``: a mode that is left out is refused."""
@@ -54,6 +63,12 @@ class ModeSettings(Settings):
     muting: MutingMode | None = Field(
         None, description="allow a time in which people do not stop the robot"
     )
+
+    safety: ClassVar[Safety] = {
+        "teach": LessSafe(other="people do not stop the robot while its enabling device is held"),
+        "recovery": LessSafe(other="the robot may back out slowly beside people"),
+        "muting": LessSafe(other="people do not stop the robot for some time"),
+    }
 
     @property
     def allowed(self) -> list[str]:

@@ -1,9 +1,10 @@
 """A robot's entry in the configuration: where it stands or drives, its tools, how it moves."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.quantities.units import meant
 from hri_predict.robots.file import MAX_PART_M, CapsuleFile, StoppingFile
 from hri_predict.robots.modes import ModeSettings
@@ -46,6 +47,20 @@ class StateMotion(Settings):
         " state lies on it, the robot is predicted along it",
     )
 
+    safety: ClassVar[Safety] = {
+        "stale_s": LessSafe(
+            above="the robot may have moved for {value:g} s since the RobotState that is used"
+        ),
+        "delay_s": LessSafe(
+            below="a RobotState counts as {more:.2g} s fresher than its link delivers it; the robot"
+            " moves on meanwhile"
+        ),
+        "acceleration_m_s2": LessSafe(
+            below="since a RobotState the robot is expected to gain {more:.2g} m/s less in each "
+            "second"
+        ),
+    }
+
 
 class TrajectoryMotion(Settings):
     """The robot follows a trajectory file, whatever its controller says."""
@@ -55,6 +70,8 @@ class TrajectoryMotion(Settings):
     start_s: float = Field(
         0.0, ge=0, le=86_400, description="time within the cycle at the node's start"
     )
+
+    safety: ClassVar[Safety] = harmless("start_s")
 
 
 class StandingMotion(Settings):
@@ -89,6 +106,12 @@ class ToolSettings(Settings):
         description="tool and load together; default: the heaviest of the stopping table",
     )
 
+    safety: ClassVar[Safety] = harmless("number") | {
+        "payload_kg": LessSafe(
+            below="with more than {value:g} kg the robot stops later than assumed"
+        )
+    }
+
 
 class MobileBaseSettings(Settings):
     """A base that moves over the floor; its controller reports where it is in RobotState."""
@@ -108,6 +131,13 @@ class MobileBaseSettings(Settings):
     stopping: StoppingFile = Field(
         description="over the speed that the base's motion gives the robot's fastest point"
     )
+
+    safety: ClassVar[Safety] = {
+        "acceleration_m_s2": LessSafe(
+            below="since a RobotState the base is expected to gain {more:.2g} m/s less in each "
+            "second"
+        )
+    }
 
     @field_validator("base_from_robot")
     @classmethod
@@ -140,6 +170,13 @@ class RobotSettings(Settings):
     )
 
     modes: ModeSettings = Field(ModeSettings(), description="operating modes that are allowed")
+
+    safety: ClassVar[Safety] = {
+        "payload_kg": LessSafe(
+            below="with more than {value:g} kg the robot stops later than assumed"
+        ),
+        "contact": LessSafe(other="the robot may touch people while it moves"),
+    }
 
     @model_validator(mode="after")
     def _modes_can_be_asked_for(self) -> Self:

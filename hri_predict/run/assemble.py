@@ -26,6 +26,7 @@ from hri_predict.risk.zones.calibration import Calibration, calibration_for
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.run.config import Config
+from hri_predict.run.review.places import check_places
 from hri_predict.settings import Region
 from hri_predict.source import Source
 
@@ -285,6 +286,7 @@ def build(
         deadline_s = LATE_FRACTION / node.rate_hz if deadline else None
         prediction = PredictionRunner(build_predictor(config), deadline_s)
     robots = build_robots(config)
+    check_places(config, robots)
     trackers = tuple(
         RobotTracker(settings, model, config.base_dir, clock.now_ns())
         for settings, model in zip(node.robots, robots, strict=True)

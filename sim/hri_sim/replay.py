@@ -70,6 +70,11 @@ class RecordingSettings(SourceSettings):
         None, description="a joint map's name or file; default: found by the joints' names"
     )
 
+    @property
+    def known_places(self) -> list[list[float]]:
+        """Where the recording begins, too."""
+        return [*super().known_places, *([[*self.place[:2], 0.0]] if self.place else [])]
+
 
 class RecordingSource:
     """See ``hri_predict.source.Source``.

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 from pydantic import Field
 
@@ -13,6 +13,7 @@ from hri_drivers.wires.transport import Transport
 from hri_predict.clock import Clock
 from hri_predict.link import LinkLoad, LinkSettings
 from hri_predict.protocol.wire import StateShape
+from hri_predict.quantities.safe_side import Safety, harmless
 
 U = TypeVar("U")
 
@@ -26,6 +27,8 @@ class ConfiguredLinkSettings(LinkSettings):
     wait_for_device: bool = Field(
         False, description="start even if the device is missing, and keep trying to open it"
     )
+
+    safety: ClassVar[Safety] = harmless("robot_state_rate_hz", "wait_for_device")
 
 
 S = TypeVar("S", bound=ConfiguredLinkSettings)

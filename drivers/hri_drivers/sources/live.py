@@ -24,6 +24,7 @@ from hri_predict.clock import Clock, MonotonicClock
 from hri_predict.errors import HriPredictError, SourceError
 from hri_predict.files import YAML_ENDINGS
 from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.scene import Scene
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 from hri_predict.source import SourceCounters, SourceSettings
@@ -54,6 +55,15 @@ class LiveSettings(SourceSettings):
         False,
         description="start even if the device or server is missing, and keep trying",
     )
+
+    safety: ClassVar[Safety] = harmless("wait_for_device") | {
+        "declares_noise": LessSafe(
+            other="a frozen source is not noticed by its joints: people walk on unseen"
+        ),
+        "allow_unauthenticated": LessSafe(
+            other="any program that reaches the source is believed, wherever it says people are"
+        ),
+    }
 
     @property
     def notes(self) -> list[str]:

@@ -46,6 +46,7 @@ from hri_predict.link import Transport
 from hri_predict.monitoring.alerts import alert_file
 from hri_predict.people.body.posture import shows_down
 from hri_predict.people.clock.offset_line import MAX_DRIFT
+from hri_predict.quantities.safe_side import Finding
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.robot_constants import worst_distance
 from hri_predict.run import assemble
@@ -53,6 +54,8 @@ from hri_predict.run import config as configuration
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.run.coverage import zones_text
+from hri_predict.run.review.less_safe import less_safe_settings
+from hri_predict.run.review.places import place_notes
 from hri_predict.run.ticks_told import race_notes, ticks_facts, ticks_line
 
 
@@ -153,6 +156,8 @@ def _print(found: dict[str, Any]) -> None:
         *commissioning_lines(found["commissioning"]),
     ):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
+    for each in found["less_safe"]:
+        console.print(f"less safe than the default: {Finding(**each)}")
     for note in found["notes"]:
         console.print(f"note: {note}")
     as_commissioned = is_as_commissioned(found["commissioning"])
@@ -224,6 +229,7 @@ def examine(config: Config) -> dict[str, Any]:
         "evidence": evidence,
         "alerts": alerts,
         "commissioning": commissioning_facts(config),
+        "less_safe": [asdict(each) for each in less_safe_settings(config)],
         "notes": [
             *(note for robot in config.node.robots for note in mode_notes(robot)),
             *_notes(config),
@@ -234,6 +240,7 @@ def examine(config: Config) -> dict[str, Any]:
             *lost_notes(config, needed, source.rate_hz),
             *_radius_note(risk),
             *base_notes(config.node.robots),
+            *place_notes(config, assembly.robots),
             *calibration_notes(calibration),
             *contact_notes(*contact),
             *unseen_ends_note(config.node.risk, assembly.source.joint_map.mapped),

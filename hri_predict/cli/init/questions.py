@@ -15,7 +15,7 @@ from hri_predict import registry
 from hri_predict.cli.common import one_of
 from hri_predict.cli.init.cell import Answers, link_block, robot_block, source_block
 from hri_predict.errors import ConfigError, HriPredictError
-from hri_predict.files import data_path, load_yaml
+from hri_predict.files import data_path, load_yaml, yaml_problem
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.settings import Mistake, Settings, mistakes, set_key
 

@@ -66,6 +66,7 @@ def page_of(report: Report, digest: str) -> str:
         _STYLE,
         _top(report, digest, title),
         *(_step(report, name, step) for name, step in report.steps.named()),
+        _less_safe(report),
         _notes(report),
         _signatures(report.signatures),
         _identity(report, digest),
@@ -279,9 +280,18 @@ def _walk(result: Walk) -> list[Content]:
     ]
 
 
+def _less_safe(report: Report) -> Markup:
+    title = tag("h2", "5 Settings that are less safe than their defaults")
+    if not report.less_safe:
+        return join([title, tag("p", "None.")])
+    rows = [(*line.partition(": ")[::2], "") for line in report.less_safe]
+    block = table(("setting", "value, and what it permits", "accepted by"), rows)
+    return join([title, tag("div", block, class_="left")])
+
+
 def _notes(report: Report) -> Markup:
     content = _list(report.notes) if report.notes else tag("p", "None.")
-    return join([tag("h2", "5 Open notes"), content])
+    return join([tag("h2", "6 Open notes"), content])
 
 
 def _signatures(signatures: list[Signature]) -> Markup:

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from hri_predict.run.described.schema import NAMED_BY, Schema, schema
 from hri_predict.quantities.units import unit_of
+from hri_predict.run.described.schema import NAMED_BY, Schema, schema
 
 HEAD = """\
 # Configuration

@@ -74,6 +74,13 @@ class ProceduralSettings(SourceSettings):
     )
     duration_s: float | None = Field(None, gt=0, description="when the source ends; default: never")
 
+    @property
+    def known_places(self) -> list[list[float]]:
+        """Where the people begin, too."""
+        room = self.room_from_source.matrix()
+        starts = [room @ [*person.start, 0.0, 1.0] for person in self.people]
+        return [*super().known_places, *(start[:3].tolist() for start in starts)]
+
     @model_validator(mode="after")
     def _stamps_in_order(self) -> Self:
         if self.stamp_jitter_s * self.rate_hz >= 1:

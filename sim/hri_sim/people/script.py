@@ -10,7 +10,7 @@ from pydantic import Field
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError
-from hri_predict.settings import Point, Settings, Vector3
+from hri_predict.settings import MAX_ANGLE_RAD, Point, Settings, Vector3
 from hri_sim.people.acts import Absent, Act, Reach, Stand, Turn, Walk
 from hri_sim.people.body import Body, Stance
 from hri_sim.people.walking import wrapped
@@ -47,7 +47,10 @@ class TurnTo(Settings):
 
     do: Literal["turn"] = Field(description="turn on the spot")
     yaw: float | None = Field(
-        None, ge=-1000, le=1000, description="new direction, from +x counter-clockwise"
+        None,
+        ge=-MAX_ANGLE_RAD,
+        le=MAX_ANGLE_RAD,
+        description="new direction, from +x counter-clockwise",
     )
     toward: Point | None = Field(None, description="instead: a point to look at, m")
 
@@ -81,7 +84,10 @@ class PersonSettings(Settings):
     height_m: float = Field(1.75, ge=1.4, le=2.1, description="body height")
     start: Point = Field(description="[x, y] where the person begins, m")
     yaw: float | None = Field(
-        None, ge=-1000, le=1000, description="radians; default: the direction of the first walk"
+        None,
+        ge=-MAX_ANGLE_RAD,
+        le=MAX_ANGLE_RAD,
+        description="radians; default: the direction of the first walk",
     )
     enter_s: float = Field(0.0, ge=0, le=3600, description="when the person enters the room")
     repeat: bool = Field(True, description="begin again after the last step")

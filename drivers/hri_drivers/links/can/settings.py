@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from can.typechecking import CanFilter
 from pydantic import Field, model_validator
@@ -21,6 +21,7 @@ from hri_predict.protocol.can import (
 )
 from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.wire import LinkKind, classic_bits, wire_bits
+from hri_predict.quantities.safe_side import Safety, harmless
 from hri_predict.settings import Settings
 
 OWN_ARGUMENTS = ("interface", "bustype", "channel", "bitrate", "fd", "data_bitrate")
@@ -38,6 +39,8 @@ class IsoTpSettings(Settings):
     id: int | None = Field(
         None, ge=0, le=MAX_ID, description="id of the node's segments; default base_id + 0x46"
     )
+
+    safety: ClassVar[Safety] = harmless("id")
 
 
 class CanLinkSettings(ConfiguredLinkSettings):
@@ -70,6 +73,10 @@ class CanLinkSettings(ConfiguredLinkSettings):
         False, description="receive from the controller; send nothing, not even acknowledge bits"
     )
     options: dict[str, Any] = Field({}, description="further arguments of python-can's bus")
+
+    safety: ClassVar[Safety] = harmless(
+        "bitrate", "fd", "data_bitrate", "base_id", "extended", "listen_only"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

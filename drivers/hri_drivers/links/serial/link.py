@@ -14,6 +14,7 @@ from hri_drivers.wires.usb_ports import UsbDevice
 from hri_predict.errors import ConfigError, LinkError
 from hri_predict.link import LinkLoad
 from hri_predict.protocol.wire import StateShape
+from hri_predict.quantities.safe_side import Safety, harmless
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 
@@ -38,6 +39,8 @@ class SerialLinkSettings(FramedLinkSettings):
     rtscts: bool = Field(False, description="hardware handshake")
     xonxoff: bool = Field(False, description="not possible: frames contain the XON and XOFF bytes")
     rs485: bool = Field(False, description="the driver switches the transmitter by RTS (Linux)")
+
+    safety: ClassVar[Safety] = harmless("baudrate", "stop_bits", "rtscts", "xonxoff", "rs485")
 
     @field_validator("xonxoff")
     @classmethod

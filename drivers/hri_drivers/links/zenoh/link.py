@@ -19,6 +19,7 @@ from hri_predict.protocol.keyed import ROOT, Keyed, KeyedReceiver, KeyedSender, 
 from hri_predict.protocol.messages import Advice, Message, RobotState, Schema, Status
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.wire import SIX_JOINTS, StateShape, wire_bits
+from hri_predict.quantities.safe_side import Safety, harmless
 
 OVERHEAD_BITS = 8 * 160
 """Largest overhead of a message on Ethernet: 38 + 52 bytes of Ethernet, IPv6 and TCP (with gap
@@ -44,6 +45,8 @@ class ZenohLinkSettings(CellSettings, ConfiguredLinkSettings):
     wait_for_device: bool = Field(
         True, description="start even if nobody is connected: no cell waits for a router"
     )
+
+    safety: ClassVar[Safety] = harmless("take", "bitrate")
 
     @model_validator(mode="after")
     def _nobody_is_simulated(self) -> Self:

@@ -12,7 +12,7 @@ them.
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -37,6 +37,7 @@ from hri_drivers.sources.udp_receiver import UdpReceiver
 from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError
 from hri_predict.joint_map import METRES_PER_UNIT, JointMap
+from hri_predict.quantities.safe_side import Safety, harmless
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 from hri_predict.source import SourceCounters
 
@@ -81,6 +82,8 @@ class MvnSettings(LiveSettings):
     stamp: Literal["time_code", "sample_counter"] = Field(
         "time_code", description="field that states the capture time of a sample"
     )
+
+    safety: ClassVar[Safety] = harmless("port", "sample_rate_hz")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

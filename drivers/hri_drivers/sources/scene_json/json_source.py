@@ -6,7 +6,7 @@ sequence lower than the one before means that the sender restarted.
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -22,6 +22,7 @@ from hri_drivers.sources.tcp import (
 )
 from hri_predict.clock import Clock
 from hri_predict.discovery.services import ServiceSettings
+from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.source import SourceCounters
 
 DEFAULT_PORT = 9871
@@ -35,6 +36,10 @@ class SceneJsonSettings(LiveSettings):
     min_confidence: float = Field(
         0.3, ge=0, le=1, description="joints sent with less confidence are unobserved"
     )
+
+    safety: ClassVar[Safety] = {
+        "min_confidence": LessSafe(below="joints of a confidence of {value:g} count as seen")
+    }
 
 
 class JsonSettings(SceneJsonSettings):
@@ -50,6 +55,8 @@ class JsonSettings(SceneJsonSettings):
         None, description="client: the name that the sender announces; replaces host and port"
     )
     allow_unauthenticated: bool = ALLOW_UNAUTHENTICATED
+
+    safety: ClassVar[Safety] = harmless("port")
 
     @model_validator(mode="after")
     def _protected(self) -> Self:

@@ -10,7 +10,7 @@ import logging
 import socket
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from websockets.exceptions import ConnectionClosed, InvalidURI, WebSocketException
@@ -30,6 +30,7 @@ from hri_drivers.sources.tcp import (
 )
 from hri_predict.clock import Clock
 from hri_predict.errors import SourceError
+from hri_predict.quantities.safe_side import Safety, harmless
 from hri_predict.source import SourceCounters
 
 DEFAULT_PORT = 9872
@@ -55,6 +56,8 @@ class WebSocketSettings(SceneJsonSettings):
     )
 
     allow_unauthenticated: bool = ALLOW_UNAUTHENTICATED
+
+    safety: ClassVar[Safety] = harmless("port")
 
     @model_validator(mode="after")
     def _protected(self) -> Self:

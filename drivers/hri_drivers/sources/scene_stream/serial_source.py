@@ -6,7 +6,7 @@ touches.
 """
 
 from pathlib import Path
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from cobs import cobs
 from pydantic import Field, model_validator
@@ -19,6 +19,7 @@ from hri_drivers.sources.sent import SentScene
 from hri_drivers.wires.serial import Parity, SerialTransport, StopBits
 from hri_drivers.wires.usb_ports import UsbDevice
 from hri_predict.clock import Clock
+from hri_predict.quantities.safe_side import Safety, harmless
 from hri_predict.source import SourceCounters
 
 MAX_ENCODED = MAX_DATAGRAM + MAX_DATAGRAM // 254 + 1  # COBS adds one byte for each 254 begun
@@ -40,6 +41,8 @@ class SerialSkeletonSettings(StreamSettings):
     parity: Parity = Field("none", description="parity bit, as the sender's")
     stop_bits: StopBits = Field(1, description="stop bits, as the sender's")
     rtscts: bool = Field(False, description="hardware handshake")
+
+    safety: ClassVar[Safety] = harmless("baudrate", "stop_bits", "rtscts")
 
     @model_validator(mode="after")
     def _has_port(self) -> Self:

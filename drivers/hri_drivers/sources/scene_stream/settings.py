@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
 from pydantic import Field
 
@@ -11,6 +12,7 @@ from hri_drivers.sources.scene_stream.codec import MAX_JOINTS
 from hri_drivers.sources.scene_stream.key_file import read_key
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_predict.errors import ConfigError
+from hri_predict.quantities.safe_side import LessSafe, Safety
 from hri_predict.source import SourceCounters
 
 
@@ -23,6 +25,12 @@ class StreamSettings(LiveSettings):
     max_skew_s: float = Field(
         2.0, ge=0.001, le=60, description="with a key: largest error of a new sender's UTC clock"
     )
+
+    safety: ClassVar[Safety] = {
+        "max_skew_s": LessSafe(
+            above="scenes that were recorded up to {value:g} s before may be sent again, once"
+        )
+    }
 
 
 def stream_of(

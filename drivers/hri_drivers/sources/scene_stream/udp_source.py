@@ -7,7 +7,7 @@ import ipaddress
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -16,6 +16,7 @@ from hri_drivers.sources.scene_stream.codec import MAX_DATAGRAM
 from hri_drivers.sources.scene_stream.settings import StreamSettings, stream_of
 from hri_drivers.sources.udp_receiver import UdpReceiver, is_loopback
 from hri_predict.clock import Clock
+from hri_predict.quantities.safe_side import Safety, harmless
 
 DEFAULT_PORT = 47_800
 
@@ -33,6 +34,8 @@ class UdpSettings(StreamSettings):
         False,
         description="without a key: believe any program that reaches the port",
     )
+
+    safety: ClassVar[Safety] = harmless("port")
 
     @field_validator("host")
     @classmethod

@@ -1,0 +1,1 @@
+"""Whether what a configuration says can be meant: its places, and what is less safe by choice."""
