@@ -28,6 +28,7 @@ from hri_predict.alerting.settings import HookSettings
 from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError
 from hri_predict.files import refuse_named_pipe
+from hri_predict.monitoring.remote import WATCH_S, Remote
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
@@ -72,6 +73,8 @@ class AlertSettings(Settings):
 class Alerts:
     """Watches levels and named zones, and raises an alert when one changes.
 
+    It also raises one, once, for a robot that is far from all people who are seen (``Remote``).
+
     On the virtual clock there is no thread: alerts are written at once and no hook sends.
 
     ``dropped`` counts alerts that were not written because the thread could not keep up.
@@ -101,6 +104,7 @@ class Alerts:
         self._threaded = threaded
         self._states: dict[int, tuple[Level, Reason | None]] = {}
         self._zones: dict[str, str] = {}
+        self._remote = Remote()
         self._queue: queue.Queue[AnyAlert | None] = queue.Queue(maxsize=256)
         self._file = alert_file(settings, base_dir)
         self._thread: threading.Thread | None = None
@@ -142,6 +146,7 @@ class Alerts:
     def observe(self, advices: tuple[Advice, ...]) -> None:
         """Take the advices of one tick; queue an alert for each changed level. Never blocks."""
         for advice in advices:
+            self._watch_distance(advice)
             # a new reason for unknown is news; the reason for a stop may change with every step
             why = advice.reason if advice.level in (Level.UNKNOWN, Level.FAULT) else None
             is_clear = advice.level is Level.CLEAR  # then the reason is a note
@@ -163,6 +168,28 @@ class Alerts:
                     speed_limit_m_s=advice.speed_limit_m_s,
                 )
             )
+
+    def _watch_distance(self, advice: Advice) -> None:
+        """Report a robot that is far from every person who is seen."""
+        away_m = self._remote.observe(advice, self._now_s())
+        if away_m is None:
+            return
+        robot, level = self._robots[advice.robot], advice.level.name.lower()
+        self._put(
+            Alert(
+                at=self._at(),
+                time_s=self._now_s(),
+                robot=robot,
+                level=level,
+                was=level,
+                reason="no person was seen near it",
+                detail=f"{robot}: no person was seen nearer than {away_m:.1f} m within "
+                f"{WATCH_S:g} s; are its place and the source's in metres, and of one room?",
+                clears_when="",
+                separation_m=advice.separation_m,
+                speed_limit_m_s=advice.speed_limit_m_s,
+            )
+        )
 
     def observe_zones(self, zones: Sequence[NamedZoneState]) -> None:
         """Take the named zones of one tick; queue an alert for each that changed. Never blocks."""

@@ -12,7 +12,9 @@ FAST = LinkSettings(
 SLOW = LinkSettings(
     name="slow", kind="serial", delay_s=0.01, silence_timeout_s=0.2, reaction_s=0.05, robots=["b"]
 )
-BOTH = LinkSettings(name="both", kind="can", delay_s=0.0, silence_timeout_s=0.15, reaction_s=0.0)
+BOTH = LinkSettings(
+    name="both", kind="can", delay_s=0.001, silence_timeout_s=0.148, reaction_s=0.001
+)
 
 
 def test_terms_sum_to_the_reaction_time():
@@ -38,7 +40,7 @@ def test_each_robot_has_its_own_worst_link():
     assert budget.after_now_s("a") == pytest.approx(own + 0.15)  # "both" is slower than "fast"
     assert budget.after_now_s("b") == pytest.approx(own + 0.26)
     assert budget.after_now_s() == pytest.approx(own + 0.26)
-    assert budget.terms("a")["silence_timeout"] == 0.15
+    assert budget.terms("a")["silence_timeout"] == 0.148
 
 
 def test_a_robot_that_no_link_advises_has_the_nodes_delays_alone():
