@@ -24,6 +24,8 @@ MAX_FROM_SOURCE_M = 15.0
 there (depth cameras up to 6 m)."""
 NEAR_M = 5.0
 """A robot that is nearer is not mentioned."""
+MAX_REGION_M = 40.0
+"""Between a zone, door or shadow and the nearest robot or source: nothing is seen there."""
 MAX_EXIT_M2 = 60.0
 """A gate for two lorries with 6 m before it."""
 
@@ -47,6 +49,7 @@ def check_places(config: Config, robots: Sequence[RobotModel]) -> None:
                 f"{key}: what robot {model.name} reaches ends {beyond_m:.3g} m from {what}, so no "
                 f"person would be seen near it; correct one of the two ({meant(far, 'm')}){more}"
             )
+    _check_regions(config, robots)
     for i, door in enumerate(config.node.people.exits):
         area = _area(door.polygon)
         if area > MAX_EXIT_M2:
@@ -54,6 +57,32 @@ def check_places(config: Config, robots: Sequence[RobotModel]) -> None:
                 f"{config.place('people', 'exits', i)}: {area:.0f} m2 is too large for an exit: a "
                 f"person who is lost anywhere in it counts as gone; give the floor before the door "
                 f"alone, at most {MAX_EXIT_M2:g} m2, in metres"
+            )
+
+
+def _check_regions(config: Config, robots: Sequence[RobotModel]) -> None:
+    """Refuse zones, doors and shadows that are far from everything else."""
+    node, source = config.node, config.source
+    regions: list[tuple[tuple[str | int, ...], Region]] = [
+        *((("zones", i), zone) for i, zone in enumerate(node.zones)),
+        *((("people", "exits", i), door) for i, door in enumerate(node.people.exits)),
+        *((("people", "entrances", i), door) for i, door in enumerate(node.people.entrances or ())),
+        *((("source", "shadows", i), shadow) for i, shadow in enumerate(source.shadows)),
+    ]
+    places = [
+        *map(np.asarray, source.known_places),
+        *(m.base for m in robots if m.base is not None),
+    ]
+    view = _view(config)
+    if view is not None:
+        places += [np.array([x, y, 0.0]) for x, y in view.polygon]
+    for key, region in regions:
+        away_m = min(floor_distance(region, place) for place in places)
+        if away_m > MAX_REGION_M:
+            far = max((v for corner in region.polygon for v in corner), key=abs)
+            raise ConfigError(
+                f"{config.place(*key)}: {away_m:.3g} m from every robot and the source, where "
+                f"nothing is seen; {meant(far, 'm')}"
             )
 
 

@@ -75,3 +75,16 @@ def test_an_exit_as_large_as_the_hall_is_refused(tmp_path, polygon, fits):
         return
     with pytest.raises(ConfigError, match=r"people\.exits\.0: 206 m2 is too large for an exit"):
         built(config)
+
+
+@pytest.mark.parametrize("key", ["exits", "entrances"])
+def test_a_door_in_centimetres_is_refused(tmp_path, key):
+    door = "{polygon: [[60, 50], [65, 50], [65, 55], [60, 55]]}"
+    with pytest.raises(ConfigError, match=rf"people\.{key}\.0: .*metres are meant"):
+        built(cell(tmp_path, ("people: {", f"people: {{{key}: [{door}], ")))
+
+
+def test_a_zone_in_centimetres_is_refused(tmp_path):
+    zone = "{name: hatch, polygon: [[50, -80], [90, -80], [90, -50]], level: slow}"
+    with pytest.raises(ConfigError, match=r"zones\.0: .*where nothing is seen"):
+        built(cell(tmp_path, ("risk: {", f"zones: [{zone}]\nrisk: {{")))
