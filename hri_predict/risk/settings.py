@@ -55,7 +55,7 @@ class Reach(Settings):
     }
 
 
-REACH = {
+REACH: dict[Literal["trunk", "arm", "leg"], Reach] = {
     "trunk": Reach(speed_m_s=10.0, burst_m_s=2.0),
     "arm": Reach(speed_m_s=15.0, burst_m_s=4.5),
     "leg": Reach(speed_m_s=20.0, burst_m_s=9.0),
