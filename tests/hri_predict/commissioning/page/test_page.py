@@ -145,3 +145,12 @@ def test_only_markup_stays_markup():
     assert text("<b>") == "&lt;b&gt;"
     assert text(Markup("<b>")) == "<b>"
     assert tag("p", 'a"<', x_y='"') == '<p x-y="&quot;">a&quot;&lt;</p>'
+
+
+def test_settings_that_are_less_safe_have_a_place_for_who_accepts_them():
+    line = "people.found_within_s: 2 (default 0.5): a body may end a lost person"
+    page = page_of(whole().model_copy(update={"less_safe": [line]}), "")
+    assert "less safe than their defaults" in page
+    assert "people.found_within_s" in page
+    assert "accepted by" in page
+    assert "accepted by" not in page_of(whole(), "")
