@@ -369,7 +369,7 @@ class SupervisedLink(Generic[U]):
         self._codec.count(self.counters)
         self.counters.overrun = self._inbox.overrun
         self.counters.unexpected = self._own.echoes + self._not_ours
-        if self._own.foreign > self.counters.foreign:
-            self.counters.foreign = self._own.foreign
+        self.counters.foreign = self._own.foreign
+        if self._own.prove_second(now_ns):
             self.foreign_ns = now_ns
             self._note(LinkError(SECOND_SENDER))
