@@ -162,6 +162,7 @@ class CanReceiver:
 
     Attributes:
         counters: see ``ReceiveCounters``.
+        refused: why the newest message with right CRC was refused; empty if none was.
         own: judges whole frames that only a node sends, where set: then the receiver is a node's,
             and hands none of them on.
     """
@@ -173,6 +174,7 @@ class CanReceiver:
         self.own: OwnFrames | None = None
         self._streams: dict[int, _Stream] = {}
         self.counters = ReceiveCounters()
+        self.refused = ""
 
     def reset(self) -> None:
         """Forget sequences and incomplete messages, as after a reconnection; counters stay."""
@@ -284,8 +286,9 @@ class CanReceiver:
     def _decoded(self, definition: Definition, robot: int, payload: bytes) -> list[Message]:
         try:
             message = decode_payload(definition, robot, payload)
-        except Malformed:
+        except Malformed as error:
             self.counters.malformed += 1
+            self.refused = str(error)
             return []
         self.counters.received += 1
         return [message]

@@ -121,7 +121,7 @@ class Sensor:
         scenes = 0
         for scene in self._scenes(seconds):
             scenes += 1
-            self.captured_ns.append(scene.capture_ns)
+            self.captured_ns.append(scene.stamp_ns)
             self.arrived_ns.append(self._clock.now_ns())
             for person in scene.people:
                 body, there = self.source.joint_map.map(person.positions, person.observed)

@@ -115,6 +115,11 @@ class CanCodec:
             counters.error_passive = health.passive
             counters.bus_off = health.off
 
+    @property
+    def refused(self) -> str:
+        """See ``CanReceiver``."""
+        return self._receiver.refused
+
     def worst_s(self, message: Message) -> float:
         """Worst-case seconds on the wire of the message."""
         s = self._settings

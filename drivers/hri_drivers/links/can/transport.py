@@ -109,6 +109,8 @@ class CanTransport:
             raise LinkError(f"{self._name}: {why}")
         if self._filters and "can_filters" not in self._arguments and _filters_itself(bus):
             bus.set_filters(list(self._filters))
+        if self.interface == "slcan":
+            _read_any_line_end(bus)
         _forget_backlog(bus)
         self._garbage = 0
         self._bus = bus
@@ -290,6 +292,20 @@ def _is_garbage(error: Exception) -> bool:
     """Whether a failed receive was caused by the content of a frame, not by the device."""
     last = list(causes(error))[-1]
     return isinstance(last, ValueError | LookupError | TypeError) and not isinstance(last, OSError)
+
+
+def _read_any_line_end(bus: Any) -> None:
+    """Understand an slcan adapter that ends its lines with CR and LF.
+
+    python-can ends a line at CR, so LF would begin the next one, and no frame would be found.
+    """
+    read = bus._read
+
+    def without_line_feed(timeout: float | None) -> str | None:
+        line: str | None = read(timeout)
+        return line.lstrip("\n") if line else line
+
+    bus._read = without_line_feed
 
 
 def _forget_backlog(bus: can.BusABC) -> None:
