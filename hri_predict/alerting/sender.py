@@ -24,9 +24,7 @@ class SendError(Exception):
         again_s: no attempt is welcome sooner, as the receiver asked; ``None``: it did not ask.
     """
 
-    def __init__(
-        self, text: str, *, permanent: bool = False, again_s: float | None = None
-    ) -> None:
+    def __init__(self, text: str, *, permanent: bool = False, again_s: float | None = None) -> None:
         super().__init__(text)
         self.permanent = permanent
         self.again_s = again_s

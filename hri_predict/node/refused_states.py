@@ -102,7 +102,6 @@ def _are_degrees(
 ) -> bool:
     """Whether all values lie within their ranges if those of turning joints are degrees."""
     return all(
-        value is not None
-        and low <= (value / _DEGREES if unit.startswith("rad") else value) <= high
+        value is not None and low <= (value / _DEGREES if unit.startswith("rad") else value) <= high
         for value, (low, high), unit in zip(values, ranges, units, strict=True)
     )

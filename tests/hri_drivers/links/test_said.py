@@ -34,7 +34,9 @@ def test_bytes_without_a_frame_are_said_once(caplog):
     assert "same baud rate" in str(pair.link.last_error)
 
 
-@pytest.mark.parametrize(("kind", "sender"), [("serial pipe", SerialSender), ("can pipe", CanSender)])
+@pytest.mark.parametrize(
+    ("kind", "sender"), [("serial pipe", SerialSender), ("can pipe", CanSender)]
+)
 def test_states_in_degrees_are_refused_with_the_reason(kind, sender, caplog):
     pair = make(kind, VirtualClock())
     pair.link.service(0)

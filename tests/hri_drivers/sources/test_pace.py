@@ -9,7 +9,9 @@ S = 1_000_000_000
 
 def notes(rate_hz, configured_hz, seconds, connected=lambda k: True):
     pace = SenderPace(configured_hz)
-    said = (pace.note(int(k * 0.1 * rate_hz), connected(k), k * S // 10) for k in range(seconds * 10))
+    said = (
+        pace.note(int(k * 0.1 * rate_hz), connected(k), k * S // 10) for k in range(seconds * 10)
+    )
     return [line for line in said if line]
 
 

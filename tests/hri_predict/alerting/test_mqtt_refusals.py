@@ -63,7 +63,7 @@ def test_a_refusal_is_said_in_words(code, said, tmp_path):
 
 def test_what_is_no_broker_is_said(tmp_path):
     web = broker(lambda name: b"HTTP/1.1 400 Bad Request\r\n\r\n")
-    with web as (port, _), pytest.raises(SendError, match="not an MQTT broker; correct .port."):
+    with web as (port, _), pytest.raises(SendError, match=r"not an MQTT broker; correct .port."):
         sender(tmp_path, port).send(Trial(at=None), 0)
 
 

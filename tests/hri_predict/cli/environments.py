@@ -54,9 +54,9 @@ def _prepare(environment: str, said: list[Path]) -> None:
         numbers[1] = os.open("/dev/full", os.O_WRONLY)
     for k, number in enumerate(numbers):
         os.dup2(number, k)
-    sys.stdin = io.TextIOWrapper(open(0, "rb", closefd=False), encoding=encoding)
+    sys.stdin = io.TextIOWrapper(os.fdopen(0, "rb", closefd=False), encoding=encoding)
     for name, k in (("stdout", 1), ("stderr", 2)):
-        raw: Any = open(k, "wb", closefd=False)
+        raw: Any = os.fdopen(k, "wb", closefd=False)
         setattr(sys, name, io.TextIOWrapper(raw, encoding=encoding, errors="strict"))
     for k in CLOSED.get(environment, ()):
         os.close(k)

@@ -85,8 +85,11 @@ def test_cheap_calls_end_without_a_traceback(environment, tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize(
     "environment",
-    [{"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "latin-1"}],
-)  # fmt: skip
+    [
+        {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"},
+        {"PYTHONIOENCODING": "latin-1"},
+    ],
+)
 @pytest.mark.parametrize("arguments", [["check", DEMO], ["demo", "--speed", "max"]])
 def test_real_processes_write_what_their_encoding_lacks_as_numbers(environment, arguments):
     done = subprocess.run(
@@ -115,4 +118,3 @@ def test_a_path_that_is_not_utf_8_is_read_and_printed(tmp_path):
         assert b"Traceback" not in done.stderr
         done.stdout.decode()
         done.stderr.decode()
-

@@ -12,6 +12,7 @@ from hri_predict import registry
 from hri_predict.conformance.checks import run_checks
 from hri_predict.conformance.links import CHECKS, LinkPart, check_link
 from hri_predict.protocol.messages import Advice, at_encoding
+from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.settings import validated
 
@@ -173,7 +174,8 @@ class Suspicious(SerialLink):
 
     def _encoded(self, message, now_ns):
         units = super()._encoded(message, now_ns)
-        self._own._times.clear()
+        self._own = OwnFrames()
+        self._codec.watch(self._own)
         return units
 
 

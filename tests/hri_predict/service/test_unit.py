@@ -53,7 +53,18 @@ def test_the_command_puts_in_its_own_program_and_the_priority(tmp_path):
     assert "LimitRTPRIO=42" in text.splitlines()
 
 
-ODD = ["with space", "100%", "100%i", "a$HOME", 'quo"te', "back\\slash", "ümlaut", "it's", "tab\there", "a;b"]
+ODD = [
+    "with space",
+    "100%",
+    "100%i",
+    "a$HOME",
+    'quo"te',
+    "back\\slash",
+    "ümlaut",
+    "it's",
+    "tab\there",
+    "a;b",
+]
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
@@ -87,7 +98,9 @@ def command_of(text):
 @pytest.mark.skipif(shutil.which("systemd-escape") is None, reason="needs systemd-escape")
 @pytest.mark.parametrize("name", [*ODD, "cell7", "cell_7.b"])
 def test_a_cells_name_is_escaped_as_systemd_does_it(name):
-    done = subprocess.run(["systemd-escape", "--", name], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        ["systemd-escape", "--", name], capture_output=True, text=True, check=True
+    )
     assert instance(name) == done.stdout.strip()
 
 

@@ -72,7 +72,7 @@ def test_other_paths_are_not_there(server, path):
     "url", ["plant.example", "ftp://plant.example", "https://", "https://a@b/", "https://b/?x", ""]
 )
 def test_a_wrong_address_is_one_line(url):
-    with pytest.raises(ConfigError, match="--operator-url .*write it as https://HOST"):
+    with pytest.raises(ConfigError, match=r"--operator-url .*write it as https://HOST"):
         published(8091, [url])
     with pytest.raises(ConfigError, match="without --operator"):
         published(None, [URL])
