@@ -197,9 +197,10 @@ class Link(Protocol):
         connected: whether the device is open now.
         on_sent: called with (name, bytes, time) after each unit written, where set.
         last_error: one line about the newest trouble, ``None`` if there was none.
-        foreign_ns: when the newest frame came that has ids which only this node sends, and that
-            this node did not send (``counters.foreign``); ``None`` if there was none. An echo of
-            the node's own frame is not one. A link that sends nothing hears no such frame.
+        foreign_ns: when a second sender was last proved: two whole frames, within half a second,
+            with ids which only this node sends, and that this node did not send
+            (``counters.foreign``); ``None`` if there was none. An echo of the node's own frame is
+            not one. A link that sends nothing hears no such frame.
     """
 
     name: str

@@ -124,7 +124,8 @@ class Hook:
             else:
                 permanent = isinstance(error, SendError) and error.permanent
                 again = not permanent and not self._stopping
-                self._outbox.failed(entry, self._now_s(), again=again)
+                asked = error.again_s if isinstance(error, SendError) else None
+                self._outbox.failed(entry, self._now_s(), again=again, again_s=asked)
         if error is not None:
             self._failed(error)
 

@@ -8,6 +8,7 @@ Topics, below ``topic`` (``hri-predict/CELL`` by default):
 
 import contextlib
 import json
+import secrets
 import socket
 import threading
 from collections.abc import Callable
@@ -33,6 +34,15 @@ if TYPE_CHECKING:
 
 KEEPALIVE_S = 15
 """The broker says offline after one and a half times this without a word (MQTT 3.1.1, 3.1.2.10)."""
+_CONNACK = b"\x20\x02"
+_REFUSALS = {
+    1: "Unacceptable protocol version; use a broker that speaks MQTT 3.1.1",
+    2: "Identifier rejected; set 'client_id' to one that the broker accepts",
+    3: "Server unavailable; try again later",
+    4: "Bad user name or password; correct 'username' or the password",
+    5: "Not authorized; correct 'username', the password or the broker's access list",
+}
+"""Return codes of CONNACK (MQTT 3.1.1, table 3.1), each with a remedy."""
 
 
 class MqttHook(HookSettings):
@@ -59,6 +69,13 @@ class MqttHook(HookSettings):
     )
     password_file: SecretFile = None
     password_env: SecretVariable = None
+    client_id: str | None = Field(
+        None,
+        min_length=1,
+        max_length=200,
+        pattern=r"^[^\x00-\x1f\x7f]+$",
+        description="name at the broker, unique there; default: made of the cell's name and chance",
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -109,6 +126,7 @@ class MqttSender(Sender):
         self.secrets = () if self._password is None else (self._password,)
         self._tls = tls_context(settings.ca_file, place.base_dir) if settings.tls else None
         self._base = settings.topic or f"hri-predict/{topic_level(place.cell)}"
+        self._client_id = settings.client_id or client_id(place.cell)
         self._kept: dict[str, str] = {}  # topic -> newest alert
         self._client: Client | None = None
         self._budget: _Budget
@@ -155,25 +173,23 @@ class MqttSender(Sender):
         self._drop()
         self._client = client = self._new_client()
         answered = threading.Event()
-        answer: list[Any] = []
 
-        def on_connect(*given: Any) -> None:  # client, data, flags, reason code, properties
-            answer.append(given[3])
+        def answer(*given: Any) -> None:  # by the library's thread, after CONNACK or the end
             answered.set()
 
-        client.on_connect = on_connect
+        client.on_connect = client.on_disconnect = answer
         try:
             client.connect(self._settings.host, self._settings.open_port, KEEPALIVE_S)
         except (OSError, ValueError) as error:
             self._drop()
             raise SendError(f"cannot connect: {said(error)}") from error
         client.loop_start()
-        if not answered.wait(self._settings.timeout_s):
+        in_time = answered.wait(self._settings.timeout_s)
+        code = self._budget.connack
+        if not in_time or code != 0:
+            heard = self._budget.heard_another
             self._drop()
-            raise SendError("the broker does not answer")
-        if answer[0].is_failure:
-            self._drop()
-            raise SendError(f"the broker refuses: {answer[0]}")
+            raise SendError(_refusal(code, in_time, heard))
         if self._place.live:
             for topic, data in self._kept.items():
                 self._publish(topic, data)
@@ -182,7 +198,11 @@ class MqttSender(Sender):
 
     def _new_client(self) -> "Client":
         mqtt = _paho()
-        client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
+        client = mqtt.Client(
+            mqtt.CallbackAPIVersion.VERSION2,
+            client_id=self._client_id,  # brokers may refuse an empty one (MQTT 3.1.1, 3.1.3.1)
+            reconnect_on_failure=False,
+        )
         client.connect_timeout = self._settings.timeout_s
         self._budget = _Budget(client._sock_recv)
         client._sock_recv = self._budget.read  # the library has no limit of its own
@@ -228,15 +248,51 @@ class _Budget:
 
     def __init__(self, read: Callable[[int], bytes]) -> None:
         self._read = read
+        self._first = b""
         self.left = ANSWER_BYTES
+
+    @property
+    def connack(self) -> int | None:
+        """Return code of the broker's CONNACK; ``None`` if it has sent none.
+
+        The library keeps some codes to itself.
+        """
+        whole = len(self._first) == 4 and self._first.startswith(_CONNACK)
+        return self._first[3] if whole else None
+
+    @property
+    def heard_another(self) -> bool:
+        """Whether something came that is not a CONNACK."""
+        return not _CONNACK.startswith(self._first[:2])
 
     def read(self, size: int) -> bytes:
         """Read from the connection, or break it off."""
         data = self._read(min(size, ANSWER_BYTES))  # as much as is asked for is allocated
         self.left -= len(data)
+        self._first += data[: 4 - len(self._first)]
         if self.left < 0:
             raise ConnectionAbortedError
         return data
+
+
+def client_id(cell: str) -> str:
+    """A client id that every broker accepts: 23 letters and digits at most (MQTT 3.1.1, 3.1.3.1).
+
+    Two clients with one id disconnect each other, so part of it is chance.
+    """
+    name = "".join(c for c in cell if c.isascii() and c.isalnum())[:12]
+    return f"hri{name}{secrets.token_hex(4)}"
+
+
+def _refusal(code: int | None, in_time: bool, heard: bool) -> str:
+    """Why there is no connection, in words."""
+    if code:
+        return f"the broker refuses: {_REFUSALS.get(code, 'an unknown reason')} (CONNACK {code})"
+    if heard:
+        return "what answers is not an MQTT broker; correct 'port' and 'tls'"
+    if in_time:
+        return "the broker ends the connection without an answer; correct 'port' and 'tls'"
+    return "the broker does not answer"
 
 
 def _paho() -> Any:

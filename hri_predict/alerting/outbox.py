@@ -11,6 +11,8 @@ from hri_predict.alerting.alert import AnyAlert
 from hri_predict.alerting.settings import HookSettings
 
 BACK_OFF_S, LONGEST_BACK_OFF_S = 1.0, 30.0
+LONGEST_ASKED_S = 300.0
+"""Longest pause that a receiver may ask for (``Retry-After``): it must not switch alerts off."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -88,13 +90,17 @@ class Outbox:
         self._untold -= entry.more_changes
         self._failed_in_a_row, self._retry_at_s = 0, 0.0
 
-    def failed(self, entry: Entry, now_s: float, *, again: bool) -> None:
+    def failed(
+        self, entry: Entry, now_s: float, *, again: bool, again_s: float | None = None
+    ) -> None:
         """Count a failed attempt; keep the alert unless it is too old or not to be tried ``again``.
 
-        The next attempt, of whatever alert, waits: longer after each failure.
+        The next attempt, of whatever alert, waits: longer after each failure, and as long as the
+        receiver asks (``again_s``).
         """
         self.failures += 1
         pause = min(BACK_OFF_S * 2.0**self._failed_in_a_row, LONGEST_BACK_OFF_S)
+        pause = max(pause, min(again_s or 0.0, LONGEST_ASKED_S))
         self._failed_in_a_row = min(self._failed_in_a_row + 1, 10)
         assert entry.first_try_s is not None
         newer = entry.alert.subject in self._waiting

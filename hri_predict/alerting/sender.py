@@ -21,11 +21,13 @@ class SendError(Exception):
 
     Attributes:
         permanent: a further attempt would fail the same way.
+        again_s: no attempt is welcome sooner, as the receiver asked; ``None``: it did not ask.
     """
 
-    def __init__(self, text: str, *, permanent: bool = False) -> None:
+    def __init__(self, text: str, *, permanent: bool = False, again_s: float | None = None) -> None:
         super().__init__(text)
         self.permanent = permanent
+        self.again_s = again_s
 
 
 @dataclass(frozen=True, kw_only=True)

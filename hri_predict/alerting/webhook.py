@@ -8,6 +8,7 @@ import hmac
 import http.client
 import json
 import time
+from email.utils import parsedate_to_datetime
 from typing import Annotated, Any, ClassVar, Literal, Self
 from urllib.parse import SplitResult, urlsplit
 
@@ -149,7 +150,8 @@ class WebhookSender(Sender):
         try:
             with cut_after(self._settings.timeout_s, lambda: connection.sock):
                 connection.request("POST", path, body, self._headers(body))
-                status = connection.getresponse().status
+                response = connection.getresponse()
+                status, asked = response.status, response.getheader("Retry-After")
         except (OSError, ValueError) as error:  # ValueError: TLS after the cut
             raise SendError(said(error)) from error
         except http.client.HTTPException as error:  # its text is what the server sent
@@ -163,7 +165,13 @@ class WebhookSender(Sender):
                 f"HTTP status {status}: redirects are not followed; put the final address into url",
                 permanent=True,
             )
-        raise SendError(f"HTTP status {status}", permanent=status < 500 and status not in _LATER)
+        again_s = retry_after_s(asked, time.time())
+        later = "" if again_s is None else f" (asks to wait {again_s:.0f} s)"
+        raise SendError(
+            f"HTTP status {status}{later}",
+            permanent=status < 500 and status not in _LATER,
+            again_s=again_s,
+        )
 
     def _connection(self) -> http.client.HTTPConnection:
         host, port, timeout = self._parts.hostname or "", self._parts.port, self._settings.timeout_s
@@ -186,6 +194,19 @@ class WebhookSender(Sender):
         if self._sign_key is not None:
             headers["X-Hri-Signature"] = signature(self._sign_key, body, int(time.time()))
         return headers
+
+
+def retry_after_s(text: str | None, unix_s: float) -> float | None:
+    """Seconds that ``Retry-After`` asks for: a number, or a date (RFC 9110, 10.2.3)."""
+    if text is None:
+        return None
+    if text.isascii() and text.strip().isdigit():
+        return float(text.strip()[:9])
+    try:
+        at = parsedate_to_datetime(text)
+        return max(0.0, at.timestamp() - unix_s)
+    except (ValueError, OverflowError, OSError):  # no date either: it asks for nothing
+        return None
 
 
 def signature(key: str, body: bytes, unix_s: int) -> str:

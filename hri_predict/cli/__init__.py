@@ -1,6 +1,7 @@
 """The entry point of the command line: the ways a command can end, and their exit statuses."""
 
 import errno
+import io
 import os
 import sys
 from typing import NoReturn
@@ -36,30 +37,57 @@ def main() -> None:
             _misused(error, explain())
         if type(error).__name__ == "Abort":  # typer turns Ctrl-C into this
             sys.exit(130)
-        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-            _fail(f"{error.filename}: {error.strerror}; choose a shorter one")
-        if not (isinstance(error, OSError) and error.errno in _NO_ROOM and error.filename is None):
+        reason = _reason(error)
+        if reason is None:
             raise
-        sys.stdout = None
-        _fail(f"the output cannot be written: {error.strerror}; write it to a disk with free space")
+        _fail(reason)
     sys.exit(status if isinstance(status, int) else 0)
 
 
+def _reason(error: Exception) -> str | None:
+    """One line about what the machine, not the program, refuses; ``None``: a fault of ours."""
+    if isinstance(error, UnicodeEncodeError):
+        text = str(error.object)[max(0, error.start - 20) : error.end + 20]
+        return (
+            f"'{text}': has characters that cannot be written as {error.encoding}; rename the file "
+            f"or folder with letters that UTF-8 has"
+        )
+    if not isinstance(error, OSError):
+        return None
+    if error.errno == errno.ENAMETOOLONG:
+        return f"{error.filename}: {error.strerror}; choose a shorter one"
+    if "usable temporary directory" in str(error.strerror):
+        return (
+            "no temporary folder: nothing can be written to those of TMPDIR, /tmp and /var/tmp; "
+            "free some room there, or set TMPDIR to a folder of your own"
+        )
+    if error.errno in _NO_ROOM and error.filename is None:
+        sys.stdout = None  # nothing more can be flushed to it
+        return f"the output cannot be written: {error.strerror}; write it to a disk with free space"
+    return None
+
+
 def _stand_in() -> None:
-    """Give a closed standard file a stand-in that takes everything.
+    """Give a closed standard file a stand-in, and let no character stop an output.
 
     The next file that is opened, a serial port perhaps, would otherwise take its number, and get
-    what libraries print.
+    what libraries print. What an encoding lacks (``LC_ALL=C``, a file name that is not UTF-8) is
+    written as its number, such as ``\\u2265``.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest that is free
+    if sys.stdin is None:
+        sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: SIM115
     if sys.stdout is None:
-        sys.stdout = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     if sys.stderr is None:
-        sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _run() -> object:

@@ -19,7 +19,7 @@ from rich.text import Text
 
 from hri_predict import registry
 from hri_predict.cli.common import wrapped_widths
-from hri_predict.cli.screens.options import Host, Operator
+from hri_predict.cli.screens.options import Host, Operator, OperatorUrl, published
 from hri_predict.cli.terminal.view import COLOURS
 from hri_predict.errors import ConfigError, HriPredictError, LinkError
 from hri_predict.link import ObservesFleet, Transport
@@ -64,6 +64,7 @@ def fleet(
     ] = SILENT_S,
     seconds: Annotated[float | None, typer.Option(help="Stop after this many seconds.")] = None,
     operator: Operator = None,
+    operator_url: OperatorUrl = None,
     viewer_host: Host = LOOPBACK,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print a JSON line each second and one at the end.")
@@ -79,7 +80,7 @@ def fleet(
         if value is not None and not 0 < value <= most:
             raise ConfigError(f"{flag} {value}: give a number above 0, up to {most:.0f}")
     watch = _Watch(_observer(site, connect, listen, zenoh_config), Fleet(silent), silent)
-    with watch.page(operator, viewer_host):
+    with watch.page(operator, viewer_host, published(operator, operator_url)):
         watch.start()
         try:
             if as_json:
@@ -123,11 +124,14 @@ class _Watch:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._hear, name="fleet", daemon=True)
 
-    def page(self, port: int | None, host: str) -> AbstractContextManager[FleetFeed | None]:
+    def page(
+        self, port: int | None, host: str, urls: tuple[str, ...] = ()
+    ) -> AbstractContextManager[FleetFeed | None]:
         """What feeds a page in the browser; nothing without a port."""
         if port is None:
             return nullcontext()
-        self._page_feed = FleetFeed(ScreenSettings("operator", FLEET, port, host), self._facts)
+        settings = ScreenSettings("operator", FLEET, port, host, urls)
+        self._page_feed = FleetFeed(settings, self._facts)
         return self._page_feed
 
     def _facts(self, after: int) -> dict[str, Any]:

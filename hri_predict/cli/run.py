@@ -19,7 +19,7 @@ from hri_predict.cli.check.commissioned import (
     is_as_commissioned,
 )
 from hri_predict.cli.common import JointMapOption, map_path
-from hri_predict.cli.screens.options import Host, Operator, Viewer, screens
+from hri_predict.cli.screens.options import Host, Operator, OperatorUrl, Viewer, screens
 from hri_predict.cli.screens.together import Together
 from hri_predict.cli.terminal.view import TerminalView
 from hri_predict.errors import ConfigError
@@ -106,6 +106,7 @@ def run(
     ] = None,
     viewer: Viewer = None,
     operator: Operator = None,
+    operator_url: OperatorUrl = None,
     viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
@@ -139,7 +140,7 @@ def run(
     if not is_as_commissioned(facts):
         print(f"warning: {commissioning_lines(facts)[0]}; see hri-predict check", file=sys.stderr)
     with loaded.naming_lines():
-        _go(loaded, options, as_json, screens(viewer, operator, viewer_host))
+        _go(loaded, options, as_json, screens(viewer, operator, viewer_host, operator_url))
 
 
 def replay(

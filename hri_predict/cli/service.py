@@ -1,7 +1,10 @@
 """``service``: the systemd unit for a cell."""
 
+import os
+import shlex
 import sys
 from pathlib import Path
+from string import ascii_letters, digits
 from typing import Annotated
 
 import typer
@@ -13,6 +16,7 @@ from hri_predict.run.config import Config
 
 UNIT = "hri-predict@.service"
 _PROGRAM = "/opt/hri-predict/bin/hri-predict"  # as in the shipped unit
+_PLAIN = frozenset(f"{ascii_letters}{digits}/:_.-")
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")  # by ProtectHome, PrivateTmp
 _WRITABLE = ("/var/lib/hri-predict", "/var/log/hri-predict", "/var/cache/hri-predict")
 
@@ -29,7 +33,7 @@ def service(
     Example: hri-predict service cell.yaml
     """
     loaded = configuration.load(config)
-    cell = loaded.path.stem
+    cell = instance(loaded.path.stem)
     program = Path(sys.argv[0])
     for line in [*unwritable(loaded, cell), *hidden(program)]:
         print(f"warning: {line}", file=sys.stderr)
@@ -46,8 +50,13 @@ def service(
         ) from error
     print(f"{path}: written. Next, as root:")
     print("  useradd --system --user-group hri-predict")
-    print(f"  install -D -m 0640 -g hri-predict {config} /etc/hri-predict/{cell}.yaml")
-    print(f"  systemctl daemon-reload && systemctl enable --now hri-predict@{cell}")
+    for words in (
+        ["install", "-D", "-m", "0640", "-g", "hri-predict", str(config),
+         f"/etc/hri-predict/{cell}.yaml"],
+        ["systemctl", "daemon-reload"],
+        ["systemctl", "enable", "--now", f"hri-predict@{cell}"],
+    ):  # fmt: skip
+        print(f"  {shlex.join(words)}")
 
 
 def unit_text(program: Path, config: Config) -> str:
@@ -55,14 +64,38 @@ def unit_text(program: Path, config: Config) -> str:
     text = read_text(data_path("service", UNIT), "unit")
     if program.name == "hri-predict" and program.is_file():
         # no link is followed: a virtual environment's program is the one beside its Python
-        text = text.replace(_PROGRAM, str(program.absolute()).replace("%", "%%"))
+        text = text.replace(_PROGRAM, unit_command(str(program.absolute())))
     else:
-        command = f"{sys.executable} -m hri_predict".replace("%", "%%")
-        text = text.replace(_PROGRAM, command)
+        text = text.replace(_PROGRAM, f"{unit_command(sys.executable)} -m hri_predict")
     priority = config.node.realtime.priority
     if priority is not None:
         text = text.replace("LimitRTPRIO=50", f"LimitRTPRIO={priority}")
     return text
+
+
+def unit_command(program: str) -> str:
+    """A program's path as ``ExecStart`` begins with it (systemd.service(5), systemd.syntax(7)).
+
+    ``%`` begins a specifier anywhere, ``$`` a variable in all words but the first. systemd refuses
+    quotes, backslashes and control characters in the first word, so there ``env`` is the first.
+    """
+    if set(program) <= _PLAIN:
+        return program
+    word = "".join(
+        c if c.isprintable() else "".join(f"\\x{byte:02x}" for byte in os.fsencode(c))
+        for c in program.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%")
+    )
+    if word.count("\\") or "'" in program:
+        return '/usr/bin/env "{}"'.format(word.replace("$", "$$"))
+    return f'"{word}"'
+
+
+def instance(cell: str) -> str:
+    """The name of a cell after ``hri-predict@``: as ``systemd-escape`` writes it, but for ``-``."""
+    return "".join(
+        c if c in _PLAIN and c != "/" else "".join(f"\\x{byte:02x}" for byte in os.fsencode(c))
+        for c in cell
+    )
 
 
 def unwritable(config: Config, cell: str) -> list[str]:

@@ -225,15 +225,17 @@ def does_not_hear_itself(part: LinkPart) -> str:
     wire.incoming.extend(units_from(link, wire, part.clock, status(1)))
     part.run(link, 0.04)
     demand(link.take() == [] and _refused(link.counters) > 0, "its own Status is not counted")
-    demand(link.foreign_ns is None, "its own Status is taken for a second sender's")
+    alone = link.foreign_ns is None and link.counters.foreign == 0
+    demand(alone, "its own Status is taken for a second sender's")
     return "Status heard back: counted"
 
 
 def tells_a_second_sender(part: LinkPart) -> str:
     """What another sends with this node's ids is counted, with its time, and not handed on."""
     link, wire = part.make()
-    wire.incoming.extend(part.units(status(2)))
-    part.run(link, 0.04)
+    for cycle in (2, 3):  # one frame may be a damaged one, whose CRC is right by chance
+        wire.incoming.extend(part.units(status(cycle)))
+        part.run(link, 0.04)
     counted = link.take() == [] and link.counters.foreign > 0
     counted &= link.foreign_ns == part.clock.now_ns()
     demand(counted, "another node's Status is not counted as foreign, with its time")

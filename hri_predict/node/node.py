@@ -14,6 +14,7 @@ from hri_predict.link import Link, Received
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Remembers
 from hri_predict.node.publisher import Publisher
+from hri_predict.node.refused_states import RefusedStates
 from hri_predict.node.second_sender import SecondSender
 from hri_predict.node.shedding import Shedding
 from hri_predict.people.people import People
@@ -70,6 +71,7 @@ class Node:
         self._prediction = prediction
         self._risk = risk
         self._robots = robots
+        self._refused = [RefusedStates(tracker) for tracker in robots]
         self._links = links
         self._second_sender = SecondSender(links)
         self._advised = advised  # per link: indices of the robots advised on it
@@ -220,6 +222,7 @@ class Node:
                     else:
                         tracker = self._robots[message.robot]
                         tracker.update(message, received.received_ns, link.name)
+                        self._refused[message.robot].look(message, received.received_ns, link.name)
                 elif isinstance(message, Acknowledge):
                     self._acknowledge(link.name, message)
 

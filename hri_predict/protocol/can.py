@@ -162,8 +162,9 @@ class CanReceiver:
 
     Attributes:
         counters: see ``ReceiveCounters``.
-        own: judges frames that only a node sends, whatever they hold, where set: then the receiver
-            is a node's, and hands none of them on.
+        refused: why the newest message with right CRC was refused; empty if none was.
+        own: judges whole frames that only a node sends, where set: then the receiver is a node's,
+            and hands none of them on.
     """
 
     def __init__(self, fd: bool = False, base_id: int = DEFAULT_BASE_ID, extended: bool = False):
@@ -173,6 +174,7 @@ class CanReceiver:
         self.own: OwnFrames | None = None
         self._streams: dict[int, _Stream] = {}
         self.counters = ReceiveCounters()
+        self.refused = ""
 
     def reset(self) -> None:
         """Forget sequences and incomplete messages, as after a reconnection; counters stay."""
@@ -186,7 +188,7 @@ class CanReceiver:
             return []
         definition, robot, part = known
         if self.own is not None and definition.sender == "node":
-            self.own.hear(frame)
+            self._judge(frame, self.own)
             return []
         number = frame_number(definition, robot)
         if frame.fd != self._fd:
@@ -212,6 +214,24 @@ class CanReceiver:
         if definition.sequenced and not fresh(stream.sequence, counter, self.counters):
             return []
         return self._decoded(definition, robot, payload)
+
+    def _judge(self, frame: CanFrame, own: OwnFrames) -> None:
+        """Count a frame with a node's id: an echo, another node's, or damaged.
+
+        Another node may send classic frames on an FD bus.
+        """
+        number = frame.arbitration_id - self._base
+        if own.came_back(frame):
+            return
+        if frame.fd:
+            whole = e2e.check_profile5(frame.data, e2e.data_id_16(number))
+        elif len(frame.data) != CLASSIC_BYTES or number not in _ID_LISTS:
+            self.counters.malformed += 1
+            return
+        else:
+            whole = e2e.check_profile2(frame.data, _ID_LISTS[number])
+        own.foreign += whole
+        self.counters.crc_errors += not whole
 
     def _fd_payload(self, data: bytes, number: int, definition: Definition) -> bytes | None:
         if not e2e.check_profile5(data, e2e.data_id_16(number)):
@@ -266,8 +286,9 @@ class CanReceiver:
     def _decoded(self, definition: Definition, robot: int, payload: bytes) -> list[Message]:
         try:
             message = decode_payload(definition, robot, payload)
-        except Malformed:
+        except Malformed as error:
             self.counters.malformed += 1
+            self.refused = str(error)
             return []
         self.counters.received += 1
         return [message]

@@ -279,7 +279,10 @@ def _robot_state(row: list[Any], robot: int, payload: bytes) -> RobotState:
     velocities = [*rest[6:12], *rest[13:18:2]][:joints]
     base = rest[18:] if moving else []
     if None in positions or None in velocities or None in base:
-        raise Malformed("a joint of RobotState, or its base, is not available")
+        raise Malformed(
+            "a joint of RobotState, or its base, is not available: it is not a number, or beyond "
+            "what its field holds (8.19 rad, 32.7 rad/s); radians are meant, not degrees"
+        )
     return RobotState(
         robot=robot,
         mode=mode,

@@ -10,6 +10,9 @@ from collections.abc import Hashable
 KEPT = 4096
 """Frames that are remembered: more than a second of what any link here sends. A later echo counts
 as another's frame, which is the safe mistake."""
+PAIR_NS = 500_000_000
+"""Two frames of another within this time prove a second sender. A node sends at least ten Status a
+second; a damaged frame whose CRC happens to be right (1 of 256 on classic CAN) comes alone."""
 
 
 class OwnFrames:
@@ -17,7 +20,9 @@ class OwnFrames:
 
     Some wires give a sender its own frames back (RS-485, udp_multicast, adapters set so). A frame
     that equals one of the newest ``KEPT`` byte for byte is such an echo; it says nothing that the
-    node did not say. Every other frame with the node's ids comes from another sender.
+    node did not say. Every other whole frame with the node's ids comes from another sender. Callers
+    judge only frames whose CRC is right: a lost character on an slcan line can turn any id into one
+    of the node's.
 
     One thread may call ``sent`` while another calls ``hear``.
 
@@ -30,6 +35,8 @@ class OwnFrames:
         self.echoes = self.foreign = 0
         self._newest: deque[Hashable] = deque()
         self._times: Counter[Hashable] = Counter()
+        self._judged = 0  # of ``foreign``
+        self._foreign_ns: int | None = None
 
     def sent(self, frame: Hashable) -> None:
         """Remember a frame; call it before the frame is written."""
@@ -41,9 +48,21 @@ class OwnFrames:
             if not self._times[oldest]:
                 del self._times[oldest]
 
+    def came_back(self, frame: Hashable) -> bool:
+        """Whether a frame is an echo of our own; count it if so."""
+        echo = frame in self._times
+        self.echoes += echo
+        return echo
+
     def hear(self, frame: Hashable) -> None:
-        """Judge a frame with our ids, and count it."""
-        if frame in self._times:
-            self.echoes += 1
-        else:
+        """Judge a whole frame with our ids, and count it."""
+        if not self.came_back(frame):
             self.foreign += 1
+
+    def prove_second(self, now_ns: int) -> bool:
+        """Whether the frames heard since the last call prove a second sender; see ``PAIR_NS``."""
+        new, self._judged = self.foreign - self._judged, self.foreign
+        if not new:
+            return False
+        before_ns, self._foreign_ns = self._foreign_ns, now_ns
+        return new > 1 or (before_ns is not None and now_ns - before_ns <= PAIR_NS)

@@ -78,6 +78,7 @@ class Profile4Receiver:
         self._table = {e2e.data_id_32(n): entry for n, entry in frame_table(classic=False).items()}
         self._sequences: dict[int, e2e.CounterCheck] = {}
         self.counters = ReceiveCounters()
+        self.refused = ""
 
     def reset(self) -> None:
         """Forget sequences, as after a reconnection; counters stay."""
@@ -106,8 +107,9 @@ class Profile4Receiver:
         try:
             payload = frame[e2e.PROFILE_4_HEADER :]
             message = decode_payload(definition, robot, payload, self._items)
-        except Malformed:
+        except Malformed as error:
             self.counters.malformed += 1
+            self.refused = str(error)
             return None
         self.counters.received += 1
         return message

@@ -49,6 +49,11 @@ class SerialReceiver:
         """Counts of messages received and of errors."""
         return self._frames.counters
 
+    @property
+    def refused(self) -> str:
+        """Why the newest frame with right CRC was refused; empty if none was."""
+        return self._frames.refused
+
     def watch(self, own: OwnFrames) -> None:
         """Let ``own`` judge frames that only a node sends; they are not handed on."""
         self._frames.own = own

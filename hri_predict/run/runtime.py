@@ -17,14 +17,13 @@ from typing import Any, Protocol
 
 from hri_predict.clock import VirtualClock
 from hri_predict.errors import MachineError
-from hri_predict.link import Link
 from hri_predict.machine.asleep import Asleep
 from hri_predict.machine.realtime import steady
 from hri_predict.monitoring.pace import Pace
 from hri_predict.protocol.messages import NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.run.assemble import Assembly
-from hri_predict.run.starting import ended_by_signals
+from hri_predict.run.starting import Starting, ended_by_signals
 from hri_predict.run.ticks import Ticks, ticks_of
 from hri_predict.source import NOT_KNOWN_NS, live_part, wait_for
 
@@ -66,17 +65,11 @@ def run_real_time(
     """
     clock, node = assembly.clock, assembly.node
     pace = pace or Pace()
+    starting = Starting(assembly.links)
     with ended_by_signals(stop):
         node.warm_up()  # before anybody hears of the node: it may take long
-    started: list[Link] = []
-    try:
-        for link in assembly.links:
-            link.start()
-            started.append(link)
-    except Exception:  # a device is absent: nothing was sent yet, and silence means stop
-        for link in started:
-            link.stop()
-        raise
+        starting.start()
+    started = starting.started
     exhausted = threading.Event()
     feeder: threading.Thread | None = None
     try:
@@ -85,7 +78,8 @@ def run_real_time(
         # before the first deadline, because a collection takes long
         with _quiet_collector(), contextlib.ExitStack() as last:
             start_ns = clock.now_ns()
-            assembly.source.open(start_ns)
+            with ended_by_signals(stop):
+                assembly.source.open(start_ns)
             shared: dict[str, Any] = {
                 "assembly": assembly,
                 "pace": pace,

@@ -1,18 +1,25 @@
-"""A start may take minutes: that is said, and it can be broken off."""
+"""A start may take minutes: that is said, and it can be broken off. No link waits for another."""
 
 import contextlib
 import logging
+import queue
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from types import FrameType
 
+from hri_predict.errors import LinkError
+from hri_predict.link import Link
 from hri_predict.node.listeners import Listener, Tick
 
 log = logging.getLogger(__name__)
 
 LONG_S = 8.0
 """A start whose loops were compiled before is shorter."""
+
+OPEN_LIMIT_S = 60.0
+"""No link may take longer to start; those of ``hri_drivers`` give up much sooner, with the reason.
+"""
 
 
 class SlowStart(Listener):
@@ -72,3 +79,67 @@ def ended_by_signals(stop: threading.Event) -> Iterator[None]:
         for number, inner in before.items():
             if callable(inner):
                 signal.signal(number, inner)
+
+
+class Starting:
+    """Starts all links at the same time, each in a thread of its own.
+
+    Attributes:
+        started: the links that have started, in the configuration's order.
+    """
+
+    def __init__(self, links: Sequence[Link]) -> None:
+        self._links = links
+        self._started: list[Link] = []
+        self._ended: queue.SimpleQueue[Exception | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._given_up = False
+
+    @property
+    def started(self) -> list[Link]:
+        """See the class."""
+        return [link for link in self._links if link in self._started]
+
+    def start(self) -> None:
+        """Start them, and wait until all have, or until one fails; then the others are stopped.
+
+        Raises:
+            LinkError: the device of a link is absent or does not open.
+        """
+        for link in self._links:
+            threading.Thread(
+                target=self._start, args=(link,), name=f"{link.name}-start", daemon=True
+            ).start()
+        try:
+            for _ in self._links:
+                self._wait_for_next()
+        except BaseException:  # nothing was sent yet, and silence means stop
+            with self._lock:
+                self._given_up = True
+            for link in self.started:
+                link.stop()
+            raise
+
+    def _wait_for_next(self) -> None:
+        try:
+            error = self._ended.get(timeout=OPEN_LIMIT_S)
+        except queue.Empty:
+            late = [link.name for link in self._links if link not in self._started]
+            raise LinkError(
+                f"link '{late[0]}': does not open within {OPEN_LIMIT_S:g} s; check its device"
+            ) from None
+        if error is not None:
+            raise error
+
+    def _start(self, link: Link) -> None:
+        try:
+            link.start()
+        except Exception as error:
+            self._ended.put(error)
+            return
+        with self._lock:
+            self._started.append(link)
+            late = self._given_up
+        if late:
+            link.stop()
+        self._ended.put(None)

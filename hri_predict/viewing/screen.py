@@ -43,12 +43,14 @@ class ScreenSettings:
         module: what runs, as ``python -m``; it takes ``--host`` and ``--port``.
         port: 0: any free one.
         host: the address that it listens on.
+        urls: addresses under which proxies serve it; given as ``--url``.
     """
 
     name: str
     module: str
     port: int
     host: str = LOOPBACK
+    urls: tuple[str, ...] = ()
 
 
 def check_port(settings: ScreenSettings) -> None:
@@ -99,6 +101,7 @@ class Screen:
         self._rest = memoryview(b"")
         command = [sys.executable, "-m", self.settings.module]
         command += ["--host", self.settings.host, "--port", str(self._port)]
+        command += [word for url in self.settings.urls for word in ("--url", url)]
         self.process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, close_fds=True
         )

@@ -1,5 +1,6 @@
 """A link built from its entry in the configuration: what serial, CAN and zenoh links share."""
 
+import logging
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, Generic, TypeVar
@@ -11,11 +12,16 @@ from hri_drivers.links.slots import Budget
 from hri_drivers.links.supervised import SupervisedLink
 from hri_drivers.wires.transport import Transport
 from hri_predict.clock import Clock
+from hri_predict.errors import LinkError
 from hri_predict.link import LinkLoad, LinkSettings
 from hri_predict.protocol.wire import StateShape
 from hri_predict.quantities.safe_side import Safety, harmless
 
+log = logging.getLogger(__name__)
+
 U = TypeVar("U")
+SAY_NS = 10_000_000_000
+"""Least time between two lines about refused messages of one link."""
 
 
 class ConfiguredLinkSettings(LinkSettings):
@@ -68,6 +74,21 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
             budget=Budget(max(0.0, self.load(settings, rate_hz, robots, shapes).spare)),
             wait_for_device=settings.wait_for_device,
         )
+
+    _refused_said_ns: int | None = None
+    _refused_before = 0
+
+    def _receive(self, units: list[U], now_ns: int) -> None:
+        """See ``SupervisedLink``; say, once in a while, why whole messages are refused."""
+        super()._receive(units, now_ns)
+        count, why = self.counters.malformed, getattr(self._codec, "refused", "")
+        said_ns = self._refused_said_ns
+        if not why or count <= self._refused_before:
+            return
+        if said_ns is None or now_ns - said_ns >= SAY_NS:
+            self._refused_said_ns, self._refused_before = now_ns, count
+            log.warning("link '%s': %d messages refused: %s", self.name, count, why)
+            self._note(LinkError(f"{count} messages refused: {why}"))
 
     @staticmethod
     @abstractmethod

@@ -4,6 +4,7 @@ A kind of link that derives from ``FramedLink`` brings settings and a transport,
 What reads the serial line (``drivers/c``, ``drivers/plc``) reads it, too.
 """
 
+import logging
 from collections.abc import Sequence
 from typing import ClassVar, Generic, TypeVar
 
@@ -13,13 +14,18 @@ from hri_drivers.links.load import link_load
 from hri_drivers.links.slots import BULK
 from hri_drivers.links.supervised import BULK_AHEAD_NS
 from hri_drivers.wires.transport import Transport
+from hri_predict.errors import LinkError
 from hri_predict.link import LinkCounters, LinkLoad
 from hri_predict.protocol.messages import Message
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
 from hri_predict.protocol.wire import StateShape, wire_bits
 
+log = logging.getLogger(__name__)
+
 BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit: what ``wire_bits`` counts
+NOISE_BYTES = 1000
+"""So many bytes hold a frame, if the other end sends any: the longest has 255."""
 NETWORK_BITRATE = 10_000_000.0
 
 
@@ -79,6 +85,11 @@ class SerialCodec:
         """Copy the receiver's counts."""
         copy_counts(self._receiver.counters, counters)
 
+    @property
+    def refused(self) -> str:
+        """See ``SerialReceiver``."""
+        return self._receiver.refused
+
     def worst_s(self, message: Message) -> float:
         """Seconds of wire of such a message."""
         bits = wire_bits(
@@ -106,6 +117,25 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
     """
 
     settings_model: ClassVar[type[FramedLinkSettings]] = FramedLinkSettings
+    _noise_said = False
+
+    def _receive(self, units: list[bytes], now_ns: int) -> None:
+        """See ``SupervisedLink``; say once that bytes arrive of which none are frames."""
+        super()._receive(units, now_ns)
+        counts = self.counters
+        heard = counts.messages_received + counts.unexpected + counts.foreign
+        if getattr(self._codec, "refused", ""):  # whole frames: only what they hold is wrong
+            return
+        if heard or self._noise_said or counts.bytes_received < NOISE_BYTES:
+            return
+        self._noise_said = True
+        said = (
+            f"bytes arrive ({counts.bytes_received}), but no frame: check that both ends have the "
+            f"same baud rate, parity and stop bits, and that the wire carries raw bytes (no CR/LF "
+            f"translation, no text mode)"
+        )
+        log.warning("link '%s': %s", self.name, said)
+        self._note(LinkError(said))
 
     @staticmethod
     def _make_codec(settings: S, wire: Transport[bytes]) -> SerialCodec:

@@ -1,15 +1,16 @@
 """What all links share: newest-wins slots, supervision, reconnecting, counters.
 
 In real time a link has two threads. The writer sleeps until a message is posted, writes it, and
-supervises: it opens, closes and reopens the device. The reader waits in the device's ``read``.
-Neither polls, so a posted message leaves within a fraction of a millisecond. Neither can die
-unnoticed: every error is counted, kept as ``last_error``, and the device is reopened. On the
-virtual clock ``service`` does the same in the caller's thread.
+supervises: it opens, closes and reopens the device; an endless opening holds up nothing else. The
+reader waits in the device's ``read``. Neither polls, so a posted message leaves within a fraction
+of a millisecond. Neither can die unnoticed: every error is counted, kept as ``last_error``, and the
+device is reopened. On the virtual clock ``service`` does the same in the caller's thread.
 """
 
 import logging
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Generic, TypeVar
 
 from hri_drivers.links.bulk import Bulk
@@ -33,6 +34,11 @@ BUSY_LIMIT_NS = 1_000_000_000  # if busy for longer (bus-off, nobody reads): reo
 FLUSH_NS = 200_000_000  # longest time that a stop may take to write the last messages
 BULK_AHEAD_NS = 2_000_000  # how far ahead of the wire bulk is written
 BULK_WAIT_S = 0.001  # shortest wait, so that a fast wire does not wake its writer for every frame
+OPEN_S = 8.0  # longest time that a start waits for a device, unless its transport needs longer
+OPEN_MARGIN_S = 2.0  # the transport's own limit comes first, because it knows the reason
+WAIT_FOR_S = 3.0  # longest time that a start waits for a device that may be absent
+STOP_S = 5.0  # how long a stop waits for the writer
+OPENING_STOP_S = 0.5  # the same if the device is not open: there is nothing to write
 READS_PER_SERVICE = 1024
 SECOND_SENDER = (
     "somebody else sends with this node's ids; switch it off, or give one of the two other ids "
@@ -99,16 +105,25 @@ class SupervisedLink(Generic[U]):
         if self._writer is not None:
             return
         self._stopping.clear()
-        try:
-            self._open(self._clock.now_ns())
-        except LinkError as error:
-            if not self._wait_for_device:
-                raise LinkError(f"link '{self.name}': {error}") from error
-            self._lost(error, self._clock.now_ns())
+        tried: Future[None] = Future()
         self._writer = threading.Thread(
-            target=self._write_loop, name=f"{self.name}-tx", daemon=True
+            target=self._write_loop, args=(tried,), name=f"{self.name}-tx", daemon=True
         )
         self._writer.start()
+        limit_s = getattr(self._transport, "open_limit_s", OPEN_S) + OPEN_MARGIN_S
+        if self._wait_for_device:
+            limit_s = min(limit_s, WAIT_FOR_S)
+        try:
+            tried.result(limit_s)
+        except (LinkError, TimeoutError) as error:
+            if self._wait_for_device:
+                return
+            self.stop()
+            why = error if isinstance(error, LinkError) else f"not open within {limit_s:g} s"
+            raise LinkError(f"link '{self.name}': {why}") from error
+        except BaseException:  # a signal, or what no device should raise
+            self.stop()
+            raise
 
     def post(self, message: Message) -> None:
         """Put a message into its newest-wins slot; never blocks."""
@@ -148,7 +163,7 @@ class SupervisedLink(Generic[U]):
         if writer is not None:
             self._stopping.set()
             self._wake.set()
-            writer.join(timeout=5.0)
+            writer.join(timeout=STOP_S if self.connected else OPENING_STOP_S)
             if writer.is_alive():
                 self._note(LinkError(f"link '{self.name}': its device does not close"))
             return
@@ -160,9 +175,19 @@ class SupervisedLink(Generic[U]):
                 self._note(error)
         self._end()
 
-    def _write_loop(self) -> None:
-        if self.connected:
+    def _open_first(self, tried: "Future[None]") -> None:
+        """Open the device for the first time, and say how that went."""
+        try:
+            self._open(self._clock.now_ns())
             self._start_reader()
+        except Exception as error:  # the supervisor must survive any fault of its device
+            self._lost(error, self._clock.now_ns())
+            tried.set_exception(error)
+        else:
+            tried.set_result(None)
+
+    def _write_loop(self, tried: "Future[None]") -> None:
+        self._open_first(tried)
         while not self._stopping.is_set():
             try:
                 self._turn()
@@ -369,7 +394,7 @@ class SupervisedLink(Generic[U]):
         self._codec.count(self.counters)
         self.counters.overrun = self._inbox.overrun
         self.counters.unexpected = self._own.echoes + self._not_ours
-        if self._own.foreign > self.counters.foreign:
-            self.counters.foreign = self._own.foreign
+        self.counters.foreign = self._own.foreign
+        if self._own.prove_second(now_ns):
             self.foreign_ns = now_ns
             self._note(LinkError(SECOND_SENDER))

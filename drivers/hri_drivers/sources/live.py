@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from hri_drivers.sources.inbox import SceneInbox
+from hri_drivers.sources.pace import SenderPace
 from hri_drivers.sources.sent import SentScene
 from hri_drivers.wires.backoff import BackOff
 from hri_drivers.wires.transport import READ_TIMEOUT_S
@@ -156,6 +157,7 @@ class LiveSource:
         self._thread: threading.Thread | None = None
         self._opened_before = False
         self._back_off = BackOff()
+        self._pace = SenderPace(settings.rate_hz)
         self._logged: dict[str, Any] = {}
         self._log_ns = 0
 
@@ -251,6 +253,8 @@ class LiveSource:
     def _log_trouble(self) -> None:
         """Log the errors since the last line: the first at once, then at most every ten seconds."""
         now_ns = self._clock.now_ns()
+        if slow := self._pace.note(self.counters.scenes, self.connected, now_ns):
+            log.warning("source '%s': %s", self._settings.kind, slow)
         if now_ns < self._log_ns:
             return
         counts = asdict(self.counters)

@@ -15,6 +15,7 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats
 from hri_predict.cli.register.sight import opened
 from hri_predict.cli.register.solve import quaternion
+from hri_predict.cli.register.stamps import stamps_remedy
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import transform
 from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
@@ -61,6 +62,7 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         "refused": [],
         "remedy": None,
         "unknown_joints": unknown,
+        "stamps": stamps_remedy(sensor.captured_ns, sensor.arrived_ns),
         "never_came": [name for name, lacks in zip(JOINTS, never, strict=True) if lacks],
     }
     if (wrong_size := size_remedy(config, people, joint_map.scale_to_m)) is not None:
@@ -79,7 +81,7 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
 def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
     """Print what was found; return whether somebody was verified, and all names are known."""
     unchecked = config.node.people.posture_unchecked is not None
-    fine = not found["refused"] and not found["unknown_joints"]
+    fine = not found["refused"] and not found["unknown_joints"] and not found.get("stamps")
     fine = fine and bool(found["judged"] or (unchecked and found["people"]))
     if as_json:
         print(json.dumps(found))
@@ -88,6 +90,8 @@ def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
     if found["unknown_joints"]:
         print(f"wrong: the sender sends {found['unknown_joints']}")
         print("remedy: write these names as in the joint map, or add them to source.joint_map")
+    if found.get("stamps"):
+        print(f"wrong: {found['stamps']}")
     if found["people"] and found["never_came"]:
         print(f"never came, though mapped: {', '.join(found['never_came'])}; is all of it in view?")
     reason = config.node.people.posture_unchecked

@@ -1,6 +1,7 @@
 """``commission --repeat``: the recorded walk, through the present version and configuration."""
 
 import json
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 
@@ -45,7 +46,7 @@ def _own(where: Path, report: Report) -> Path:
     if not path.is_file():
         raise ConfigError(
             f"report {where}: its configuration {report.config_path} is not there; name it: "
-            f"hri-predict commission CONFIG --repeat {where}"
+            f"hri-predict commission CONFIG --repeat {shlex.quote(str(where))}"
         )
     return path
 

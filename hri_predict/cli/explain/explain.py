@@ -1,6 +1,7 @@
 """``explain``: why a robot slowed or stopped at a time."""
 
 import json
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -113,7 +114,7 @@ def _print(found: dict[str, Any], recording: Path) -> None:
         else:
             print(f"{words}:")
             print(line_of(episode, _width()))
-            print(f"  hri-predict explain {recording} --at {episode['at']}")
+            print(f"  hri-predict explain {shlex.quote(str(recording))} --at {episode['at']}")
 
 
 def _slowdowns(recordings: Recordings, robot: str | None) -> list[dict[str, Any]]:

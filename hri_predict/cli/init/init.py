@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -168,17 +169,23 @@ def _checked_text(
 def _head(path: Path, with_schema: bool) -> str:
     first = f"# yaml-language-server: $schema={SCHEMA_FILE}\n" if with_schema else ""
     return first + (
-        f"# Written by hri-predict init. After each change: hri-predict check {path.name}\n"
+        f"# Written by hri-predict init. After each change: hri-predict check {_word(path.name)}\n"
         "# Poses are in the room's frame, z up; all keys: docs/configuration.md.\n\n"
     )
 
 
+def _word(path: object) -> str:
+    """A path as one word of a shell, in one line."""
+    return shlex.quote(str(path)).replace("\n", "?")
+
+
 def _next_steps(path: Path, answers: Answers) -> str:
+    file = _word(path)
     if answers.simulated:
-        return f"next:\n  hri-predict run {path}   (Ctrl-C ends it)"
+        return f"next:\n  hri-predict run {file}   (Ctrl-C ends it)"
     return (
         "next: put in your own poses, then\n"
-        f"  hri-predict check {path}\n"
-        f"  hri-predict register {path}\n"
-        f"  hri-predict run {path} --shadow"
+        f"  hri-predict check {file}\n"
+        f"  hri-predict register {file}\n"
+        f"  hri-predict run {file} --shadow"
     )

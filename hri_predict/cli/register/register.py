@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -109,7 +110,7 @@ def register(
         return
     backup = write_pose(loaded.path, pose)
     say(f"written; the old file is {backup.name}. Touch one more point to be sure:")
-    say(f"hri-predict check {loaded.path} --touched X,Y,Z")
+    say(f"hri-predict check {shlex.quote(str(loaded.path))} --touched X,Y,Z")
 
 
 @dataclass

@@ -1,5 +1,6 @@
 """Watches one person of a source for a while: where a joint is, and how still it was kept."""
 
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_predict.source import Source, live_part, wait_for
 
 LEAST_SIGHTS = 10
+KEPT = 1000  # scenes whose times are kept
 MOST_SPREAD_M = 0.15
 """More scatter than this is no noise of a tracker that may work beside a robot."""
 STILL_M = 0.03
@@ -83,10 +85,17 @@ def choose_joint(source: Source, joint: str | None) -> str:
 
 
 class Sensor:
-    """An open source that is watched for some seconds at a time."""
+    """An open source that is watched for some seconds at a time.
+
+    Attributes:
+        source: as given.
+        captured_ns, arrived_ns: of the newest ``KEPT`` scenes of ``everybody``.
+    """
 
     def __init__(self, source: Source, clock: Clock) -> None:
         self.source = source
+        self.captured_ns: deque[int] = deque(maxlen=KEPT)
+        self.arrived_ns: deque[int] = deque(maxlen=KEPT)
         self._clock = clock
 
     def watch(self, seconds: float) -> Sights:
@@ -112,6 +121,8 @@ class Sensor:
         scenes = 0
         for scene in self._scenes(seconds):
             scenes += 1
+            self.captured_ns.append(scene.stamp_ns)
+            self.arrived_ns.append(self._clock.now_ns())
             for person in scene.people:
                 body, there = self.source.joint_map.map(person.positions, person.observed)
                 bodies, seen = found.setdefault(person.id, ([], []))

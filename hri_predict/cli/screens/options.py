@@ -2,9 +2,12 @@
 
 from contextlib import AbstractContextManager, nullcontext
 from typing import Annotated
+from urllib.parse import urlsplit
 
 import typer
 
+from hri_predict.cli.common import without_effect
+from hri_predict.errors import ConfigError
 from hri_predict.viewing import feed
 from hri_predict.viewing.feed import Feed
 from hri_predict.viewing.screen import ScreenSettings
@@ -27,20 +30,52 @@ Host = Annotated[
         "where people are.",
     ),
 ]
+OperatorUrl = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--operator-url",
+        metavar="URL",
+        help="Address under which a proxy serves the operator's page, such as "
+        "https://plant.example/cells/7. Repeatable.",
+    ),
+]
+
+
+def published(operator: int | None, urls: list[str] | None) -> tuple[str, ...]:
+    """The addresses of ``--operator-url``.
+
+    Raises:
+        ConfigError: one is wrong, or there is no page.
+    """
+    if operator is None:
+        without_effect({"--operator-url": urls}, "without --operator")
+    for url in urls or ():
+        try:
+            parts = urlsplit(url)
+            good = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+            good = good and not (parts.query or parts.fragment or "@" in parts.netloc)
+        except ValueError:
+            good = False
+        if not good:
+            raise ConfigError(
+                f"--operator-url {url}: write it as https://HOST or https://HOST/PATH"
+            )
+    return tuple(urls or ())
 
 
 def screens(
-    viewer: int | None, operator: int | None, host: str
+    viewer: int | None, operator: int | None, host: str, urls: list[str] | None = None
 ) -> AbstractContextManager[Feed | None]:
     """What feeds the screens that were asked for; nothing if none was.
 
     Raises:
-        ConfigError: the 3D view's library is missing.
+        ConfigError: the 3D view's library is missing, or an address of a proxy is wrong.
     """
+    behind = published(operator, urls)
     asked = []
     if viewer is not None:
         feed.check_viser()
         asked.append(ScreenSettings("viewer", feed.VIEWER, viewer, host))
     if operator is not None:
-        asked.append(ScreenSettings("operator", feed.OPERATOR, operator, host))
+        asked.append(ScreenSettings("operator", feed.OPERATOR, operator, host, behind))
     return Feed(asked) if asked else nullcontext()

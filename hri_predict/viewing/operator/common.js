@@ -106,7 +106,7 @@ function drawHistory(nameOf) {
 }
 
 function acknowledge(which) {
-  return fetch("/acknowledge", { method: "POST", body: JSON.stringify(which) });
+  return fetch("acknowledge", { method: "POST", body: JSON.stringify(which) });
 }
 
 function beep() {
@@ -158,7 +158,7 @@ function follow(draw, nameOf) {
   const listen = () => { // a browser asks again by itself, but not after a refusal: too many, say
     if (events) events.close(); // with all that waits in it
     heardMs = Math.min(heardMs, performance.now() - GONE_MS - 1);
-    const mine = events = new EventSource("/events");
+    const mine = events = new EventSource("events");
     mine.addEventListener("message", (event) => {
       if (slept()) { listen(); return; }
       take(event); show(); drawHistory(nameOf);

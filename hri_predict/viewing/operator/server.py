@@ -13,6 +13,7 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any
@@ -45,6 +46,7 @@ class Server(ThreadingHTTPServer):
 
     Args:
         name: of the page's own files: NAME.html, NAME.js, NAME.css.
+        urls: addresses under which proxies serve the page; see ``Published``.
         request_s: see ``REQUEST_S``.
     """
 
@@ -59,11 +61,13 @@ class Server(ThreadingHTTPServer):
         state: State,
         name: str = "page",
         request_s: float = REQUEST_S,
+        urls: Sequence[str] = (),
     ) -> None:
         if ":" in host:
             self.address_family = socket.AF_INET6
         super().__init__((host, port), _Handler)
         self.state, self.request_s = state, request_s
+        self.published = Published(urls)
         own = {f"/{name}.{kind}": f"{name}.{kind}" for kind in ("js", "css")}
         self.files = {"/": f"{name}.html"} | own | {f"/{name}": name for name in _SHARED}
         self.browsers = threading.BoundedSemaphore(MAX_BROWSERS)
@@ -111,9 +115,12 @@ class _Handler(BaseHTTPRequestHandler):
         self._slow.cancel()
         if not self._is_ours():
             return
-        if self.path == "/events":
+        path = self.server.published.inner(self.path)
+        if path == "":
+            self._redirect(f"{self.path}/")  # the page's own names are relative
+        elif path == "/events":
             self._events()
-        elif (name := self.server.files.get(self.path)) is not None:
+        elif (name := self.server.files.get(path)) is not None:
             text = resources.files("hri_predict.viewing.operator").joinpath(name).read_bytes()
             self._answer(200, text, f"{_KINDS[name.rsplit('.')[-1]]}; charset=utf-8")
         else:
@@ -124,7 +131,8 @@ class _Handler(BaseHTTPRequestHandler):
             return
         try:
             length = int(self.headers.get("Content-Length", "0"))
-            if self.path != "/acknowledge" or not 0 < length <= MAX_BODY:
+            path = self.server.published.inner(self.path)
+            if path != "/acknowledge" or not 0 < length <= MAX_BODY:
                 raise ValueError
             asked = json.loads(self.rfile.read(length))
             ((which, number),) = asked.items()
@@ -144,11 +152,13 @@ class _Handler(BaseHTTPRequestHandler):
         with contextlib.suppress(ValueError):  # neither name nor address
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
             origin = self.headers.get("Origin")
+            published = self.server.published
             is_own = origin is None or urlsplit(origin).netloc == self.headers.get("Host")
-            names = ("localhost", socket.gethostname().lower())
+            is_own = is_own or origin in published.origins
+            names = ("localhost", socket.gethostname().lower(), *published.hosts)
             if is_own and (_is_address(host) or host in names):
                 return True
-        self._answer(403, b"ask for this page by its address")
+        self._answer(403, b"ask for this page by its address, or start it with --operator-url")
         return False
 
     def _events(self) -> None:
@@ -177,6 +187,12 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.flush()
         return int(said["alerts"])
 
+    def _redirect(self, path: str) -> None:
+        self.send_response(308)
+        self.send_header("Location", path)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
     def _answer(self, status: int, body: bytes, kind: str = "text/plain") -> None:
         self._start(status, kind, len(body))
         self.wfile.write(body)
@@ -193,6 +209,31 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Pages that are read are not news."""
+
+
+class Published:
+    """Addresses under which proxies serve a page, such as ``https://plant.example/cells/7``.
+
+    What a proxy says about itself (``X-Forwarded-Host``, ``Forwarded``) is not believed: anybody
+    can send it. Only what was configured counts.
+
+    Attributes:
+        hosts: their names.
+        origins: what browsers send as ``Origin`` from there.
+    """
+
+    def __init__(self, urls: Sequence[str]) -> None:
+        parts = [urlsplit(url) for url in urls]
+        self.hosts = {(part.hostname or "").lower() for part in parts}
+        self.origins = {f"{part.scheme}://{part.netloc}".lower() for part in parts}
+        self._prefixes = sorted({part.path.rstrip("/") for part in parts}, key=len, reverse=True)
+
+    def inner(self, path: str) -> str:
+        """A request's path without the proxy's prefix; empty for the prefix without its slash."""
+        for prefix in self._prefixes:
+            if prefix and (path == prefix or path.startswith(f"{prefix}/")):
+                return path[len(prefix) :]
+        return path
 
 
 def _is_address(host: str) -> bool:
@@ -223,10 +264,11 @@ def serve(state: State, name: str) -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--host", required=True)
     parser.add_argument("--port", type=int, required=True)
+    parser.add_argument("--url", action="append", default=[])
     args = parser.parse_args()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who feeds us gets it too; its end is our end
     os.nice(10)  # who feeds us goes first
-    server = Server(host=args.host, port=args.port, state=state, name=name)
+    server = Server(host=args.host, port=args.port, state=state, name=name, urls=args.url)
     threading.Thread(target=server.serve_forever, name="pages", daemon=True).start()
     host, port = server.server_address[:2]
     address = f"[{host!s}]" if ":" in str(host) else str(host)

@@ -53,6 +53,7 @@ class WebServer(ThreadingHTTPServer):
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), _Poster)
         self.statuses = [200]
+        self.headers: dict[str, str] = {}
         self.got: list[tuple[str, dict[str, str], bytes]] = []
 
     @property
@@ -72,6 +73,8 @@ class _Poster(BaseHTTPRequestHandler):
         statuses = self.server.statuses
         self.send_response(statuses.pop(0) if len(statuses) > 1 else statuses[0])
         self.send_header("Location", f"{self.server.url}/elsewhere")
+        for name, value in self.server.headers.items():
+            self.send_header(name, value)
         self.end_headers()
 
     def log_message(self, *_: Any) -> None:

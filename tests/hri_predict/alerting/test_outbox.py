@@ -165,3 +165,11 @@ def test_every_alert_is_delivered_left_out_dropped_or_waits(events, debounce_s, 
         waiting += 1
     assert waiting <= 3
     assert put == box.delivered + box.left_out + box.dropped + waiting
+
+
+@pytest.mark.parametrize(("asked", "waits"), [(20.0, 20.0), (0.2, 1.0), (1e6, 300.0), (None, 1.0)])
+def test_the_pause_that_a_receiver_asks_for_is_kept_within_bounds(asked, waits):
+    box = outbox(retry_s=600)
+    box.put(alert())
+    box.failed(box.next(0.0), 0.0, again=True, again_s=asked)
+    assert box.wait_s(0.0) == pytest.approx(waits)

@@ -10,7 +10,7 @@ import time
 import pytest
 
 from hri_predict.alerting.sender import SendError
-from hri_predict.alerting.webhook import WebhookHook, WebhookSender
+from hri_predict.alerting.webhook import WebhookHook, WebhookSender, retry_after_s
 from tests.hri_predict.alerting.servers import (
     IN_BUFFERS,
     alert,
@@ -136,3 +136,28 @@ def test_a_time_limit_is_called_so(tmp_path):
 def test_what_is_no_http_is_no_delivery(tmp_path):
     with silent_server(b"SSH-2.0-x\r\n") as port, pytest.raises(SendError, match="no HTTP server"):
         sender(tmp_path, f"http://127.0.0.1:{port}", timeout_s=2).send(alert(), 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("120", 120.0),
+        (" 7 ", 7.0),
+        ("Thu, 01 Jan 1970 00:01:40 GMT", 60.0),  # 100 s, asked at 40 s
+        ("Thu, 01 Jan 1970 00:00:00 GMT", 0.0),
+        ("soon", None),
+        ("-5", None),
+        ("9" * 400, 999_999_999.0),
+        (None, None),
+    ],
+)
+def test_retry_after_is_a_number_or_a_date(text, seconds):
+    assert retry_after_s(text, 40.0) == seconds
+
+
+def test_a_server_that_asks_to_wait_is_obeyed(tmp_path):
+    with web_server() as server:
+        server.statuses, server.headers = [503], {"Retry-After": "90"}
+        with pytest.raises(SendError, match="asks to wait 90 s") as error:
+            sender(tmp_path, server.url).send(alert(), 0)
+    assert error.value.again_s == 90.0

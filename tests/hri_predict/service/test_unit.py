@@ -1,6 +1,8 @@
 """The unit that is shipped, and the command that prints it."""
 
+import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -8,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.cli.service import UNIT, hidden, service, unit_text, unwritable
+from hri_predict.cli.service import UNIT, hidden, instance, service, unit_text, unwritable
 from hri_predict.files import data_path
 from hri_predict.run import config as configuration
 from tests.hri_predict.service.cells import cell, written
@@ -49,6 +51,74 @@ def test_the_command_puts_in_its_own_program_and_the_priority(tmp_path):
     text = unit_text(Path(sys.executable), config)
     assert f"ExecStart={sys.executable} -m hri_predict run /etc/hri-predict/%i.yaml" in text
     assert "LimitRTPRIO=42" in text.splitlines()
+
+
+ODD = [
+    "with space",
+    "100%",
+    "100%i",
+    "a$HOME",
+    'quo"te',
+    "back\\slash",
+    "ümlaut",
+    "it's",
+    "tab\there",
+    "a;b",
+]
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
+@pytest.mark.parametrize("name", ODD)
+def test_systemd_finds_the_program_in_any_folder(tmp_path, name):
+    config = configuration.load(written(tmp_path, cell()))
+    program = tmp_path / name / "hri-predict"
+    program.parent.mkdir()
+    program.write_text("#!/bin/sh\n", encoding="utf-8")
+    program.chmod(0o755)
+    unit = tmp_path / "hri-predict@cell.service"
+    text = unit_text(program, config)
+    unit.write_text(text, encoding="utf-8")
+    done = subprocess.run(
+        ["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (0, ""), text  # it looks for the program itself
+    words = command_of(text)
+    assert str(program) in words[:2]
+
+
+def command_of(text):
+    """``ExecStart`` as systemd reads it: quotes and escapes, then ``%%`` and ``$$``."""
+    (line,) = re.findall(r"^ExecStart=(.*)$", text, re.MULTILINE)
+    words = [match[1] or match[2] for match in re.finditer(r'"((?:[^"\\]|\\.)*)"|(\S+)', line)]
+    plain = [os.fsencode(word).decode("unicode_escape").encode("latin-1") for word in words]
+    first, *rest = [os.fsdecode(word).replace("%%", "%") for word in plain]
+    return [first, *(word.replace("$$", "$") for word in rest)]
+
+
+@pytest.mark.skipif(shutil.which("systemd-escape") is None, reason="needs systemd-escape")
+@pytest.mark.parametrize("name", [*ODD, "cell7", "cell_7.b"])
+def test_a_cells_name_is_escaped_as_systemd_does_it(name):
+    done = subprocess.run(
+        ["systemd-escape", "--", name], capture_output=True, text=True, check=True
+    )
+    assert instance(name) == done.stdout.strip()
+
+
+@pytest.mark.parametrize("folder", ODD)
+@pytest.mark.parametrize("name", ["with space", "cell (7)", "cell-7"])
+def test_the_commands_that_are_printed_are_words_of_a_shell(tmp_path, capsys, folder, name):
+    config = tmp_path / folder
+    config.mkdir()
+    path = written(config, cell()).rename(config / f"{name}.yaml")
+    (tmp_path / "units").mkdir()
+    service(path, tmp_path / "units")
+    said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
+    commands = [shlex.split(line) for line in said]
+    assert commands[1] == [
+        "install", "-D", "-m", "0640", "-g", "hri-predict", str(path),
+        f"/etc/hri-predict/{instance(name)}.yaml",
+    ]  # fmt: skip
+    assert commands[-1][-1] == f"hri-predict@{instance(name)}"
 
 
 def test_files_that_the_service_may_not_write_are_named_with_the_remedy(tmp_path):

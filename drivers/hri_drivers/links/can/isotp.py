@@ -21,6 +21,7 @@ from hri_predict.protocol.definition import BY_TYPE, MAX_ITEMS
 from hri_predict.protocol.messages import Message, at_encoding
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.profile4 import MAX_WHOLE, Profile4Receiver, Profile4Sender
+from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.protocol.wire import WireBits, classic_bits
 
 ISOTP_NUMBER = 0x46  # default id of the node's segments: base id plus this
@@ -244,6 +245,10 @@ class IsoTpReceiver(CanReceiver):
             transmit=lambda message: None,
             failed=self._failed,
         )
+
+    def count_in(self, counters: ReceiveCounters) -> None:
+        """Count in these, which another receiver of the same link has."""
+        self.counters = self._packets.counters = counters
 
     def reset(self) -> None:
         """Forget sequences and incomplete messages; counters stay."""

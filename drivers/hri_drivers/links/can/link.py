@@ -54,6 +54,7 @@ class CanCodec:
         self._sender = CanSender(settings.fd, settings.base_id, settings.extended)
         self._receiver = CanReceiver(settings.fd, settings.base_id, settings.extended)
         self._own: OwnFrames | None = None
+        self._others: IsoTpReceiver | None = None  # puts another node's segments together
 
     def watch(self, own: OwnFrames) -> None:
         """See ``Codec``. A link that only listens has no ids of its own."""
@@ -62,6 +63,9 @@ class CanCodec:
         self._sender.own = self._receiver.own = self._own = own
         if self.transfer is not None:
             self.transfer.own = own
+            s = self._settings
+            self._others = IsoTpReceiver(s.base_id, s.extended, s.isotp_id)
+            self._others.count_in(self._receiver.counters)
 
     def carries(self, message: Message) -> bool:
         """Classic CAN carries Zone and Pose only by ISO-TP; a listen-only link carries nothing."""
@@ -80,9 +84,14 @@ class CanCodec:
         if self.transfer is not None and self.transfer.feed(unit):
             return []
         if self._own is not None and self._is_segment(unit):
-            self._own.hear(unit)
+            self._hear_segment(unit, self._own)
             return []
         return self._receiver.feed(unit)
+
+    def _hear_segment(self, unit: CanFrame, own: OwnFrames) -> None:
+        """Judge a segment with our id: one alone has no CRC, so only a whole message counts."""
+        if self._others is not None and not own.came_back(unit):
+            own.foreign += len(self._others.feed(unit))
 
     def _is_segment(self, unit: CanFrame) -> bool:
         """Whether the frame has the id of our ISO-TP segments."""
@@ -93,6 +102,8 @@ class CanCodec:
     def reset(self) -> None:
         """Forget incomplete messages."""
         self._receiver.reset()
+        if self._others is not None:
+            self._others.reset()
 
     def count(self, counters: LinkCounters) -> None:
         """Copy the receiver's counts, and the transport's if it has any."""
@@ -103,6 +114,11 @@ class CanCodec:
             counters.bus_errors = health.frames
             counters.error_passive = health.passive
             counters.bus_off = health.off
+
+    @property
+    def refused(self) -> str:
+        """See ``CanReceiver``."""
+        return self._receiver.refused
 
     def worst_s(self, message: Message) -> float:
         """Worst-case seconds on the wire of the message."""

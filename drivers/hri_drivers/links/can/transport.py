@@ -2,14 +2,14 @@
 
 import contextlib
 import errno
-import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import can
 from can.typechecking import CanFilter
 
 from hri_drivers.links.can.errors import BUS_OFF, DOWN, BusHealth, why_not_on_bus
+from hri_drivers.links.can.opening import causes, first_line, open_bus, open_limit_s, remedy
 from hri_drivers.wires.serial import open_remedy
 from hri_drivers.wires.transport import TransportBusy
 from hri_predict.errors import LinkError, nearest
@@ -17,8 +17,6 @@ from hri_predict.protocol.can import CanFrame
 
 SEND_TIMEOUT_S = 0.05
 GARBAGE_LIMIT = 1000  # unreadable frames in a row before the interface is reopened
-# python-can logs its own line about a bus that did not open; the LinkError says why.
-logging.getLogger("can.bus").addFilter(lambda r: "not properly shut down" not in r.getMessage())
 _BUSY_ERRNO = (errno.ENOBUFS, errno.EAGAIN)
 
 
@@ -36,7 +34,7 @@ def check_interface(name: str) -> None:
 
 
 class CanTransport:
-    """``Transport[CanFrame]`` over ``can.Bus(..., ignore_config=True)``.
+    """``Transport[CanFrame]`` over a bus of python-can, without python-can's own configuration.
 
     Args:
         interface, channel: python-can's names.
@@ -87,6 +85,11 @@ class CanTransport:
         self._garbage = 0
 
     @property
+    def open_limit_s(self) -> float:
+        """Longest time that ``open`` takes, in seconds, unless a driver neither ends nor fails."""
+        return open_limit_s(self._arguments)
+
+    @property
     def _name(self) -> str:
         return f"CAN interface {self.interface}, channel {self.channel}"
 
@@ -98,19 +101,16 @@ class CanTransport:
         if reason is not None:
             raise LinkError(f"{self._name}: {reason}")
         try:
-            bus = can.Bus(
-                interface=self.interface,
-                channel=self.channel,
-                ignore_config=True,
-                **self._arguments,
-            )
+            bus = open_bus(self.interface, self.channel, self._arguments)
         except Exception as error:  # vendors' drivers raise anything
-            raise LinkError(f"{self._name}: {_remedy(error, self.interface)}") from error
+            raise LinkError(f"{self._name}: {remedy(error, self.interface)}") from error
         if self.interface == "slcan" and (why := _why_not_locked(bus)):
             _shut(bus)
             raise LinkError(f"{self._name}: {why}")
         if self._filters and "can_filters" not in self._arguments and _filters_itself(bus):
             bus.set_filters(list(self._filters))
+        if self.interface == "slcan":
+            _read_any_line_end(bus)
         _forget_backlog(bus)
         self._garbage = 0
         self._bus = bus
@@ -197,7 +197,7 @@ class CanTransport:
         self._garbage += 1
         if self._garbage > GARBAGE_LIMIT:
             raise self._lost(error) from error
-        if any(isinstance(e, UnicodeDecodeError) for e in _causes(error)):
+        if any(isinstance(e, UnicodeDecodeError) for e in causes(error)):
             # python-can's slcan keeps a line that is not text, and would fail on it forever
             with contextlib.suppress(Exception):
                 getattr(bus, "flush", lambda: None)()
@@ -206,7 +206,7 @@ class CanTransport:
     def _lost(self, error: Exception) -> LinkError:
         if self.interface == "socketcan" and _number(error) == errno.ENETDOWN:
             return LinkError(f"{self._name}: {DOWN.format(channel=self.channel)}")
-        text = _first_line(error)
+        text = first_line(error)
         return LinkError(f"{self._name}: lost ({text}); check adapter and cable")
 
 
@@ -259,12 +259,6 @@ def _arguments(
     return arguments | options
 
 
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    while error is not None:
-        yield error
-        error = error.__cause__
-
-
 def _is_busy(error: Exception) -> bool:
     """Whether a failed send means "retry later", not "device lost" (python-can issue 2004)."""
     if isinstance(error, can.CanTimeoutError) or "buffer full" in str(error).lower():
@@ -273,13 +267,13 @@ def _is_busy(error: Exception) -> bool:
         getattr(e, "error_code", None) in _BUSY_ERRNO
         or (isinstance(e, OSError) and e.errno in _BUSY_ERRNO)
         or type(e).__name__ == "SerialTimeoutException"
-        for e in _causes(error)
+        for e in causes(error)
     )
 
 
 def _number(error: Exception) -> int | None:
     """The system's error number, anywhere in the chain of causes."""
-    for e in _causes(error):
+    for e in causes(error):
         number = getattr(e, "error_code", None) or getattr(e, "errno", None)
         if isinstance(number, int):
             return number
@@ -296,8 +290,22 @@ def _filters_itself(bus: can.BusABC) -> bool:
 
 def _is_garbage(error: Exception) -> bool:
     """Whether a failed receive was caused by the content of a frame, not by the device."""
-    last = list(_causes(error))[-1]
+    last = list(causes(error))[-1]
     return isinstance(last, ValueError | LookupError | TypeError) and not isinstance(last, OSError)
+
+
+def _read_any_line_end(bus: Any) -> None:
+    """Understand an slcan adapter that ends its lines with CR and LF.
+
+    python-can ends a line at CR, so LF would begin the next one, and no frame would be found.
+    """
+    read = bus._read
+
+    def without_line_feed(timeout: float | None) -> str | None:
+        line: str | None = read(timeout)
+        return line.lstrip("\n") if line else line
+
+    bus._read = without_line_feed
 
 
 def _forget_backlog(bus: can.BusABC) -> None:
@@ -337,29 +345,3 @@ def _shut(bus: can.BusABC) -> None:
     if port is not None:
         with contextlib.suppress(Exception):
             port.close()
-
-
-def _remedy(error: Exception, interface: str) -> str:
-    """Why an interface does not open, and the remedy."""
-    chain = list(_causes(error))
-    number = next((e.errno for e in chain if isinstance(e, OSError) and e.errno), None)
-    text = _first_line(error)
-    if "msgpack" in text:
-        return "needs msgpack; install it with: pip install 'hri-predict[udp]'"
-    if isinstance(error, can.CanInterfaceNotImplementedError | ImportError):
-        return f"its driver is not available ({text}); install it, or choose another interface"
-    if interface == "socketcan":
-        if number == errno.EAFNOSUPPORT:
-            return "this kernel has no CAN; use another interface, such as slcan or udp_multicast"
-        if number in (errno.ENODEV, errno.ENXIO):
-            return (
-                "no such device, or it is down; bring it up: "
-                "ip link set CHANNEL up type can bitrate 500000 restart-ms 100"
-            )
-    if interface == "slcan" and isinstance(chain[-1], OSError):
-        return open_remedy(chain[-1], "channel")
-    return f"cannot be opened ({text}); correct 'channel', 'bitrate' or 'options'"
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

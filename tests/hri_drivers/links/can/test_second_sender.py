@@ -1,13 +1,21 @@
 """Two nodes with the same ids on one CAN bus: each link tells the other's frames from its own."""
 
+from dataclasses import replace
+from queue import Queue
 from typing import Any
 
 import pytest
+from can.interfaces.slcan import slcanBus
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.wires.transport import pipe
 from hri_predict.clock import VirtualClock
-from hri_predict.protocol.can import CanFrame
+from hri_predict.protocol.can import CanFrame, CanSender
+from hri_predict.protocol.messages import NodeState, Status
+from hri_predict.protocol.own_frames import PAIR_NS
+from hri_predict.protocol.profile4 import Profile4Sender
+from hri_predict.protocol.reasons import Reason
+from tests.hri_drivers.links.can.test_isotp import segments, zone
 from tests.hri_drivers.links.pairs import advice, robot_state
 
 
@@ -31,18 +39,104 @@ def test_two_nodes_on_one_bus_tell_each_other(fd):
     assert {type(r.message).__name__ for r in one.take()} == {"RobotState"}
 
 
-def test_on_can_the_id_alone_tells_whatever_the_frame_holds():
+def status(cycle):
+    state, reason = NodeState.RUNNING, Reason.NONE
+    return Status(node_state=state, reason=reason, people=0, predictor=0, cycle=cycle)
+
+
+def frames_of(*messages, fd=False):
+    sender = CanSender(fd)
+    return [frame for message in messages for frame in sender.encode(message)]
+
+
+@pytest.mark.parametrize("fd", [False, True])
+def test_two_whole_frames_within_half_a_second_prove_a_second_sender(fd):
+    link, wire = two_on_a_bus(VirtualClock(), fd=fd)
+    link.service(0)
+    wire._transport.open()
+    frames = frames_of(*(status(k) for k in range(4)), fd=fd)
+    for k, at_ns in enumerate((10, 10 + PAIR_NS + 1, 20 + PAIR_NS)):
+        wire._transport.write(frames[k])
+        link.service(at_ns)
+        assert link.counters.foreign == k + 1
+        assert link.foreign_ns == (at_ns if k == 2 else None)
+
+
+def test_a_second_sender_is_found_in_its_first_cycle():
     link, wire = two_on_a_bus(VirtualClock())
     link.service(0)
     wire._transport.open()
-    for k, (number, foreign) in enumerate(((0x03, 0), (0x41, 0), (0x00, 1), (0x40, 2), (0x12, 3))):
-        wire._transport.write(CanFrame(0x680 + number, bytes(range(k + 1))))
+    for frame in frames_of(status(1), advice(1)):
+        wire._transport.write(frame)
+    link.service(7)
+    assert link.foreign_ns == 7
+
+
+def test_a_classic_node_on_an_fd_bus_is_a_second_sender():
+    link, wire = two_on_a_bus(VirtualClock(), fd=True)
+    link.service(0)
+    wire._transport.open()
+    for frame in frames_of(status(1), status(2)):
+        wire._transport.write(frame)
+    link.service(7)
+    assert link.foreign_ns == 7
+
+
+@pytest.mark.parametrize("fd", [False, True])
+def test_damaged_frames_with_the_nodes_ids_are_counted_and_prove_nothing(fd):
+    link, wire = two_on_a_bus(VirtualClock(), fd=fd)
+    link.service(0)
+    wire._transport.open()
+    for k, frame in enumerate(frames_of(*(status(k) for k in range(20)), fd=fd)):
+        wire._transport.write(replace(frame, data=bytes([frame.data[0] ^ 1]) + frame.data[1:]))
+        wire._transport.write(replace(frame, data=frame.data[:-1]))
         link.service(k)
-        assert link.counters.foreign == foreign, hex(number)
-    wire._transport.write(CanFrame(0x680, bytes(8), extended=True))
-    wire._transport.write(CanFrame(0x67F, bytes(8)))
-    link.service(9)
-    assert link.counters.foreign == 3, "of a controller, or of somebody else"
+    assert (link.counters.foreign, link.foreign_ns) == (0, None)
+    assert link.counters.crc_errors + link.counters.malformed == 40
+
+
+def test_a_lost_character_on_an_slcan_line_does_not_stop_the_robots():
+    """Each character of each line of a RobotState is lost once, ten frames a second."""
+    link, wire = two_on_a_bus(VirtualClock())
+    link.service(0)
+    wire._transport.open()
+    now_ns = 0
+    for k, frame in enumerate(frames_of(*(robot_state(k) for k in range(8)))):
+        line = f"t{frame.arbitration_id:03X}{len(frame.data)}{frame.data.hex().upper()}"
+        for lost in range(1, len(line)):
+            damaged = _read(line[:lost] + line[lost + 1 :] + "\r")
+            if damaged is not None:
+                wire._transport.write(damaged)
+            now_ns += 100_000_000
+            link.service(now_ns)
+            assert link.foreign_ns is None, (k, line, lost)
+
+
+def _read(line):
+    """The frame that python-can's slcan makes of a line; ``None`` if it makes none."""
+    bus = slcanBus.__new__(slcanBus)
+    bus._queue = Queue()
+    bus._read = lambda timeout: line
+    try:
+        message, _ = bus._recv_internal(0.0)
+    except (ValueError, IndexError):
+        return None
+    if message is None:
+        return None
+    return CanFrame(message.arbitration_id, bytes(message.data))
+
+
+@pytest.mark.parametrize("fd", [False, True])
+def test_frames_of_others_are_not_judged(fd):
+    link, wire = two_on_a_bus(VirtualClock(), fd=fd)
+    link.service(0)
+    wire._transport.open()
+    (frame, *_) = frames_of(status(1), fd=fd)
+    for k in range(3):
+        wire._transport.write(replace(frame, extended=True))
+        wire._transport.write(replace(frame, arbitration_id=0x67F))
+        link.service(k)
+    assert (link.counters.foreign, link.counters.ignored) == (0, 6)
 
 
 def test_a_link_that_only_listens_hears_the_productive_node_and_no_second_sender():
@@ -58,11 +152,17 @@ def test_a_link_that_only_listens_hears_the_productive_node_and_no_second_sender
     assert ears.foreign_ns is None
 
 
-def test_anothers_isotp_segments_are_foreign():
+def test_anothers_whole_isotp_messages_are_foreign_and_a_segment_alone_is_not():
     pytest.importorskip("isotp")
     link, wire = two_on_a_bus(VirtualClock(), isotp={"peer_id": 0x6C7})
     link.service(0)
     wire._transport.open()
-    wire._transport.write(CanFrame(0x6C6, b"\x10\x1d" + bytes(6)))
-    link.service(3)
-    assert (link.counters.foreign, link.foreign_ns) == (1, 3)
+    for k in range(5):
+        wire._transport.write(CanFrame(0x6C6, b"\x10\x1d" + bytes(6)))
+        link.service(k)
+    assert (link.counters.foreign, link.foreign_ns) == (0, None)
+    sender = Profile4Sender(255)
+    for frame in segments(zone(), sender) + segments(zone(), sender):
+        wire._transport.write(frame)
+    link.service(9)
+    assert (link.counters.foreign, link.foreign_ns) == (2, 9)

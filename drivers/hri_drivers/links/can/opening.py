@@ -1,0 +1,128 @@
+"""Opens a bus of python-can in bounded time, and says why one does not open.
+
+python-can opens some interfaces with calls that wait for ever: a socketcand server that accepts a
+connection and says nothing, or a host that drops what it is sent.
+"""
+
+import contextlib
+import errno
+import socket
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import can
+import can.interface
+
+from hri_drivers.links.can.packages import missing_driver
+from hri_drivers.wires.serial import open_remedy
+
+OPEN_S = 8.0
+"""Longest time that an interface may take to open: the slowest here, slcan, waits two seconds."""
+
+REACH_S = 4.0
+"""Longest time that a server may take to accept a connection: three tries of TCP."""
+
+
+def open_limit_s(options: Mapping[str, Any]) -> float:
+    """Longest time that an interface with these options may take to open, in seconds."""
+    asked = options.get("sleep_after_open", 0.0)  # slcan: until the adapter has booted
+    return OPEN_S + (float(asked) if isinstance(asked, int | float) else 0.0)
+
+
+def open_bus(interface: str, channel: str, arguments: Mapping[str, Any]) -> can.BusABC:
+    """Open a bus; what it holds is closed under it when its time is over.
+
+    Raises:
+        TimeoutError: it took longer than ``open_limit_s``.
+        Exception: vendors' drivers raise anything.
+    """
+    cls = can.interface._get_class_for_interface(interface)
+    bus = cls.__new__(cls)  # as can.Bus does, but in two steps: what it waits for can be closed
+    late = threading.Event()
+
+    def give_up() -> None:
+        late.set()
+        _cut(bus)
+
+    limit_s = open_limit_s(arguments)
+    _demand_server(arguments)
+    timer = threading.Timer(limit_s, give_up)
+    timer.daemon = True
+    timer.start()
+    try:
+        bus.__init__(channel, **arguments)
+    except Exception as error:
+        if late.is_set():
+            raise TimeoutError(f"no answer within {limit_s:g} s") from error
+        raise
+    finally:
+        timer.cancel()
+    if late.is_set():
+        with contextlib.suppress(Exception):
+            bus.shutdown()
+        raise TimeoutError(f"no answer within {limit_s:g} s")
+    assert isinstance(bus, can.BusABC)
+    return bus
+
+
+def _demand_server(arguments: Mapping[str, Any]) -> None:
+    """Try a server first: python-can would try it ten seconds long without a pause.
+
+    Raises:
+        OSError: it cannot be reached.
+    """
+    host, port = arguments.get("host"), arguments.get("port")
+    if isinstance(host, str) and isinstance(port, int):
+        socket.create_connection((host, port), REACH_S).close()
+
+
+def _cut(bus: object) -> None:
+    """Close every socket and port of a bus, so that a call that waits on one of them ends."""
+    for held in list(vars(bus).values()):
+        with contextlib.suppress(Exception):
+            if isinstance(held, socket.socket):
+                held.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits; close alone does not
+        with contextlib.suppress(Exception):
+            close = getattr(held, "close", None)
+            if callable(close):
+                close()
+
+
+def causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An error, and what caused it, back to the first."""
+    while error is not None:
+        yield error
+        error = error.__cause__
+
+
+def remedy(error: Exception, interface: str) -> str:
+    """Why an interface does not open, and the remedy."""
+    chain = list(causes(error))
+    number = next((e.errno for e in chain if isinstance(e, OSError) and e.errno), None)
+    text = first_line(error)
+    if number == errno.ECONNREFUSED:
+        return "connection refused; start the server there, or correct 'host' and 'port'"
+    if isinstance(error, TimeoutError):
+        return (
+            f"does not open ({text}): it accepts, but says nothing, or cannot be reached; restart "
+            f"the server or adapter, or correct 'channel' or 'options'"
+        )
+    if (missing := missing_driver(interface, chain)) is not None:
+        return missing
+    if interface == "socketcan":
+        if number == errno.EAFNOSUPPORT:
+            return "this kernel has no CAN; use another interface, such as slcan or udp_multicast"
+        if number in (errno.ENODEV, errno.ENXIO):
+            return (
+                "no such device, or it is down; bring it up: "
+                "ip link set CHANNEL up type can bitrate 500000 restart-ms 100"
+            )
+    if interface == "slcan" and isinstance(chain[-1], OSError):
+        return open_remedy(chain[-1], "channel")
+    return f"cannot be opened ({text}); correct 'channel', 'bitrate' or 'options'"
+
+
+def first_line(error: Exception) -> str:
+    """The first line of an error's text, or its kind."""
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

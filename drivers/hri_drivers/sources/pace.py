@@ -1,0 +1,48 @@
+"""Whether a sender is slower than its source's ``rate_hz``, said in one note with the remedy."""
+
+WINDOW_NS = 10_000_000_000
+"""Time over which the rate is measured,"""
+AGAIN_NS = 600_000_000_000
+"""and least time between two notes."""
+SLOW = 0.7
+"""Share of ``rate_hz`` below which a sender is slow: less is lost or jitters now and then."""
+
+
+class SenderPace:
+    """Measures how many scenes a second arrive.
+
+    Args:
+        rate_hz: the configured rate.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._begun: tuple[int, int] | None = None  # when, and scenes until then
+        self._said_ns: int | None = None
+
+    def note(self, scenes: int, connected: bool, now_ns: int) -> str | None:
+        """What to say now, if anything.
+
+        Args:
+            scenes: scenes since the start.
+            connected: whether the device is open; a pause measures nothing.
+            now_ns: node's clock.
+        """
+        if not connected or self._begun is None:
+            self._begun = (now_ns, scenes) if connected else None
+            return None
+        began_ns, before = self._begun
+        if now_ns - began_ns < WINDOW_NS:
+            return None
+        self._begun = (now_ns, scenes)
+        rate_hz = (scenes - before) * 1e9 / (now_ns - began_ns)
+        if scenes == before or rate_hz >= SLOW * self._rate_hz:
+            return None
+        if self._said_ns is not None and now_ns - self._said_ns < AGAIN_NS:
+            return None
+        self._said_ns = now_ns
+        return (
+            f"{rate_hz:.1f} scenes a second arrive, and source.rate_hz is {self._rate_hz:g}: each "
+            f"gap can make the advice unknown; set rate_hz to {rate_hz:.3g}, or let the sender "
+            f"send faster"
+        )

@@ -1,0 +1,120 @@
+"""No surroundings of a process make a command end with a traceback: encodings, closed files, ..."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from hri_predict.cli.commands import app
+from hri_predict.files import data_path
+from tests.hri_predict.cli import environments
+from tests.hri_predict.cli.environments import ENVIRONMENTS
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks")
+DEMO = str(data_path("demo.yaml"))
+
+
+def commands(group=None, words=()):
+    """All command lines that there are, without arguments."""
+    group = group or typer.main.get_command(app)
+    for name, command in group.commands.items():
+        yield [*words, name]
+        if hasattr(command, "commands"):
+            yield from commands(command, (*words, name))
+
+
+def cheap_calls(folder):
+    """A call of most commands that ends soon: what works, and what is refused."""
+    out = str(folder / "new.yaml")
+    return [
+        ["check", DEMO],
+        ["predictors"],
+        ["predictors", "--json"],
+        ["init"],
+        ["init", out, "--simulated", "--yes"],
+        ["register", DEMO, "--out", out],
+        ["commission", DEMO],
+        ["service", DEMO],
+        ["config", "schema"],
+        ["config", "document", "--check"],
+        ["explain", str(folder / "none.mcap")],
+        ["view", str(folder / "none.mcap")],
+        ["report", str(folder / "none.mcap")],
+        ["convert", str(folder / "none.bvh"), str(folder / "out.csv")],
+        ["evidence", str(folder / "none")],
+        ["alerts", DEMO],
+        ["listen", "can:virtual:none", "--seconds", "0.1"],
+        ["no-such-command"],
+    ]
+
+
+def run(environment, lines, folder):
+    done = subprocess.run(
+        [sys.executable, environments.__file__, environment, str(folder)],
+        input=json.dumps(lines), stdout=subprocess.PIPE, text=True, check=True, timeout=1200,
+    )  # fmt: skip
+    return zip(lines, json.loads(done.stdout), strict=True)
+
+
+def judge(environment, lines, folder):
+    for line, (status, out, errors) in run(environment, lines, folder):
+        where = f"{environment}: {line}: {status}\n{out[-300:]}\n{errors[-2000:]}"
+        assert "Traceback" not in errors, where
+        assert status in (0, 1, 2), where  # neither CRASHED nor killed
+        if status == 2 and environment in ("full disk", "latin-1", "ascii", "no stdin"):
+            assert errors.startswith(("error: ", "warning: ", "Usage", " ")), where
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_help_and_bare_calls_end_without_a_traceback(environment, tmp_path):
+    every = list(commands())
+    assert len(every) > 30
+    judge(environment, [["--help"], *([*line, "--help"] for line in every)], tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_cheap_calls_end_without_a_traceback(environment, tmp_path):
+    judge(environment, cheap_calls(tmp_path), tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"},
+        {"PYTHONIOENCODING": "latin-1"},
+    ],
+)
+@pytest.mark.parametrize("arguments", [["check", DEMO], ["demo", "--speed", "max"]])
+def test_real_processes_write_what_their_encoding_lacks_as_numbers(environment, arguments):
+    done = subprocess.run(
+        [sys.executable, "-m", "hri_predict", *arguments],
+        capture_output=True, env=os.environ | environment, check=False, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert b"Traceback" not in done.stderr
+    done.stdout.decode(environment["PYTHONIOENCODING"])
+
+
+@pytest.mark.long
+def test_a_path_that_is_not_utf_8_is_read_and_printed(tmp_path):
+    bad = os.path.join(os.fsencode(tmp_path), b"caf\xe9")
+    os.mkdir(bad)
+    path = os.path.join(bad, b"cell.yaml")
+    shutil.copy(DEMO, path)
+    missing = os.path.join(bad, b"none.mcap")
+    for arguments, status in (([b"check", path], 0), ([b"explain", missing], 2),
+                              ([b"check", missing], 2), ([b"service", path], 0)):  # fmt: skip
+        done = subprocess.run(
+            [os.fsencode(sys.executable), b"-m", b"hri_predict", *arguments],
+            capture_output=True, check=False, timeout=600,
+        )  # fmt: skip
+        assert done.returncode == status, done.stderr
+        assert b"Traceback" not in done.stderr
+        done.stdout.decode()
+        done.stderr.decode()
