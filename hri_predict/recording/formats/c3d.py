@@ -106,7 +106,12 @@ def read_c3d(
     joint_map = map_of_names(markers.joints).with_units(unit_m).with_axes(axes)
     points, zeros = _points(data, parameters, layout)
     recording = recording_of(
-        path=path, kind="c3d", joint_map=joint_map, raw=markers.people(points), rate_hz=rate_hz, ids=markers.ids
+        path=path,
+        kind="c3d",
+        joint_map=joint_map,
+        raw=markers.people(points),
+        rate_hz=rate_hz,
+        ids=markers.ids,
     )
     at_zero = f"{zeros} points at exactly 0, 0, 0 are not observed" if zeros else ""
     return noted(noted(noted(recording, markers.note), stale), at_zero)
@@ -168,9 +173,7 @@ def _counts(data: bytes, parameters: Parameters) -> dict[str, int]:
     counts["header"] = word(data, 8) - word(data, 6) + 1
     most = max(counts.values())
     full = (MAX_COUNT - 1, MAX_COUNT, most % (MAX_COUNT + 1))  # what a word can say of more
-    return {
-        name: n for name, n in counts.items() if n > 0 and not (most > MAX_COUNT and n in full)
-    }
+    return {name: n for name, n in counts.items() if n > 0 and not (most > MAX_COUNT and n in full)}
 
 
 def _held(data: bytes, layout: _Layout) -> tuple[int, int]:

@@ -191,9 +191,7 @@ def test_of_several_counts_of_frames_the_data_decide(tmp_path, stale, padded):
         assert str(count) in recording.note or count in (0, 65535, 101, 140)
 
 
-@pytest.mark.parametrize(
-    "zero", ["DATA_START", "header_start", "header_points"]
-)
+@pytest.mark.parametrize("zero", ["DATA_START", "header_start", "header_points"])
 def test_a_zero_says_nothing_where_the_other_place_is_good(tmp_path, zero):
     positions = np.random.default_rng(2).uniform(-1, 1, (60, 3, 3))
     path = _altered(ours(tmp_path / "a.c3d", positions, LABELS), **{zero: 0})
