@@ -149,9 +149,18 @@ def recording_of_one(
 
 
 def recording_of(
-    *, path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, ids: Sequence[int]
+    *,
+    path: Path,
+    kind: str,
+    joint_map: JointMap,
+    raw: Floats,
+    rate_hz: float,
+    ids: Sequence[int],
+    stamps_ns: Sequence[int] | None = None,
 ) -> Recording:
     """A recording from (F, P, J, 3) in the source's units and axes: everybody in every frame.
+
+    ``stamps_ns`` are the frames' times from the first one; by default they are even.
 
     Joints that are NaN, or farther than ``MAX_COORDINATE_M`` from the origin, are not observed. The
     recording's ``note`` counts the frames without any observed joint; for a format that cannot
@@ -160,9 +169,11 @@ def recording_of(
     believed = np.abs(raw) <= MAX_COORDINATE_M / joint_map.scale_to_m  # false for NaN
     observed = np.asarray(believed.all(axis=-1))
     positions = joint_map.to_metres_z_up(np.where(observed[..., None], raw, np.nan))
+    if stamps_ns is None:
+        stamps_ns = [round(k * 1e9 / rate_hz) for k in range(len(positions))]
     scenes = [
         Scene(
-            round(k * 1e9 / rate_hz),
+            stamps_ns[k],
             k,
             True,
             tuple(Person(n, positions[k, p], observed[k, p]) for p, n in enumerate(ids)),
@@ -184,6 +195,12 @@ def recording_of(
         arrival_ns=times,
         note=note,
     )
+
+
+def convert_with(options: str, condition: str = "") -> str:
+    """Return the remedy for a file that does not say what these options of ``convert`` say."""
+    made = f"make a file of it with hri-predict convert INPUT OUT.mcap {options}"
+    return f"{made}{f', {condition},' if condition else ','} and give that"
 
 
 def noted(recording: Recording, note: str) -> Recording:

@@ -62,11 +62,17 @@ class RowLengths:
 
     def wrong(self, cells: Sequence[str]) -> str:
         """Return what is wrong with this row, such as "has 78 cells; expected 79"; "" if right."""
-        count = len(cells)
-        if count < self._named or any(cell.strip() for cell in cells[self._named :]):
-            return f"has {count} cells; expected {self._named}"
+        if wrong := wrong_length(cells, self._named):
+            return wrong
         if self._first is None:
-            self._first = count
-        if count != self._first:
-            return f"has {count} cells; expected {self._first} as in the rows before it"
+            self._first = len(cells)
+        if len(cells) != self._first:
+            return f"has {len(cells)} cells; expected {self._first} as in the rows before it"
         return ""
+
+
+def wrong_length(cells: Sequence[str], expected: int) -> str:
+    """Return what is wrong with a row that may have empty cells at its end; "" if it is right."""
+    if len(cells) < expected or any(cell.strip() for cell in cells[expected:]):
+        return f"has {len(cells)} cells; expected {expected}"
+    return ""

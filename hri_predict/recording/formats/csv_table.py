@@ -41,7 +41,7 @@ from hri_predict.recording.labels import MAX_ID, numbered
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_gaps, check_rate
 from hri_predict.scene import Person, Scene
-from hri_predict.settings import MAX_COORDINATE_M, MAX_RATE_HZ, MIN_RATE_HZ
+from hri_predict.settings import MAX_COORDINATE_M
 
 MIN_CONFIDENCE = 0.3
 """A joint with less is unobserved, as by default in live sources."""

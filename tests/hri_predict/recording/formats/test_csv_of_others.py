@@ -1,6 +1,5 @@
 """Tables as other programs write them: times, people, confidences, cells and lines."""
 
-import numpy as np
 import pytest
 
 from hri_predict.errors import RecordingError
