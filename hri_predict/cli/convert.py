@@ -3,18 +3,20 @@
 import json
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from hri_predict.cli.common import JointMapOption, one_of, own_map, without_effect
-from hri_predict.errors import ConfigError
+from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import METRES_PER_UNIT
 from hri_predict.recording.converting import ENDINGS, WRITERS, write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
+from hri_predict.recording.possible import check_possible
 from hri_predict.recording.recording import SELF_EXPLAINED, Recording, from_left_handed
 from hri_predict.recording.unused import unused
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
@@ -87,10 +89,26 @@ def convert(
         without_effect({"--units": units, "--axes": axes}, f"on {source}, which states its own")
     elif left_handed and axes is not None:
         recording = from_left_handed(recording, axes.split(","))
+    doubt = _doubt(
+        recording,
+        lambda unit_m: open_recording(
+            source, unit_m=unit_m, any_joints=True, joint_map=own_map(joint_map)
+        ),
+    )
     recording, others = _chosen(recording=recording, person=person, rate=rate, start=start, end=end)
     written = write_recording(recording, output, kind, force=force)
     written.dropped["other people"] += others
+    written.notes.extend([doubt] if doubt else [])
     _tell(_summary(recording, output, kind, written), as_json)
+
+
+def _doubt(recording: Recording, reopened: Callable[[float], Recording]) -> str:
+    """Why people cannot be as the file says, with the remedy; "" if they can."""
+    try:
+        check_possible(recording, reopened)
+    except RecordingError as error:
+        return str(error).removeprefix(f"recording {recording.path}: ")
+    return ""
 
 
 def _format(output: Path, to: str | None) -> str:

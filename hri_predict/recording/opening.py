@@ -100,7 +100,9 @@ def opened(entry: Path | Recording, joint_map: JointMap | None = None) -> Record
     if isinstance(entry, Recording):
         return entry
     recording = open_recording(entry, joint_map=joint_map)
-    check_possible(recording)
+    check_possible(
+        recording, lambda unit_m: open_recording(entry, unit_m=unit_m, joint_map=joint_map)
+    )
     return recording
 
 

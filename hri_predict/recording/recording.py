@@ -3,6 +3,7 @@
 import hashlib
 import itertools
 import math
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,8 +37,8 @@ class Recording:
         kind: "cmu", "assembly", "motion", "amass", "bvh", "c3d", "csv", "mcap" or "trc".
         joint_map: names of the source's joints and how they become canonical ones.
         rate_hz: nominal scenes per second.
-        scenes: in the order of arrival; joints in metres, z up, in the file's own frame ("mcap": in
-            the room's frame, as recorded). ``stamp_ns`` counts from 0 at the file's first frame
+        scenes: in the order of arrival; joints in metres, z up, in the file's own frame, or
+            in the room's (``in_room``). ``stamp_ns`` counts from 0 at the file's first frame
             ("mcap": the clock of the recorded source).
         arrival_ns: (N,) when each scene arrives; the same as its capture, but for "mcap", where it
             is the recorded receipt.
@@ -47,6 +48,8 @@ class Recording:
         floor_m: height of the floor in the file; the reader took it off all heights.
         config: text of the recording node's configuration; "mcap" only.
         utc_ns: (N,) the arrivals in UTC, nanoseconds since 1970; empty if that is not known.
+        in_room: whether the scenes are in the room's frame already; "mcap" only, and not one that
+            was converted from a motion file.
     """
 
     path: Path
@@ -61,6 +64,7 @@ class Recording:
     floor_m: float = 0.0
     config: str = ""
     utc_ns: Sequence[int] = ()
+    in_room: bool = False
 
     @property
     def duration_s(self) -> float:
@@ -197,10 +201,10 @@ def recording_of(
     )
 
 
-def convert_with(options: str, condition: str = "") -> str:
-    """Return the remedy for a file that does not say what these options of ``convert`` say."""
-    made = f"make a file of it with hri-predict convert INPUT OUT.mcap {options}"
-    return f"{made}{f', {condition},' if condition else ','} and give that"
+def converted_by(path: Path, options: str) -> str:
+    """Return the remedy for a file that does not state what these options of ``convert`` state."""
+    names = shlex.quote(str(path)), shlex.quote(f"{path.stem}_right.mcap")
+    return f"this makes a right file of it: hri-predict convert {' '.join(names)} {options}"
 
 
 def noted(recording: Recording, note: str) -> Recording:
@@ -229,13 +233,13 @@ def placed(
 ) -> Recording:
     """Place a recording in the room.
 
-    ``room_from_source`` is the pose of the file's frame in the room; an "mcap", whose scenes are in
-    the room already, ignores it. ``place`` (x, y, yaw) then moves everything over the floor
+    ``room_from_source`` is the pose of the file's frame in the room; it has no effect on scenes
+    that are in the room already. ``place`` (x, y, yaw) then moves everything over the floor
     so that the recording's *start* is at x, y with its heading along yaw. The start is the first
     position of the waist, or else of the middle of what was observed. The heading is the direction
     of travel in the first second if that is 0.3 m or more, or else where the body faces.
     """
-    matrix = np.eye(4) if recording.kind == "mcap" else room_from_source.matrix()
+    matrix = np.eye(4) if recording.in_room else room_from_source.matrix()
     moved = _moved(recording, matrix)
     if place is None:
         return moved

@@ -32,7 +32,7 @@ from hri_predict.recording.formats.c3d_parameters import (
 from hri_predict.recording.frames import Written, frames_of
 from hri_predict.recording.labels import joined_labels, split_labels
 from hri_predict.recording.naming import map_of_names
-from hri_predict.recording.recording import Recording, check_rate, noted, recording_of
+from hri_predict.recording.recording import Recording, check_rate, converted_by, noted, recording_of
 
 MM_PER_M = 1000.0
 MAX_POINTS, MAX_LABEL = 65535, 127
@@ -217,7 +217,7 @@ def _unit(path: Path, parameters: Parameters) -> float:
     if name not in METRES_PER_UNIT:
         raise RecordingError(
             f"recording {path}: POINT:UNITS are {name[:20]!r}; expected one of "
-            f"{', '.join(METRES_PER_UNIT)}; give them with --units"
+            f"{', '.join(METRES_PER_UNIT)}; {converted_by(path, '--units mm')} (if it is in mm)"
         )
     return METRES_PER_UNIT[name]
 

@@ -1,4 +1,4 @@
-"""Writes a recording as the node's own MCAP; ``replay`` treats it as recorded by a node."""
+"""Writes a recording as the node's own MCAP, which says whether its scenes are in the room."""
 
 from collections import deque
 from pathlib import Path
@@ -24,6 +24,7 @@ def write_mcap(path: Path, recording: Recording) -> Written:
         rate_hz=recording.rate_hz,
         declares_noise=recording.declares_noise,
         config=recording.config,
+        in_room=recording.in_room,
     )
     written = Written(len(recording.scenes), people_of(recording))
     start_ns = recording.arrival_ns[0]

@@ -21,7 +21,7 @@ from hri_predict.recording.formats.frame_times import frame_times
 from hri_predict.recording.frames import Written, frames_of
 from hri_predict.recording.labels import joined_labels, split_labels
 from hri_predict.recording.naming import map_of_names
-from hri_predict.recording.recording import Recording, convert_with, noted, recording_of
+from hri_predict.recording.recording import Recording, converted_by, noted, recording_of
 
 AXES = ("x", "-z", "y")  # forward, left, up
 HEADER_LINES = 5
@@ -65,7 +65,7 @@ def read_trc(
     if scale is None:
         raise RecordingError(
             f"recording {path}: its 'Units' are {header.get('Units', '')[:20]!r}; expected one of "
-            f"{', '.join(METRES_PER_UNIT)}; {convert_with('--units mm', 'if it is in mm')}"
+            f"{', '.join(METRES_PER_UNIT)}; {converted_by(path, '--units mm')} (if it is in mm)"
         )
     markers = split_labels(labels, person)
     check_joints(path, len(rows), *markers.columns.shape)
