@@ -78,8 +78,9 @@ def mended(path: Path, monkeypatch) -> tuple[Path, str]:
 
 @pytest.mark.parametrize("kind", ["csv", "trc", "c3d", "amass"])
 @pytest.mark.parametrize("unit", list(METRES_PER_UNIT))
-@pytest.mark.parametrize("axes", [["x", "y", "z"], ["z", "x", "y"], ["-y", "x", "z"], ["z", "-x", "-y"]],
-                         ids=",".join)  # fmt: skip
+@pytest.mark.parametrize(
+    "axes", [["x", "y", "z"], ["z", "x", "y"], ["-y", "x", "z"], ["z", "-x", "-y"]], ids=",".join
+)
 def test_units_and_axes(tmp_path, monkeypatch, kind, unit, axes):
     """``axes`` are those that the file has where the format's own are expected."""
     turn = axes_rotation(axes)
@@ -185,7 +186,7 @@ def test_a_unit_that_was_taken_for_another_before(tmp_path, monkeypatch, real, t
 
 def test_joints_too_far_away_to_be_believed(tmp_path, monkeypatch):
     turn = axes_rotation(["z", "-x", "-y"])  # of a camera, 5 m in front of it, millimetres
-    true = TRUE + [5.0, 2.0, 3.0]
+    true = TRUE + np.array([5.0, 2.0, 3.0])
     path = tmp_path / "far.csv"
     header = ",".join(f"{joint}_{c}" for joint in JOINTS for c in "xyz")
     rows = [
