@@ -1,12 +1,21 @@
-"""Reads files of unknown origin into memory, up to a limit."""
+"""Reads files of unknown origin into memory, up to a limit, and says how far it is."""
 
 import codecs
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from typing import TypeVar
 
 from hri_predict.errors import RecordingError
 
 MAX_BYTES = 2**30  # of a file, and of the joint positions read from it
+T = TypeVar("T")
+READING, WRITING = "reading", "writing"
 _HEAD = 4096
+_EACH = 500
+"""Number of items between two reports."""
+_watcher: ContextVar[Callable[[str, int, int], None] | None] = ContextVar("watcher", default=None)
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
     (codecs.BOM_UTF32_LE, "utf-32-le"),  # before UTF-16, whose mark begins alike
@@ -62,6 +71,31 @@ def decoded(data: bytes) -> str:
         return data.decode("utf-8")
     except UnicodeDecodeError:
         return data.decode("latin-1")
+
+
+def watched(items: Iterable[T], what: str, total: int) -> Iterator[T]:
+    """Yield all items, and report now and then how many are done to ``watching``, if it is on.
+
+    Args:
+        items: rows or scenes.
+        what: what is done with them: ``READING`` or ``WRITING``.
+        total: their number, or nearly so.
+    """
+    watcher = _watcher.get()
+    for done, item in enumerate(items):
+        if watcher is not None and done % _EACH == 0:
+            watcher(what, done, total)
+        yield item
+
+
+@contextmanager
+def watching(watcher: Callable[[str, int, int], None]) -> Iterator[None]:
+    """Report to ``watcher`` (what is done, number done, total) what long loops do meanwhile."""
+    before = _watcher.set(watcher)
+    try:
+        yield
+    finally:
+        _watcher.reset(before)
 
 
 def check_joints(path: Path, frames: int, people: int, joints: int) -> None:

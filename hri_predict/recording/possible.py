@@ -50,12 +50,14 @@ def check_possible(recording: Recording, reopened: Reopened | None = None) -> No
 def check_size(recording: Recording, reopened: Reopened | None = None) -> None:
     """Refuse a recording without any joint, or with bodies that are not of human size.
 
-    For a replay: there the node itself judges how people stand, as its configuration asks.
+    For a replay: there the node itself judges how people stand, as its configuration asks. What a
+    node recorded plays as it was, whatever it shows.
 
     Raises:
         RecordingError: as ``check_possible``.
     """
-    _check(recording, reopened, whole=False)
+    if not recording.in_room:
+        _check(recording, reopened, whole=False)
 
 
 def _check(recording: Recording, reopened: Reopened | None, *, whole: bool) -> None:

@@ -23,6 +23,7 @@ from hri_predict.recording.recording import Recording, check_rate, noted, record
 from hri_predict.recording.rig import map_of_rig
 from hri_predict.recording.shared_affix import without_shared
 
+_ABSURD = 1e6  # degrees: no rig counts thousands of turns; its sine would be noise
 _AT_ONCE = 4096  # frames; bounds the memory of the rotations
 
 
@@ -122,7 +123,8 @@ def _placed(nodes: Sequence[BvhNode], values: Floats) -> Floats:
             if match[2].lower() == "position":
                 local[:, axis] = values[:, column]
             else:
-                own = _turned(own, axis, np.radians(values[:, column]))
+                angles = np.where(np.abs(values[:, column]) < _ABSURD, values[:, column], np.nan)
+                own = _turned(own, axis, np.radians(angles))
         points[:, k] = np.einsum("fij,fj->fi", basis, local)
         if not root:
             points[:, k] += points[:, node.parent]

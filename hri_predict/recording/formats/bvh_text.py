@@ -12,7 +12,7 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import HriPredictError
-from hri_predict.recording.bounded import MAX_BYTES
+from hri_predict.recording.bounded import MAX_BYTES, READING, watched
 from hri_predict.recording.formats.cells import Numbers
 
 CHANNEL = re.compile(r"([xyz])(position|rotation)", re.IGNORECASE)
@@ -93,7 +93,10 @@ def _hierarchy(lines: list[tuple[int, str]], numbers: Numbers) -> list[BvhNode]:
         if word in ("ROOT", "JOINT", "END"):
             if (word == "ROOT") == bool(path) or (nodes and not opened and path):
                 raise BvhError(f"line {number}: {word} is out of place; export it again")
-            nodes.append(_node(number, word, rest, path, nodes))
+            if word != "END" and not rest:
+                raise BvhError(f"line {number}: {word} has no name; export it again")
+            parent = path[-1] if path else -1
+            nodes.append(_end_site(parent, nodes) if word == "END" else BvhNode(rest, parent))
             opened = False
         elif word == "{" and nodes and not opened:
             path.append(len(nodes) - 1)
@@ -128,14 +131,9 @@ def _statements(lines: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
             yield number, "{", ""
 
 
-def _node(number: int, word: str, rest: str, path: list[int], nodes: list[BvhNode]) -> BvhNode:
-    parent = path[-1] if path else -1
-    if word == "END":
-        taken = sum(node.parent == parent and node.name.endswith("_End") for node in nodes)
-        return BvhNode(f"{nodes[parent].name}_End{taken + 1 if taken else ''}", parent)
-    if not rest:
-        raise BvhError(f"line {number}: {word} has no name; export it again")
-    return BvhNode(rest, parent)
+def _end_site(parent: int, nodes: list[BvhNode]) -> BvhNode:
+    taken = sum(node.parent == parent and node.name.endswith("_End") for node in nodes)
+    return BvhNode(f"{nodes[parent].name}_End{taken + 1 if taken else ''}", parent)
 
 
 def _offset(number: int, name: str, rest: str, numbers: Numbers) -> tuple[float, ...]:
@@ -150,7 +148,7 @@ def _offset(number: int, name: str, rest: str, numbers: Numbers) -> tuple[float,
 
 def _channels(number: int, name: str, rest: str) -> list[str]:
     count, *channels = rest.split() or [""]
-    if not count.isdecimal() or int(count) != len(channels):
+    if count != str(len(channels)):
         raise BvhError(
             f"line {number}: CHANNELS of '{name}': {len(channels)} names, but the number "
             f"{count[:20]!r}; export it again"
@@ -199,7 +197,7 @@ def _values(rows: list[tuple[int, str]], channels: int, numbers: Numbers) -> Flo
     if len(rows) * channels * 8 > MAX_BYTES:
         raise BvhError(f"{len(rows)} frames of {channels} values are too many; cut it into parts")
     values = np.empty((len(rows), channels))
-    for k, (number, row) in enumerate(rows):
+    for k, (number, row) in enumerate(watched(rows, READING, len(rows))):
         cells = row.split()
         if len(cells) != channels:
             cut = "truncated: " if k == len(rows) - 1 and len(cells) < channels else ""

@@ -26,7 +26,14 @@ import numpy as np
 from hri_predict.arrays import Floats
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
-from hri_predict.recording.bounded import check_joints, decoded, read_text
+from hri_predict.recording.bounded import (
+    READING,
+    WRITING,
+    check_joints,
+    decoded,
+    read_text,
+    watched,
+)
 from hri_predict.recording.cutting import people_of, true_times
 from hri_predict.recording.formats.cells import Numbers, RowLengths
 from hri_predict.recording.formats.csv_columns import (
@@ -76,7 +83,7 @@ def read_csv(
         columns = columns_of(path, header)
         body = text.split("\n", header_line)[-1]
         table = _Table(path, columns, person, Numbers(body))
-        for number, row in rows:
+        for number, row in watched(rows, READING, body.count("\n")):
             table.take(number, row)
     except csv.Error as error:
         raise RecordingError(f"recording {path}: not a CSV table ({error})") from error
@@ -292,7 +299,8 @@ def write_csv(path: Path, recording: Recording) -> Written:
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(["time_s", "sees_room", "person", *head])
-        for scene, ns in zip(recording.scenes, _since(recording), strict=True):
+        scenes = watched(recording.scenes, WRITING, len(recording.scenes))
+        for scene, ns in zip(scenes, _since(recording), strict=True):
             time = [f"{ns / 1e9:.9f}", int(scene.sees_room)]
             for person in scene.people:
                 rows.writerow([*time, person.id, *_cells(person)])

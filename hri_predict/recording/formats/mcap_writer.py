@@ -4,6 +4,7 @@ from collections import deque
 from pathlib import Path
 
 from hri_predict.errors import RecordingError
+from hri_predict.recording.bounded import WRITING, watched
 from hri_predict.recording.cutting import people_of
 from hri_predict.recording.frames import Written
 from hri_predict.recording.mcap.clocks import VirtualClocks
@@ -32,7 +33,8 @@ def write_mcap(path: Path, recording: Recording) -> Written:
     clocks = VirtualClocks(start_ns, offset_ns)
     told = deque(sorted(recording.received, key=lambda r: r[1].received_ns))
     with Recorder(OneFile(path, overwrite=True), info, threaded=False, clocks=clocks) as recorder:
-        for scene, arrival_ns in zip(recording.scenes, recording.arrival_ns, strict=True):
+        scenes = watched(recording.scenes, WRITING, len(recording.scenes))
+        for scene, arrival_ns in zip(scenes, recording.arrival_ns, strict=True):
             while told and told[0][1].received_ns <= arrival_ns:
                 recorder.on_received(*told.popleft())
             recorder.on_scene(scene, arrival_ns)

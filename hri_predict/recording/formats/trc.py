@@ -15,7 +15,7 @@ import numpy as np
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
-from hri_predict.recording.bounded import check_joints, read_text
+from hri_predict.recording.bounded import READING, WRITING, check_joints, read_text, watched
 from hri_predict.recording.formats.cells import Numbers, wrong_length
 from hri_predict.recording.formats.frame_times import frame_times
 from hri_predict.recording.frames import Written, frames_of
@@ -138,7 +138,7 @@ def _table(path: Path, rows: Sequence[tuple[int, str]], count: int, numbers: Num
             then joints would be metres away.
     """
     table = np.full((len(rows), 2 + 3 * count), np.nan)
-    for k, (line, row) in enumerate(rows):
+    for k, (line, row) in enumerate(watched(rows, READING, len(rows))):
         cells = _cells(row)
         if wrong := wrong_length(cells, 2 + 3 * count):
             raise RecordingError(
@@ -188,7 +188,7 @@ def write_trc(path: Path, recording: Recording) -> Written:
         "\t".join(["", "", *(f"{axis}{k}" for k in range(1, count + 1) for axis in "XYZ")]),
         "",
     ]
-    for k, row in enumerate(points.reshape(number, -1).tolist()):
+    for k, row in enumerate(watched(points.reshape(number, -1).tolist(), WRITING, number)):
         cells = ["" if math.isnan(v) else f"{v:.4f}" for v in row]
         lines.append("\t".join([str(k + 1), f"{k / frames.rate_hz:.6f}", *cells]))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
