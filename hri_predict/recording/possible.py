@@ -88,8 +88,8 @@ def _check(recording: Recording, reopened: Reopened | None, *, whole: bool) -> N
 def _unseen(recording: Recording, reopened: Reopened | None) -> str:
     """What to say of a file of which no joint is believed."""
     what = f"recording {recording.path}: no joint of any person is known"
-    for name, unit_m in METRES_PER_UNIT.items() if reopened is not None else ():
-        if unit_m >= recording.joint_map.scale_to_m:
+    for name, unit_m in METRES_PER_UNIT.items():
+        if reopened is None or unit_m >= recording.joint_map.scale_to_m:
             continue
         other = reopened(unit_m)
         bodies = list(_bodies(other))
