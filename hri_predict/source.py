@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
 from pydantic import Field, model_validator
 
+from hri_predict.arrays import Floats
 from hri_predict.clock import Clock
 from hri_predict.joint_map import JointMap
 from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
@@ -167,6 +168,19 @@ class HasLive(Protocol):
 
     @property
     def live(self) -> Live | None: ...  # noqa: D102
+
+
+@runtime_checkable
+class StatesFrame(Protocol):
+    """A source whose scenes state their own units and axes; those of the joint map do nothing.
+
+    Attributes:
+        stated: (3, 3) from the newest scene's units and axes to metres, forward, left and up;
+            ``None`` before the first.
+    """
+
+    @property
+    def stated(self) -> Floats | None: ...  # noqa: D102
 
 
 def live_part(source: object) -> Live | None:

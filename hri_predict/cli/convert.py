@@ -3,18 +3,28 @@
 import json
 import math
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from hri_predict.cli.common import JointMapOption, one_of, own_map, without_effect
-from hri_predict.errors import ConfigError
+from hri_predict.cli.common import (
+    JointMapOption,
+    one_of,
+    own_map,
+    progress,
+    without_effect,
+)
+from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.recording.bounded import watching
 from hri_predict.recording.converting import ENDINGS, WRITERS, write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
+from hri_predict.recording.possible import check_possible
 from hri_predict.recording.recording import SELF_EXPLAINED, Recording, from_left_handed
 from hri_predict.recording.unused import unused
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
@@ -75,22 +85,54 @@ def convert(
             "--left-handed: needs --axes, INPUT's axes that are forward, left and up: Unity's are "
             "z,-x,y, Unreal's x,-y,z"
         )
-    recording = open_recording(
-        source,
-        person=1 if person is None else person,
-        unit_m=None if units is None else _unit(units),
-        axes=None if axes is None or left_handed else axes.split(","),
-        any_joints=True,
-        joint_map=own_map(joint_map),
-    )
-    if recording.kind in SELF_EXPLAINED:
-        without_effect({"--units": units, "--axes": axes}, f"on {source}, which states its own")
-    elif left_handed and axes is not None:
-        recording = from_left_handed(recording, axes.split(","))
-    recording, others = _chosen(recording=recording, person=person, rate=rate, start=start, end=end)
-    written = write_recording(recording, output, kind, force=force)
-    written.dropped["other people"] += others
+    with _watched(source):
+        recording = open_recording(
+            source,
+            person=1 if person is None else person,
+            unit_m=None if units is None else _unit(units),
+            axes=None if axes is None or left_handed else axes.split(","),
+            any_joints=True,
+            joint_map=own_map(joint_map),
+        )
+        if recording.kind in SELF_EXPLAINED:
+            without_effect({"--units": units, "--axes": axes}, f"on {source}, which states its own")
+        elif left_handed and axes is not None:
+            recording = from_left_handed(recording, axes.split(","))
+        doubt = _doubt(
+            recording,
+            lambda unit_m: open_recording(
+                source, unit_m=unit_m, any_joints=True, joint_map=own_map(joint_map)
+            ),
+        )
+        recording, others = _chosen(
+            recording=recording, person=person, rate=rate, start=start, end=end
+        )
+        written = write_recording(recording, output, kind, force=force)
+        written.dropped["other people"] += others
+        written.notes.extend([doubt] if doubt else [])
     _tell(_summary(recording, output, kind, written), as_json)
+
+
+@contextmanager
+def _watched(source: Path) -> Iterator[None]:
+    """Show on a terminal how much of a long file is read and written."""
+    with progress() as bar:
+        task = bar.add_task(f"reading {source.name}", total=None)
+        with watching(
+            lambda what, done, total: bar.update(
+                task, description=f"{what} {source.name}", completed=done, total=total
+            )
+        ):
+            yield
+
+
+def _doubt(recording: Recording, reopened: Callable[[float], Recording]) -> str:
+    """Why people cannot be as the file says, with the remedy; "" if they can."""
+    try:
+        check_possible(recording, reopened)
+    except RecordingError as error:
+        return str(error).removeprefix(f"recording {recording.path}: ")
+    return ""
 
 
 def _format(output: Path, to: str | None) -> str:

@@ -1,10 +1,28 @@
-"""Reads files of unknown origin into memory, up to a limit."""
+"""Reads files of unknown origin into memory, up to a limit, and says how far it is."""
 
+import codecs
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from typing import TypeVar
 
 from hri_predict.errors import RecordingError
 
 MAX_BYTES = 2**30  # of a file, and of the joint positions read from it
+T = TypeVar("T")
+READING, WRITING = "reading", "writing"
+_HEAD = 4096
+_EACH = 500
+"""Number of items between two reports."""
+_watcher: ContextVar[Callable[[str, int, int], None] | None] = ContextVar("watcher", default=None)
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32-le"),  # before UTF-16, whose mark begins alike
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
 
 
 def read_bounded(path: Path) -> bytes:
@@ -24,19 +42,60 @@ def read_bounded(path: Path) -> bytes:
 
 
 def read_text(path: Path, what: str) -> str:
-    """The whole file as text: UTF-8, or else one byte per character, as old programs write.
+    """Return the whole file as text, with line feeds as line ends.
+
+    UTF-8 and UTF-16 with or without a byte order mark, or else one byte per character, as old
+    programs write.
 
     Raises:
         RecordingError: too large, or not text.
         OSError: it cannot be read.
     """
-    data = read_bounded(path)
-    if b"\0" in data[:4096]:
+    text = decoded(read_bounded(path))
+    if "\0" in text[:_HEAD]:
         raise RecordingError(f"recording {path}: not {what} (not text)")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def decoded(data: bytes) -> str:
+    """Return text of unknown encoding; any bytes give some text, perhaps with NUL characters."""
+    for mark, encoding in _MARKS:
+        if data.startswith(mark):
+            return data[len(mark) :].decode(encoding, "replace")
+    head = data[:_HEAD]
+    if b"\0" in head:  # UTF-16 without a mark: of ASCII, every second byte is zero
+        for first, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+            if not any(head[first::2]) and all(head[1 - first :: 2]):
+                return data.decode(encoding, "replace")
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("utf-8")
     except UnicodeDecodeError:
         return data.decode("latin-1")
+
+
+def watched(items: Iterable[T], what: str, total: int) -> Iterator[T]:
+    """Yield all items, and report now and then how many are done to ``watching``, if it is on.
+
+    Args:
+        items: rows or scenes.
+        what: what is done with them: ``READING`` or ``WRITING``.
+        total: their number, or nearly so.
+    """
+    watcher = _watcher.get()
+    for done, item in enumerate(items):
+        if watcher is not None and done % _EACH == 0:
+            watcher(what, done, total)
+        yield item
+
+
+@contextmanager
+def watching(watcher: Callable[[str, int, int], None]) -> Iterator[None]:
+    """Report to ``watcher`` (what is done, number done, total) what long loops do meanwhile."""
+    before = _watcher.set(watcher)
+    try:
+        yield
+    finally:
+        _watcher.reset(before)
 
 
 def check_joints(path: Path, frames: int, people: int, joints: int) -> None:

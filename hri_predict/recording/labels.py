@@ -4,7 +4,7 @@ Motion capture programs put the subject's name and a colon before a marker's; th
 person's id there. Files of one person have bare names.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,7 +76,7 @@ def split_labels(labels: Sequence[str], person: int, left_out: Sequence[str] = (
             f"its labels name {len(ids)} people with {len(joints)} different markers, which is "
             f"too many; give all markers of a person the same name before the colon"
         )
-    _number(ids, person)
+    ids = numbered(ids, person)
     columns = np.full((len(ids), len(joints)), -1, dtype=np.intp)
     row = {who: k for k, who in enumerate(ids)}
     for (who, joint), k in found.items():
@@ -113,15 +113,20 @@ def joined_labels(ids: Sequence[int], joints: Sequence[str]) -> list[str]:
     return [f"{person}:{joint}" for person in ids for joint in joints]
 
 
-def _number(ids: dict[str, int], person: int) -> None:
-    """Give each person an id: their own number, or the next free one."""
-    own = {who: int(who) for who in ids if _is_id(who)}
-    taken = set(own.values())
+def numbered(names: Collection[str], person: int) -> dict[str, int]:
+    """Give each name of a person an id: its own number, or else the next free one.
+
+    Args:
+        names: different ones.
+        person: the id for the first person without a number.
+    """
+    ids = {who: int(who) for who in names if _is_id(who)}
+    taken = set(ids.values())
     following = person
-    for who in ids:
-        if who not in own:
+    for who in names:
+        if who not in ids:
             while following in taken:
                 following = (following + 1) % (MAX_ID + 1)
-            own[who] = following
+            ids[who] = following
             taken.add(following)
-        ids[who] = own[who]
+    return {who: ids[who] for who in names}

@@ -1,5 +1,6 @@
 """Opens a recording of any known kind."""
 
+import logging
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from hri_predict.recording.formats.npz import read_npz
 from hri_predict.recording.formats.trc import read_trc
 from hri_predict.recording.mcap.reader import read_mcap
 from hri_predict.recording.naming import check_known, with_map
-from hri_predict.recording.possible import check_possible
+from hri_predict.recording.possible import PUBLISHED, check_possible
 from hri_predict.recording.recording import Recording
 from hri_predict.recording.sniffing import ending_of, seems
 from hri_predict.recording.unused import tell_unused
@@ -24,6 +25,9 @@ ACCEPTED = (
     ".mcap (recorded by this node)"
 )
 
+log = logging.getLogger(__name__)
+_noted: set[Path] = set()
+"""Recordings whose notes were logged: commands open some of them several times."""
 _Reader = Callable[[Path, int, float | None, Sequence[str] | None], Recording]
 _READERS: dict[str, _Reader] = {
     ".bvh": read_bvh,
@@ -94,13 +98,20 @@ def open_recording(
 def opened(entry: Path | Recording, joint_map: JointMap | None = None) -> Recording:
     """A recording in memory as it is; a file as ``open_recording`` reads it, if it can be true.
 
+    Its note is logged.
+
     Raises:
         RecordingError: the file cannot be read, or ``check_possible`` refuses it.
     """
     if isinstance(entry, Recording):
         return entry
     recording = open_recording(entry, joint_map=joint_map)
-    check_possible(recording)
+    if recording.note and recording.kind not in PUBLISHED and recording.path not in _noted:
+        _noted.add(recording.path)
+        log.warning("recording %s: %s", recording.path, recording.note)
+    check_possible(
+        recording, lambda unit_m: open_recording(entry, unit_m=unit_m, joint_map=joint_map)
+    )
     return recording
 
 

@@ -4,66 +4,144 @@ The node refuses such bodies as they come. A recording is judged as a whole, bec
 bend and tumble for a while. Its floor is its own, so heights are not judged.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.people.body.axes import standing_axes
 from hri_predict.people.body.posture import posture_of
-from hri_predict.people.body.size import is_human_sized, unit_factor
-from hri_predict.recording.recording import SELF_EXPLAINED, Recording
+from hri_predict.people.body.size import is_human_sized
+from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
+from hri_predict.recording.recording import SELF_EXPLAINED, Recording, converted_by
 from hri_predict.settings import MAX_COORDINATE_M
 
 MOST_SCENES = 1000
-"""So many scenes of a recording, evenly over it, say enough."""
+"""Number of scenes, evenly over a recording, that are judged."""
 PUBLISHED = ("cmu", "assembly")
-"""Layouts of the data pack alone, in fixed units and axes: nobody exports them from a tracker."""
+"""Layouts of the data pack alone, in fixed units and axes: no tracker exports them."""
 TILTED = 0.2
 """Cosine between the sum of everybody's down and gravity below which the axes are wrong."""
 COHERENT = 0.3
 """Least length of that sum per length of bones: below, people tumble and show no down."""
 MIRRORED_M = 0.025
 
+Reopened = Callable[[float], Recording]
+_Bodies = list[tuple[Floats, Bools]]
 
-def check_possible(recording: Recording) -> None:
-    """Refuse a recording in which nobody can be as the file says.
+
+def check_possible(recording: Recording, reopened: Reopened | None = None) -> None:
+    """Refuse a recording in which people cannot be as the file says.
+
+    Args:
+        recording: as it was read.
+        reopened: reads the file again with other metres per unit: where all joints are too far away
+            to be believed, a remedy needs them.
 
     Raises:
         RecordingError: no joint is seen, bodies are not of human size, people never stand, or left
-            and right are swapped. The error names the remedy.
+            and right are swapped. The error names the remedy for all of it.
     """
-    if recording.kind in PUBLISHED:
+    _check(recording, reopened, whole=True)
+
+
+def check_size(recording: Recording, reopened: Reopened | None = None) -> None:
+    """Refuse a recording without any joint, or with bodies that are not of human size.
+
+    For a replay: there the node itself judges how people stand, as its configuration asks. What a
+    node recorded plays as it was, whatever it shows.
+
+    Raises:
+        RecordingError: as ``check_possible``.
+    """
+    if not recording.in_room:
+        _check(recording, reopened, whole=False)
+
+
+def _check(recording: Recording, reopened: Reopened | None, *, whole: bool) -> None:
+    if recording.kind in PUBLISHED or not recording.joint_map.mapped.any():
         return
     bodies = list(_bodies(recording))
     if not bodies:
         if recording.kind in SELF_EXPLAINED:  # an empty room, or people whose joints nobody saw
             return
+        raise RecordingError(_unseen(recording, reopened))
+    wrong, units, unit_m = _size(recording, bodies)
+    if unit_m is not None and reopened is not None:  # now too, some joints may be too far away
+        bodies = list(_bodies(reopened(unit_m)))
+    posed, axes = _axes(recording, bodies)
+    if not (wrong or (whole and posed)):
+        return
+    what = f"recording {recording.path}: {'; '.join([*([wrong] if wrong else []), *posed])}"
+    if wrong and not units:
         raise RecordingError(
-            f"recording {recording.path}: no joint of anybody is known: all are missing, or more "
-            f"than {MAX_COORDINATE_M:g} m away{_remedy(recording, '--units mm, if it is in mm')}"
+            f"{what}; no unit explains that: correct the export's scale, or the joints' names"
         )
-    if 2 * sum(not is_human_sized(*body) for body in bodies) > len(bodies):
-        raise RecordingError(
-            f"recording {recording.path}: bodies are not of human size"
-            f"{_remedy(recording, f'--units {_unit(recording, bodies)}')}"
-        )
+    options = " ".join(part for part in (units, axes) if part)
+    if not options:
+        raise RecordingError(f"{what}; no axes make them stand: correct the joints' names")
+    raise RecordingError(f"{what}{_remedy(recording, options)}")
+
+
+def _unseen(recording: Recording, reopened: Reopened | None) -> str:
+    """What to say of a file of which no joint is believed."""
+    what = f"recording {recording.path}: no joint of any person is known"
+    for name, unit_m in METRES_PER_UNIT.items():
+        if reopened is None or unit_m >= recording.joint_map.scale_to_m:
+            continue
+        other = reopened(unit_m)
+        bodies = list(_bodies(other))
+        stature = stature_m(bodies)
+        if stature is not None and is_adult(stature):
+            options = f"--units {name} {_axes(other, bodies)[1]}".strip()
+            return f"{what}: all are more than {MAX_COORDINATE_M:g} m away{_remedy(other, options)}"
+    return f"{what}: all are missing, or more than {MAX_COORDINATE_M:g} m away; correct the export"
+
+
+def _size(recording: Recording, bodies: _Bodies) -> tuple[str, str, float | None]:
+    """What is wrong with the size of most bodies, the option that mends it, and its unit; "", ""
+    and ``None`` if nothing."""
+    stature = stature_m(bodies)
+    small = 2 * sum(not is_human_sized(*body) for body in bodies) > len(bodies)
+    if not small and (stature is None or is_adult(stature)):
+        return "", "", None
+    if stature is None:
+        return "bodies are not of human size", "", None
+    wrong = f"bodies are not of human size: by their limbs they are {stature:.3g} m tall"
+    scale_to_m = recording.joint_map.scale_to_m
+    if (unit := fitting_unit(stature, scale_to_m)) is None:
+        return wrong, "", None
+    unit_m, name = unit
+    if " " in name:  # a unit that was taken for another one
+        return f"{wrong}, which would be {name}", f"--units {unit_m:.6g}", unit_m
+    wrong += f", and {stature * unit_m / scale_to_m:.2f} m if its unit is {name}"
+    return wrong, f"--units {name}", unit_m
+
+
+def _axes(recording: Recording, bodies: _Bodies) -> tuple[list[str], str]:
+    """What is wrong with how most people stand, and the options that mend it."""
     postures = [posture_of(*body) for body in bodies]
     down = np.sum([posture.down for posture in postures], axis=0)
     bones_m, length = sum(posture.bones_m for posture in postures), float(np.linalg.norm(down))
-    if length > COHERENT * bones_m and -down[2] < TILTED * length:
-        raise RecordingError(
-            f"recording {recording.path}: people lie or hang upside down all the time"
-            f"{_remedy(recording, '--axes, such as z,x,y where y is up')}"
-        )
+    lying = length > COHERENT * bones_m and -down[2] < TILTED * length
     handed = [posture.handed_m for posture in postures if posture.handed_m is not None]
-    if handed and np.median(handed) < -MIRRORED_M:
-        raise RecordingError(
-            f"recording {recording.path}: people have left and right swapped; correct the joints' "
-            f"names; if its axes are left-handed (Unity, Unreal)"
-            f"{_remedy(recording, '--axes ... --left-handed').removeprefix(';')}"
+    size = (stature_m(bodies) or 1.7) / 1.7  # of bodies in another unit
+    mirrored = bool(handed) and float(np.median(handed)) < -MIRRORED_M * size
+    wrong = ["people lie or hang upside down all the time"] if lying else []
+    if mirrored:
+        wrong.append(
+            "people have left and right swapped: correct the joints' names if these are swapped"
         )
+    if not wrong:
+        return [], ""
+    axes = standing_axes(bodies, recording.joint_map.rotation, -1.0 if mirrored else 1.0)
+    if axes is None:
+        return wrong, ""
+    left = round(float(np.linalg.det(recording.joint_map.rotation))) * (-1 if mirrored else 1) < 0
+    shown = ",".join(axes)
+    return wrong, f"--axes {shown} --left-handed" if left else f"--axes {shown}"
 
 
 def _bodies(recording: Recording) -> Iterator[tuple[Floats, Bools]]:
@@ -75,15 +153,10 @@ def _bodies(recording: Recording) -> Iterator[tuple[Floats, Bools]]:
                 yield np.where(seen[:, None], joints, 0.0), seen
 
 
-def _unit(recording: Recording, bodies: list[tuple[Floats, Bools]]) -> str:
-    """The unit that would make them human, or all units."""
-    now = recording.joint_map.scale_to_m
-    by_factor = {metres / now: name for name, metres in METRES_PER_UNIT.items()}
-    factor = unit_factor(bodies, by_factor)
-    return "|".join(METRES_PER_UNIT) if factor is None else by_factor[factor]
-
-
-def _remedy(recording: Recording, option: str) -> str:
+def _remedy(recording: Recording, options: str) -> str:
     if recording.kind in SELF_EXPLAINED:
-        return f"; a file of kind {recording.kind} states its own units and axes: leave it out"
-    return f"; make a file of it with hri-predict convert INPUT OUT.mcap {option}, and give that"
+        return (
+            f"; a file of kind {recording.kind} states its own units and axes: leave it out, or "
+            f"convert the original again"
+        )
+    return f"; {converted_by(recording.path, options)}"

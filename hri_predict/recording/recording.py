@@ -3,6 +3,7 @@
 import hashlib
 import itertools
 import math
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,8 +37,8 @@ class Recording:
         kind: "cmu", "assembly", "motion", "amass", "bvh", "c3d", "csv", "mcap" or "trc".
         joint_map: names of the source's joints and how they become canonical ones.
         rate_hz: nominal scenes per second.
-        scenes: in the order of arrival; joints in metres, z up, in the file's own frame ("mcap": in
-            the room's frame, as recorded). ``stamp_ns`` counts from 0 at the file's first frame
+        scenes: in the order of arrival; joints in metres, z up, in the file's own frame, or
+            in the room's (``in_room``). ``stamp_ns`` counts from 0 at the file's first frame
             ("mcap": the clock of the recorded source).
         arrival_ns: (N,) when each scene arrives; the same as its capture, but for "mcap", where it
             is the recorded receipt.
@@ -47,6 +48,8 @@ class Recording:
         floor_m: height of the floor in the file; the reader took it off all heights.
         config: text of the recording node's configuration; "mcap" only.
         utc_ns: (N,) the arrivals in UTC, nanoseconds since 1970; empty if that is not known.
+        in_room: whether the scenes are in the room's frame already; "mcap" only, and not one that
+            was converted from a motion file.
     """
 
     path: Path
@@ -61,6 +64,7 @@ class Recording:
     floor_m: float = 0.0
     config: str = ""
     utc_ns: Sequence[int] = ()
+    in_room: bool = False
 
     @property
     def duration_s(self) -> float:
@@ -149,9 +153,18 @@ def recording_of_one(
 
 
 def recording_of(
-    *, path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, ids: Sequence[int]
+    *,
+    path: Path,
+    kind: str,
+    joint_map: JointMap,
+    raw: Floats,
+    rate_hz: float,
+    ids: Sequence[int],
+    stamps_ns: Sequence[int] | None = None,
 ) -> Recording:
     """A recording from (F, P, J, 3) in the source's units and axes: everybody in every frame.
+
+    ``stamps_ns`` are the frames' times from the first one; by default they are even.
 
     Joints that are NaN, or farther than ``MAX_COORDINATE_M`` from the origin, are not observed. The
     recording's ``note`` counts the frames without any observed joint; for a format that cannot
@@ -160,9 +173,11 @@ def recording_of(
     believed = np.abs(raw) <= MAX_COORDINATE_M / joint_map.scale_to_m  # false for NaN
     observed = np.asarray(believed.all(axis=-1))
     positions = joint_map.to_metres_z_up(np.where(observed[..., None], raw, np.nan))
+    if stamps_ns is None:
+        stamps_ns = [round(k * 1e9 / rate_hz) for k in range(len(positions))]
     scenes = [
         Scene(
-            round(k * 1e9 / rate_hz),
+            stamps_ns[k],
             k,
             True,
             tuple(Person(n, positions[k, p], observed[k, p]) for p, n in enumerate(ids)),
@@ -184,6 +199,12 @@ def recording_of(
         arrival_ns=times,
         note=note,
     )
+
+
+def converted_by(path: Path, options: str) -> str:
+    """Return the remedy for a file that does not state what these options of ``convert`` state."""
+    names = shlex.quote(str(path)), shlex.quote(f"{path.stem}_right.mcap")
+    return f"this makes a right file of it: hri-predict convert {' '.join(names)} {options}"
 
 
 def noted(recording: Recording, note: str) -> Recording:
@@ -212,13 +233,13 @@ def placed(
 ) -> Recording:
     """Place a recording in the room.
 
-    ``room_from_source`` is the pose of the file's frame in the room; an "mcap", whose scenes are in
-    the room already, ignores it. ``place`` (x, y, yaw) then moves everything over the floor
+    ``room_from_source`` is the pose of the file's frame in the room; it has no effect on scenes
+    that are in the room already. ``place`` (x, y, yaw) then moves everything over the floor
     so that the recording's *start* is at x, y with its heading along yaw. The start is the first
     position of the waist, or else of the middle of what was observed. The heading is the direction
     of travel in the first second if that is 0.3 m or more, or else where the body faces.
     """
-    matrix = np.eye(4) if recording.kind == "mcap" else room_from_source.matrix()
+    matrix = np.eye(4) if recording.in_room else room_from_source.matrix()
     moved = _moved(recording, matrix)
     if place is None:
         return moved

@@ -10,10 +10,12 @@ import logging
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+import yaml
 from pydantic import Field
 
 from hri_predict.arrays import Bools, Floats
@@ -23,6 +25,7 @@ from hri_predict.joint_map import JointMap, load_joint_map
 from hri_predict.link import Received
 from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.recording.cutting import between, decimated
+from hri_predict.recording.possible import check_size
 from hri_predict.recording.recording import SELF_EXPLAINED
 from hri_predict.scene import Scene
 from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose, Vector3
@@ -93,14 +96,18 @@ class RecordingSource:
             ConfigError: it does not contain the configured part or rate, or the configuration
                 sets units or axes that the recording states itself.
         """
-        recording = open_recording(
+        read = partial(
+            open_recording,
             _find(settings.path, base_dir),
             person=settings.person,
-            unit_m=settings.unit_m,
             axes=settings.axes,
             joint_map=_own_map(settings.joint_map, base_dir),
         )
+        recording = read(unit_m=settings.unit_m)
         _check_own(recording, settings)
+        check_size(recording, lambda unit_m: read(unit_m=unit_m))
+        if note := _unused_pose(recording, settings.room_from_source):
+            log.warning("recording %s: %s", recording.path, note)
         if recording.note:
             log.warning("recording %s: %s", recording.path, recording.note)
         recording = placed(_part(recording, settings), settings.room_from_source, settings.place)
@@ -258,6 +265,24 @@ def _check_own(recording: Recording, settings: RecordingSettings) -> None:
             raise ConfigError(
                 f"source.{key}: has no effect on {recording.path}, which states its own; remove it"
             )
+
+
+def _unused_pose(recording: Recording, pose: Pose) -> str:
+    """A note where a pose has no effect and is not the one with which the scenes were recorded."""
+    if not recording.in_room or np.allclose(pose.matrix(), np.eye(4)):
+        return ""
+    try:
+        recorded = Pose.model_validate(
+            yaml.safe_load(recording.config)["source"]["room_from_source"]
+        )
+    except (yaml.YAMLError, ValueError, TypeError, KeyError):
+        recorded = Pose()
+    if np.allclose(pose.matrix(), recorded.matrix()):
+        return ""
+    return (
+        "source.room_from_source has no effect: its scenes are in the room already, as they were "
+        "recorded; move them with place"
+    )
 
 
 def _part(recording: Recording, settings: RecordingSettings) -> Recording:

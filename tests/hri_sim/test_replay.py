@@ -1,20 +1,24 @@
 """Recordings played as a source: in time, decimated, looped, placed, and the node's own again."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import load_joint_map
 from hri_predict.link import Received
 from hri_predict.protocol.messages import RobotMode, RobotState
-from hri_predict.recording import Recorder, RecordingInfo
+from hri_predict.recording import Recorder, RecordingInfo, open_recording
+from hri_predict.recording.converting import write_recording
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import validated
 from hri_predict.skeleton import JOINTS
+from hri_sim.people.body import Body
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.replay import RecordingSettings, RecordingSource
 
@@ -272,6 +276,55 @@ def test_room_from_source_is_not_applied_twice_to_a_recording_of_the_room(tmp_pa
     again = _source(tmp_path / "a.mcap", room_from_source=pose)
     played = next(s for _, s in _all(again) if s.people)
     np.testing.assert_array_equal(played.people[0].positions, first.people[0].positions)
+
+
+POSE = {"xyz": [1.0, 2.0, 0.5], "quaternion_xyzw": [0.0, 0.0, 0.7071068, 0.7071068]}
+
+
+def _table(path: Path, scale: float = 1.0) -> Path:
+    """A person of 1.75 m who stands; all coordinates are multiplied by ``scale``."""
+    body = Body(1.75)
+    joints = body.joints(body.standing(np.array([2.0, 0.0]), 0.0)) * scale
+    header = ",".join(f"{joint}_{c}" for joint in JOINTS for c in "xyz")
+    cells = ",".join(f"{v:.6f}" for v in joints.ravel())
+    lines = [f"time_s,{header}", *(f"{k / 30:.5f},{cells}" for k in range(5))]
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_what_convert_made_of_a_motion_file_is_placed_as_that_file(tmp_path: Path, caplog) -> None:
+    table, converted = _table(tmp_path / "a.csv"), tmp_path / "a.mcap"
+    write_recording(open_recording(table), converted, "mcap")
+    for pose in ({}, POSE):
+        expected = _all(_source(table, room_from_source=pose))
+        found = _all(_source(converted, room_from_source=pose))
+        for (_, one), (_, other) in zip(expected, found, strict=True):
+            np.testing.assert_allclose(
+                one.people[0].positions, other.people[0].positions, atol=1e-9
+            )  # 64-bit floats of a few metres, written whole
+    write_recording(open_recording(converted), tmp_path / "again.mcap", "mcap")
+    assert not open_recording(tmp_path / "again.mcap").in_room
+    assert "no effect" not in caplog.text
+
+
+@pytest.mark.parametrize(("recorded", "said"), [("", True), ("other", True), ("same", False)])
+def test_a_pose_without_effect_on_a_recording_of_the_room_is_said(
+    tmp_path: Path, caplog, recorded: str, said: bool
+) -> None:
+    texts = {"same": yaml.safe_dump({"source": {"room_from_source": POSE}}), "other": "source: {}"}
+    made = open_recording(_table(tmp_path / "a.csv"))
+    made = replace(made, in_room=True, config=texts.get(recorded, ""))
+    write_recording(made, tmp_path / "a.mcap", "mcap")
+    source = _source(tmp_path / "a.mcap", room_from_source=POSE)
+    assert source.recording.in_room
+    assert ("source.room_from_source has no effect" in caplog.text) == said
+
+
+def test_people_who_are_not_of_human_size_are_refused_with_the_unit(tmp_path: Path) -> None:
+    path = _table(tmp_path / "a.csv", 1 / 2.54)
+    with pytest.raises(RecordingError, match=r"--units 2\.54"):
+        _source(path)
+    assert _source(path, unit_m=2.54).recording.scenes
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")

@@ -4,10 +4,8 @@ A wrong joint map or pose is nearly always one of the 24 rotations that carry ax
 tried on what was heard; the one in which people stand is named in the configuration's terms.
 """
 
-import itertools
 import json
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -18,25 +16,26 @@ from hri_predict.cli.register.solve import quaternion
 from hri_predict.cli.register.stamps import stamps_remedy
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import transform
-from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
+from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.people.body.axes import ALIKE, all_axes
 from hri_predict.people.body.posture import posture_of, shows_down
 from hri_predict.people.body.posture_watch import Verdict, refusal_of
-from hri_predict.people.body.size import is_human_sized, unit_factor
+from hri_predict.people.body.size import is_human_sized
+from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.skeleton import JOINTS
-from hri_predict.source import live_part
+from hri_predict.source import StatesFrame, live_part
 
 LEAST_CAPTURES = 10
-STATES_ITSELF = ("json",)
+IN_SCENE = ("json", "websocket")
 """Kinds of source whose scenes state units and axes: those of the joint map have no effect."""
+IN_SOURCE = ("mvn", "recording")
+"""Kinds of source that have keys for them in their own block, which replace the joint map's."""
+ANKLE_M = 0.08
+"""Height of the ankles above the floor on which a person stands."""
 STANDS = 0.95
 """Cosine from which people stand so straight that the axes are right and only the floor is not."""
-ALIKE = 0.02
-"""Axes that make people stand no straighter than this are not better than more common ones."""
-COMMON = (["x", "y", "z"], ["z", "-x", "-y"], ["z", "x", "y"], ["-z", "-x", "y"])
-"""Axes that trackers use (REP-103, a camera's optical frame, y up): tried first."""
-
 Heard = dict[int, tuple[Floats, Bools]]
 """For each person the captures (n, J, 3), (n, J) as the configuration places them."""
 
@@ -52,6 +51,10 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         if not scenes:
             raise ConfigError(f"--listen: no scene arrived in {seconds:g} s: {sensor.trouble()}")
         joint_map, live = sensor.source.joint_map, live_part(sensor.source)
+        to_metres = joint_map.rotation * joint_map.scale_to_m
+        if isinstance(sensor.source, StatesFrame) and sensor.source.stated is not None:
+            to_metres = sensor.source.stated
+    scale_to_m = float(np.cbrt(abs(np.linalg.det(to_metres))))
     unknown = live.counters.last_error if live and live.counters.unknown_joints else None
     seen = [observed for _, observed in people.values()]
     never = joint_map.mapped & ~np.concatenate([np.zeros((1, len(JOINTS)), bool), *seen]).any(0)
@@ -65,7 +68,7 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         "stamps": stamps_remedy(sensor.captured_ns, sensor.arrived_ns),
         "never_came": [name for name, lacks in zip(JOINTS, never, strict=True) if lacks],
     }
-    if (wrong_size := size_remedy(config, people, joint_map.scale_to_m)) is not None:
+    if (wrong_size := size_remedy(config, people, scale_to_m)) is not None:
         return heard | {"refused": ["not of human size"], "remedy": wrong_size}
     people = {n: p for n, p in people.items() if len(p[0]) >= LEAST_CAPTURES}
     why = refusals(config, people, np.eye(4))
@@ -74,7 +77,7 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         "people": len(people),
         "judged": judged if config.node.people.posture_unchecked is None else 0,
         "refused": sorted({verdict.text for verdict in why}),
-        "remedy": remedy(config, people, joint_map.rotation) if why else None,
+        "remedy": remedy(config, people, to_metres / scale_to_m) if why else None,
     }
 
 
@@ -111,27 +114,32 @@ def size_remedy(config: Config, people: Heard, scale_to_m: float) -> str | None:
     """Which unit would make bodies human; ``None`` if most captures are of human size.
 
     Args:
-        config: for the kind of source: a JSON scene states its unit itself.
+        config: for the kind of source, which says where units are stated.
         people: as heard.
-        scale_to_m: of the joint map now.
+        scale_to_m: metres per unit as stated now, by the scenes or else by the joint map.
     """
     bodies = [(b, o) for each in people.values() for b, o in zip(*each, strict=True) if o.any()]
-    if 2 * sum(not is_human_sized(*body) for body in bodies) <= len(bodies):
+    stature = stature_m(bodies)
+    small = 2 * sum(not is_human_sized(*body) for body in bodies) > len(bodies)
+    if not small and (stature is None or is_adult(stature)):
         return None
-    in_json = config.source.kind in STATES_ITSELF
-    declared = METRES_PER_UNIT.items()
-    pairs = {  # by factor; a sender that mixes units up mostly takes metres for the other
-        real / m: (name, other)
-        for other, m in reversed(declared)
-        for name, real in declared
-        if real != m and (in_json or math.isclose(m, scale_to_m))
-    }
-    factor = unit_factor(bodies, pairs)
-    if factor is None:
-        return "no known unit makes them human; look after the tracker's units and joints' names"
-    right, now = pairs[factor]
-    where = "let the sender state it in each scene" if in_json else "put it into the joint map"
-    return f"they would be human with units: {right} instead of {now}; {where}"
+    if stature is None or (fitting := fitting_unit(stature, scale_to_m)) is None:
+        return "no known unit makes them human; check the tracker's scale and its joints' names"
+    unit_m, right = fitting
+    now = next((n for n, m in METRES_PER_UNIT.items() if math.isclose(m, scale_to_m)), "others")
+    wanted = f"{unit_m:.6g}" if " " in right else right
+    would = f"they would be human with units: {wanted} instead of {now}"
+    kind = config.source.kind
+    if kind in IN_SCENE and right not in ("m", "mm"):
+        return (
+            f"{would}; let the sender multiply its coordinates by {unit_m:.6g} and state "
+            f"units: m in each scene"
+        )
+    if kind in IN_SCENE:
+        return f"{would}; let the sender state it in each scene"
+    if kind == "recording":
+        return f"{would}; put unit_m: {unit_m:.6g} into source"
+    return f"{would}; put it into {'source' if kind in IN_SOURCE else 'the joint map'}"
 
 
 def refusals(config: Config, people: Heard, correction: Floats) -> list[Verdict]:
@@ -162,7 +170,7 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
     pose = config.source.room_from_source.matrix()
     for hands in (1.0, -1.0):  # all proper axes before any that mirror
         best, chosen = 0.0, ""
-        for axes, turn in _all_axes(hands):
+        for axes, turn in all_axes(hands):
             correction = np.eye(4)
             correction[:3, :3] = turn @ rotation.T
             correction = pose @ correction @ np.linalg.inv(pose)
@@ -174,7 +182,7 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
                     correction @ pose,
                     mirrored=hands < 0,
                     upright=set(now) == {Verdict.MIRRORED},
-                    in_scene=config.source.kind in STATES_ITSELF,
+                    place=_place(config.source.kind),
                 )
         if chosen:
             return chosen
@@ -194,34 +202,16 @@ def uprightness(people: Heard, correction: Floats) -> float:
     return float(-(correction[:3, :3] @ down)[2] / length) if length else 0.0
 
 
-def _all_axes(hands: float) -> Iterator[tuple[list[str], Floats]]:
-    """All 24 axes of one handedness that point forward, left and up; common ones first."""
-    letters = [list(order) for order in itertools.permutations("xyz")]
-    signs = itertools.product(("", "-"), repeat=3)
-    every = [
-        [s + a for s, a in zip(sign, order, strict=True)] for sign in signs for order in letters
-    ]
-    for axes in sorted(every, key=lambda a: COMMON.index(a) if a in COMMON else len(COMMON)):
-        rows = [axes_rotation(axes, left_handed=left) for left in _handedness(axes)]
-        if np.linalg.det(rows[0]) * hands > 0:
-            yield axes, rows[0]
+def _place(kind: str) -> str:
+    """Where the axes of a source of this kind are stated."""
+    if kind in IN_SCENE:
+        return "each scene that the sender writes"
+    return "source" if kind in IN_SOURCE else "the joint map"
 
 
-def _handedness(axes: list[str]) -> Iterator[bool]:
-    for left in (False, True):
-        try:
-            axes_rotation(axes, left)
-        except ValueError:
-            continue
-        yield left
-
-
-def _named(
-    axes: list[str], matrix: Floats, *, mirrored: bool, upright: bool, in_scene: bool
-) -> str:
+def _named(axes: list[str], matrix: Floats, *, mirrored: bool, upright: bool, place: str) -> str:
     shown = f"[{', '.join(axes)}]"
     end = "; then measure the heading and the place with hri-predict register"
-    place = "each scene that the sender writes" if in_scene else "the joint map"
     if mirrored:
         swap = "exchange left and right in the joint map, or " if upright else ""
         return f"{swap}put axes: {shown} with left_handed: true into {place}{end}"
@@ -239,8 +229,17 @@ def _off_floor(config: Config, people: Heard) -> str:
         for posture in map(posture_of, *captures)
         if posture.feet_m is not None
     ]
-    at = f"ankles are at {np.median(feet):.2f} m" if feet else "bodies are below the floor"
+    floor_m = config.node.people.floor_m
+    if not feet:
+        return (
+            f"bodies are below the floor and people.floor_m is {floor_m:g}: correct it, or the "
+            f"height in source.room_from_source.xyz"
+        )
+    at_m = float(np.median(feet))
+    x, y, z = config.source.room_from_source.xyz
+    raised = [x, y, round(z + floor_m + ANKLE_M - at_m, 3)]
     return (
-        f"{at} and people.floor_m is {config.node.people.floor_m:g}: correct it, or the height in "
-        f"source.room_from_source.xyz"
+        f"ankles are at {at_m:.2f} m and people.floor_m is {floor_m:g}: "
+        f"source.room_from_source.xyz: {raised} puts them on the floor; or correct "
+        f"people.floor_m, if it is {at_m - ANKLE_M:.2f}"
     )

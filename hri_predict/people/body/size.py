@@ -5,8 +5,6 @@ body into one point at its own origin. No other check detects it: such a body mo
 true one.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats
@@ -28,11 +26,6 @@ _LONG = np.array(
 )
 _START, _END = _LONG.T
 
-USUAL_BONE_M = 0.38
-"""An adult's longest limb bone in view: thigh or shank 0.43 m, forearm or upper arm 0.28 m."""
-NEAR = 1.6
-"""A factor that makes this bone so many times too long or short is not the unit's."""
-
 
 def is_human_sized(positions: Floats, observed: Bools) -> bool:
     """Return whether the observed joints can belong to one human body.
@@ -51,21 +44,6 @@ def is_human_sized(positions: Floats, observed: Bools) -> bool:
         return False
     whole = observed[_START] & observed[_END]
     return not whole.any() or _longest_m(positions, observed) > LONG_BONE_M
-
-
-def unit_factor(bodies: Iterable[tuple[Floats, Bools]], factors: Iterable[float]) -> float | None:
-    """Return the factor by which bodies (J, 3), (J,) become human; ``None`` if there is none.
-
-    Args:
-        bodies: each with at least one joint observed.
-        factors: to choose from.
-    """
-    bodies = list(bodies)
-    longest = [_longest_m(*body) for body in bodies]
-    bone = float(np.median([m for m in longest if m > 0.0])) if any(longest) else 0.0
-    found = [f for f in factors if bone and 1 / NEAR < f * bone / USUAL_BONE_M < NEAR]
-    found = [f for f in found if 2 * sum(is_human_sized(f * b, o) for b, o in bodies) > len(bodies)]
-    return min(found, key=lambda f: abs(np.log(f * bone / USUAL_BONE_M)), default=None)
 
 
 def _longest_m(positions: Floats, observed: Bools) -> float:

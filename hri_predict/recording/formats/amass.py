@@ -11,7 +11,6 @@ reads joints that somebody computed and saved beside the parameters or instead o
 | ``joint_names`` | (J,) | left out: SMPL's names in its order, if J is one of ``BODIES`` |
 """
 
-import math
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,13 +20,12 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.errors import RecordingError
-from hri_predict.recording.formats.npz import read_arrays
+from hri_predict.recording.formats.npz import RATES, rate_of, read_arrays, texts
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names
-from hri_predict.recording.recording import Recording, check_rate, recording_of_one
+from hri_predict.recording.recording import Recording, recording_of_one
 
 JOINTS = ("joints", "Jtr")
-RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
 PARAMETERS = ("poses", "trans", "betas", "root_orient", "pose_body", "body_pose")
 SMPL = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2",
@@ -89,7 +87,7 @@ def read_amass(
         kind="amass",
         joint_map=joint_map,
         raw=raw.astype(np.float64),
-        rate_hz=_rate(path, arrays),
+        rate_hz=rate_of(path, arrays, "mocap_framerate"),
         person=person,
     )
 
@@ -98,25 +96,13 @@ def _names(path: Path, arrays: Mapping[str, Any], count: int) -> list[str]:
     if arrays.get("joint_names") is None:
         known = SMPL[: BODIES.get(count, 0)]
         return [*known, *(f"joint_{k}" for k in range(len(known), count))]
-    names = [str(name) for name in np.asarray(arrays["joint_names"]).ravel()]
+    names = texts(arrays["joint_names"])
     if len(names) != count or len(set(names)) != count:
         raise RecordingError(
             f"recording {path}: 'joint_names' has {len(set(names))} different names for {count} "
             f"joints; give each joint its own name"
         )
     return names
-
-
-def _rate(path: Path, arrays: Mapping[str, Any]) -> float:
-    key = next((k for k in RATES if arrays.get(k) is not None), None)
-    if key is None:
-        raise RecordingError(f"recording {path}: 'mocap_framerate' is missing; add it")
-    try:
-        rate_hz = float(np.asarray(arrays[key]))
-    except (TypeError, ValueError):
-        rate_hz = math.nan
-    check_rate(path, f"'{key}'", rate_hz)
-    return rate_hz
 
 
 def write_amass(path: Path, recording: Recording) -> Written:

@@ -11,7 +11,7 @@ not acceptable in a process that watches a robot. The tests compare the reader w
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,7 @@ from hri_predict.recording.formats.c3d_parameters import (
 from hri_predict.recording.frames import Written, frames_of
 from hri_predict.recording.labels import joined_labels, split_labels
 from hri_predict.recording.naming import map_of_names
-from hri_predict.recording.recording import Recording, check_rate, noted, recording_of
+from hri_predict.recording.recording import Recording, check_rate, converted_by, noted, recording_of
 
 MM_PER_M = 1000.0
 MAX_POINTS, MAX_LABEL = 65535, 127
@@ -86,7 +86,7 @@ def read_c3d(
         raise RecordingError(f"recording {path}: not a C3D file, or truncated; export it again")
     try:
         parameters = read_parameters(data)
-        layout = _layout(path, data, parameters)
+        layout, stale = _layout(path, data, parameters)
     except Damaged as error:
         raise RecordingError(
             f"recording {path}: its C3D parameters are damaged ({error}); export it again"
@@ -99,55 +99,105 @@ def read_c3d(
         [label for kind in NO_POSITIONS for label in parameters.texts("POINT", kind)],
     )
     check_joints(path, layout.frames, *markers.columns.shape)
-    rate_hz = parameters.number("POINT", "RATE", parameters.header_float(data, 20))
+    rate_hz = parameters.number("POINT", "RATE", 0.0) or parameters.header_float(data, 20)
     check_rate(path, "POINT:RATE", rate_hz)
     unit_m = _unit(path, parameters) if unit_m is None else unit_m
     axes = _axes(parameters) if axes is None else axes
     joint_map = map_of_names(markers.joints).with_units(unit_m).with_axes(axes)
-    points = markers.people(_points(data, parameters, layout))
+    points, zeros = _points(data, parameters, layout)
     recording = recording_of(
-        path=path, kind="c3d", joint_map=joint_map, raw=points, rate_hz=rate_hz, ids=markers.ids
+        path=path,
+        kind="c3d",
+        joint_map=joint_map,
+        raw=markers.people(points),
+        rate_hz=rate_hz,
+        ids=markers.ids,
     )
-    return noted(recording, markers.note)
+    at_zero = f"{zeros} points at exactly 0, 0, 0 are not observed" if zeros else ""
+    return noted(noted(noted(recording, markers.note), stale), at_zero)
 
 
-def _layout(path: Path, data: bytes, parameters: Parameters) -> _Layout:
-    """The layout; where header and parameters differ, the parameters are used."""
+def _layout(path: Path, data: bytes, parameters: Parameters) -> tuple[_Layout, str]:
+    """The layout, and a note where the file's own counts of frames differ.
+
+    Header and parameters may be stale: a count of 0 says nothing, and of several counts of frames
+    the one holds that the file's length confirms.
+    """
     word = parameters.header_word
-    frames = word(data, 8) - word(data, 6) + 1
+    number = parameters.number
+    scale = number("POINT", "SCALE", 0.0) or parameters.header_float(data, 12)
+    block = number("POINT", "DATA_START", 0.0) or word(data, 16)
+    layout = _Layout(
+        start=(int(block) - 1) * BLOCK if 0 < block < MAX_BLOCK else 0,
+        frames=0,
+        points=word(data, 2) or int(number("POINT", "USED", 0.0)),
+        analog=word(data, 4),
+        scale=scale,
+    )
+    counts = _counts(data, parameters)
+    most = max(counts.values(), default=0)
+    if layout.points == 0 or most < 1:
+        raise RecordingError(f"recording {path}: is empty ({layout.points} points, {most} frames)")
+    if layout.start < 2 * BLOCK or not abs(layout.scale) <= 1e6 or layout.scale == 0:
+        raise Damaged("where the points start, or their scale")
+    held, whole = _held(data, layout)
+    stated = next(iter(counts.values()))
+    confirmed = [n for n in counts.values() if held - whole <= n <= held]
+    if confirmed:
+        frames = stated if stated in confirmed else max(confirmed)
+    elif whole >= 0 and held > 0:
+        frames = held - whole
+    elif stated <= held:  # something else follows the points
+        frames = max(n for n in counts.values() if n <= held)
+    else:
+        raise RecordingError(
+            f"recording {path}: truncated: {held} of {stated} frames are there; export it again"
+        )
+    said = ", ".join(f"{name} {n}" for name, n in counts.items() if n != frames)
+    note = f"{frames} frames are read, as its length says; other counts in it: {said}"
+    return replace(layout, frames=frames), note if said else ""
+
+
+def _counts(data: bytes, parameters: Parameters) -> dict[str, int]:
+    """The counts of frames that the file states, the most specific first; none of 0 or less."""
+    word, number = parameters.header_word, parameters.number
+    counts: dict[str, int] = {}
     start = parameters.words("TRIAL", "ACTUAL_START_FIELD")
     end = parameters.words("TRIAL", "ACTUAL_END_FIELD")
     if len(start) == len(end) == 2:  # as two words, for more than 65535 frames
-        frames = (end[0] + (end[1] << 16)) - (start[0] + (start[1] << 16)) + 1
-    else:
-        for name in ("FRAMES", "LONG_FRAMES"):  # or as a float; the latter has priority
-            said = parameters.number("POINT", name, 0.0)
-            frames = int(said) if MAX_COUNT < said < MAX_FRAMES else frames
-    block = parameters.number("POINT", "DATA_START", word(data, 16))
-    layout = _Layout(
-        start=(int(block) - 1) * BLOCK if 0 < block < MAX_BLOCK else 0,
-        frames=frames,
-        points=word(data, 2),
-        analog=word(data, 4),
-        scale=parameters.number("POINT", "SCALE", parameters.header_float(data, 12)),
-    )
-    if layout.points == 0 or layout.frames < 1:
-        raise RecordingError(
-            f"recording {path}: is empty ({layout.points} points, {max(layout.frames, 0)} frames)"
+        counts["TRIAL:ACTUAL_END_FIELD"] = (
+            (end[0] + (end[1] << 16)) - (start[0] + (start[1] << 16)) + 1
         )
-    if layout.start < 2 * BLOCK or not abs(layout.scale) <= 1e6 or layout.scale == 0:
-        raise Damaged("where the points start, or their scale")
-    there = max(0, (len(data) - layout.start) // layout.frame_bytes)
-    if there < layout.frames:
-        raise RecordingError(
-            f"recording {path}: truncated: {there} of {layout.frames} frames are there; "
-            f"export it again"
-        )
-    return layout
+    for name in ("LONG_FRAMES", "FRAMES"):  # a float where 65535 are too few
+        counts[f"POINT:{name}"] = int(min(number("POINT", name, 0.0), MAX_FRAMES))
+    counts["header"] = word(data, 8) - word(data, 6) + 1
+    most = max(counts.values())
+    full = (MAX_COUNT - 1, MAX_COUNT, most % (MAX_COUNT + 1))  # what a word can say of more
+    return {name: n for name, n in counts.items() if n > 0 and not (most > MAX_COUNT and n in full)}
 
 
-def _points(data: bytes, parameters: Parameters, layout: _Layout) -> Floats:
-    """(F, points, 3) in the file's units and axes; NaN where a point was not seen."""
+def _held(data: bytes, layout: _Layout) -> tuple[int, int]:
+    """The number of frames that the data have room for, and how many of them may be padding.
+
+    Files are padded with zeros to a whole block; -1 where the data end otherwise, such as when
+    they were cut.
+    """
+    parameters_at = (data[0] - 1) * BLOCK
+    end = parameters_at if parameters_at > layout.start else len(data)
+    room = max(0, end - layout.start)
+    held, rest = divmod(room, layout.frame_bytes)
+    zeros = room - len(data[layout.start : end].rstrip(b"\0"))
+    padding = zeros if room % BLOCK == 0 else 0
+    if rest > padding:
+        return held, -1
+    return held, min(held, min(padding, BLOCK - 1) // layout.frame_bytes)
+
+
+def _points(data: bytes, parameters: Parameters, layout: _Layout) -> tuple[Floats, int]:
+    """(F, points, 3) in the file's units and axes; NaN where a point was not seen.
+
+    Programs also write a missing point as 0, 0, 0 with a good residual: those are counted.
+    """
     count = layout.frames * layout.frame_bytes // layout.word
     floats = layout.word == 4
     values = parameters.array(data, layout.start, count, floats=floats).reshape(layout.frames, -1)
@@ -157,7 +207,9 @@ def _points(data: bytes, parameters: Parameters, layout: _Layout) -> Floats:
         points *= layout.scale
     with np.errstate(invalid="ignore"):
         points[~(words[..., 3] >= 0)] = np.nan
-    return points
+    zero = (points == 0).all(axis=-1)
+    points[zero] = np.nan
+    return points, int(np.count_nonzero(zero))
 
 
 def _unit(path: Path, parameters: Parameters) -> float:
@@ -165,7 +217,7 @@ def _unit(path: Path, parameters: Parameters) -> float:
     if name not in METRES_PER_UNIT:
         raise RecordingError(
             f"recording {path}: POINT:UNITS are {name[:20]!r}; expected one of "
-            f"{', '.join(METRES_PER_UNIT)}; give them with --units"
+            f"{', '.join(METRES_PER_UNIT)}; {converted_by(path, '--units mm')} (if it is in mm)"
         )
     return METRES_PER_UNIT[name]
 

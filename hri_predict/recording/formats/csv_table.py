@@ -7,18 +7,17 @@
     0.033333333,1,,,,,,...             nobody is in the room
     0.066666667,0,,,,,,...             the source is blind
 
-Metres, z up. The reader accepts commas, semicolons (then also decimal commas) or tabs; other names
-for the time (``time``, ``t``, ``timestamp``, in seconds); tables without ``sees_room`` or
-``person``; and coordinates named ``Waist.X``, ``waist:x`` or ``waist x``. An empty cell or ``nan``
-means not observed.
+Metres, z up. The reader accepts other delimiters and decimal commas; other names for the time, also
+in ms, us or ns, and Unix time; tables without ``sees_room`` or ``person``, or with ``body_id`` and
+the like for it; coordinates named ``Waist.X``, ``waist:x`` or ``waist x``; and a joint's
+``waist_confidence``. An empty cell or ``nan`` means not observed. See ``csv_columns``.
 """
 
 import csv
-import io
 import math
-import re
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 
@@ -27,28 +26,39 @@ import numpy as np
 from hri_predict.arrays import Floats
 from hri_predict.errors import RecordingError
 from hri_predict.joint_map import JointMap
-from hri_predict.recording.bounded import check_joints, read_text
+from hri_predict.recording.bounded import (
+    READING,
+    WRITING,
+    check_joints,
+    decoded,
+    read_text,
+    watched,
+)
 from hri_predict.recording.cutting import people_of, true_times
+from hri_predict.recording.formats.cells import Numbers, RowLengths
+from hri_predict.recording.formats.csv_columns import (
+    SECONDS,
+    Columns,
+    columns_of,
+    names_joints,
+    rows_of,
+)
 from hri_predict.recording.frames import Written
-from hri_predict.recording.labels import MAX_ID
+from hri_predict.recording.labels import MAX_ID, numbered
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_gaps, check_rate
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import MAX_COORDINATE_M
 
-TIMES = ("time_s", "time", "t", "timestamp", "timestamp_s", "seconds")
+MIN_CONFIDENCE = 0.3
+"""A joint with less is unobserved, as by default in live sources."""
+MOST_PEOPLE = 20
+"""More people than this, and more than half the rows: the column numbers something else."""
 _MAX_HEAD = 100_000
-_COORDINATE = re.compile(r"(.+?)[ _.:\-]([xyz])", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class _Columns:
-    """Columns of a row; ``None`` where the table has no such column."""
-
-    time: int
-    sees_room: int | None
-    person: int | None
-    joints: dict[str, list[int]]
+_FLAGS = {"true": 1.0, "yes": 1.0, "tracked": 1.0, "inferred": 1.0}
+_FLAGS |= {"false": 0.0, "no": 0.0, "nottracked": 0.0, "not tracked": 0.0}
+# Unix time in s, ms, us or ns: values from the year 1973 to 5138 begin at these.
+_UNIX = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (-math.inf, "s"))
 
 
 def read_csv(
@@ -58,7 +68,7 @@ def read_csv(
 
     Args:
         path: the file.
-        person: the id where the table has no column ``person``.
+        person: the id where the table has no column for it; the first id for people with names.
         unit_m: metres per unit; default 1.
         axes: the table's axes that are forward, left and up; default [x, y, z].
 
@@ -67,14 +77,14 @@ def read_csv(
         ConfigError: impossible units or axes.
     """
     text = read_text(path, "CSV")
-    delimiter = _delimiter(text.split("\n", 1)[0])
-    rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    _, rows = rows_of(text)
     try:
-        columns = _columns(path, next(rows, []))
-        table = _Table(path, columns, person, decimal_comma=delimiter == ";")
-        for number, row in enumerate(rows, start=2):
-            if any(cell.strip() for cell in row):
-                table.take(number, row)
+        header_line, header = next(rows, (1, []))
+        columns = columns_of(path, header)
+        body = text.split("\n", header_line)[-1]
+        table = _Table(path, columns, person, Numbers(body))
+        for number, row in watched(rows, READING, body.count("\n")):
+            table.take(number, row)
     except csv.Error as error:
         raise RecordingError(f"recording {path}: not a CSV table ({error})") from error
     joint_map = map_of_names(list(columns.joints)).with_units(1.0 if unit_m is None else unit_m)
@@ -89,74 +99,43 @@ def is_recording(path: Path) -> bool:
         OSError: it cannot be read.
     """
     with path.open("rb") as file:
-        head = file.readline(_MAX_HEAD).decode("utf-8-sig", "replace")
+        head = decoded(file.read(_MAX_HEAD)).replace("\r\n", "\n").replace("\r", "\n")
     try:
-        names = next(csv.reader([head], delimiter=_delimiter(head)), [])
+        _, names = next(rows_of(head)[1], (1, []))
     except csv.Error:
         return False
-    matches = [_COORDINATE.fullmatch(name.strip()) for name in names]
-    axes = [(match[1], match[2].lower()) for match in matches if match]
-    if not any({(joint, axis) for axis in "xyz"} <= set(axes) for joint, _ in axes):
+    if not names_joints(names):
         return False
-    _columns(path, names)
+    columns_of(path, names)
     return True
-
-
-def _delimiter(head: str) -> str:
-    return max(",;\t", key=head[:_MAX_HEAD].count)
-
-
-def _columns(path: Path, header: Sequence[str]) -> _Columns:
-    names = [name.strip() for name in header]
-    lower = [name.lower() for name in names]
-    found = [lower.index(name) for name in TIMES if name in lower]
-    if not found:
-        raise RecordingError(
-            f"recording {path}: has no column 'time_s' (its first row begins with "
-            f"{', '.join(names[:4])[:60]!r}); call the seconds that"
-        )
-    joints: dict[str, list[int]] = {}
-    for k, name in enumerate(names):
-        match = _COORDINATE.fullmatch(name)
-        if match:
-            places = joints.setdefault(match[1], [-1, -1, -1])
-            axis = "xyz".index(match[2].lower())
-            if places[axis] >= 0:
-                raise RecordingError(f"recording {path}: column '{name}' occurs twice; rename one")
-            places[axis] = k
-    half = [joint for joint, places in joints.items() if -1 in places]
-    if not joints or half:
-        what = f"'{half[0]}' lacks one of _x, _y, _z" if half else "no joint's _x, _y and _z"
-        raise RecordingError(f"recording {path}: {what} in its first row; name three per joint")
-    return _Columns(
-        time=found[0],
-        sees_room=lower.index("sees_room") if "sees_room" in lower else None,
-        person=lower.index("person") if "person" in lower else None,
-        joints=joints,
-    )
 
 
 class _Table:
     """Rows that become scenes; rows with the same time form one scene."""
 
-    def __init__(self, path: Path, columns: _Columns, person: int, *, decimal_comma: bool) -> None:
+    def __init__(self, path: Path, columns: Columns, person: int, numbers: Numbers) -> None:
         self._path, self._columns, self._person = path, columns, person
-        self._comma = decimal_comma
-        self._places = np.array(list(columns.joints.values())).ravel().tolist()
+        self._numbers, self._lengths = numbers, RowLengths(columns.count)
+        self._places = [k for own in columns.joints.values() for k in own]
+        self._sure = [(k, own) for k, own in enumerate(columns.sure.values()) if own]
+        self._second_s = columns.second_s
         self._times_ns: list[int] = []
         self._sees: list[bool] = []
-        self._people: list[dict[int, list[float]]] = []
+        self._people: list[dict[str, list[float]]] = []
         self._rows = 0
+        self._counted: Counter[str] = Counter()
 
     def take(self, number: int, row: Sequence[str]) -> None:
-        """Read a row; ``number`` is its line number, if no quoted text has line breaks."""
+        """Read a row; ``number`` is its line number."""
         self._rows += 1  # rows without people count, too: each time stamp takes memory
         if self._rows % 1000 == 0:
             check_joints(self._path, self._rows, 1, len(self._columns.joints))
-        time_s = self._number(number, row, self._columns.time)
-        if not abs(time_s) < 1e9:
-            raise self._wrong(number, f"its time is {time_s}, not seconds")
-        time_ns = round(time_s * 1e9)
+        if [cell.strip() for cell in row[: self._columns.count]] == self._columns.names:
+            self._counted["repeated header rows are passed over"] += 1
+            return
+        if wrong := self._lengths.wrong(row):
+            raise self._wrong(number, f"{wrong}; correct it, or export the table again")
+        time_ns = self._time_ns(number, row[self._columns.time])
         if not self._times_ns or time_ns != self._times_ns[-1]:
             if self._times_ns and time_ns < self._times_ns[-1]:
                 raise self._wrong(number, "its time is before that of the row above; sort them")
@@ -164,15 +143,20 @@ class _Table:
             self._sees.append(True)
             self._people.append({})
         if self._columns.sees_room is not None:
-            self._sees[-1] &= self._number(number, row, self._columns.sees_room) == 1
+            self._sees[-1] &= self._flag(number, row, self._columns.sees_room) == 1
         values = [self._number(number, row, k) for k in self._places]
-        person = self._id(number, row)
+        self._hide_unsure(number, row, values)
+        person = self._name(row)
         if person is None:
             if not all(math.isnan(v) for v in values):
                 raise self._wrong(number, "has joints, but no person")
             return
         if person in self._people[-1]:
-            raise self._wrong(number, f"person {person} occurs twice at one time")
+            raise self._wrong(
+                number,
+                f"person {person} occurs twice at one time; correct the times, or name "
+                f"different people in a column 'person'",
+            )
         self._people[-1][person] = values
 
     def recording(self, joint_map: JointMap) -> Recording:
@@ -181,18 +165,17 @@ class _Table:
             raise RecordingError(
                 f"recording {self._path}: has {len(self._times_ns)} times; a rate needs two or more"
             )
-        steps = np.array([b - a for a, b in pairwise(self._times_ns)])
-        rate_hz = float(f"{1e9 / max(float(np.median(steps)), 1.0):.6g}")  # its times are rounded
-        check_rate(self._path, "'time_s'", rate_hz)
+        rate_hz = self._rate_hz()
         first = self._times_ns[0]
         stamps = [ns - first for ns in self._times_ns]
         check_gaps(self._path, stamps)
         limit = MAX_COORDINATE_M / joint_map.scale_to_m
+        ids = self._ids()
         scenes = []
         for k, (ns, sees) in enumerate(zip(stamps, self._sees, strict=True)):
             people = tuple(
-                _person(n, np.array(values).reshape(-1, 3), joint_map, limit)
-                for n, values in self._people[k].items()
+                _person(ids[name], np.array(values).reshape(-1, 3), joint_map, limit)
+                for name, values in self._people[k].items()
             )
             scenes.append(Scene(ns, k, sees, people))
         return Recording(
@@ -202,31 +185,103 @@ class _Table:
             rate_hz=rate_hz,
             scenes=scenes,
             arrival_ns=stamps,
+            note="; ".join(self._notes(ids)),
         )
 
-    def _id(self, number: int, row: Sequence[str]) -> int | None:
+    def _ids(self) -> dict[str, int]:
+        names = list(dict.fromkeys(name for people in self._people for name in people))
+        if len(names) > max(MOST_PEOPLE, self._rows // 2):
+            assert self._columns.person is not None  # or else there is one
+            raise RecordingError(
+                f"recording {self._path}: column '{self._columns.names[self._columns.person]}' "
+                f"names {len(names)} people in {self._rows} rows; rename the column if it does not "
+                f"say whose joints a row has"
+            )
+        if len(names) > MAX_ID:
+            raise RecordingError(f"recording {self._path}: names {len(names)} people; cut it")
+        return numbered(names, self._person)
+
+    def _rate_hz(self) -> float:
+        """Scenes per second, by the usual step of the times."""
+        steps = np.array([b - a for a, b in pairwise(self._times_ns)])
+        rate_hz = float(f"{1e9 / max(float(np.median(steps)), 1.0):.6g}")  # its times are rounded
+        name = self._columns.names[self._columns.time]
+        try:
+            check_rate(self._path, f"'{name}'", rate_hz)
+        except RecordingError as error:
+            would = [
+                u for u, s in SECONDS.items() if 5 <= rate_hz * (self._second_s or 1) / s <= 500
+            ]
+            hint = f"; if it is in {would[0]}, call it 'time_{would[0]}'" if would else ""
+            raise RecordingError(f"{error}{hint}") from None
+        return rate_hz
+
+    def _notes(self, ids: dict[str, int]) -> list[str]:
+        notes = [f"{count} {what}" for what, count in self._counted.items()]
+        notes += [f"'{name}' is person {n}" for name, n in ids.items() if name != str(n)]
+        return [*notes, *([self._columns.note] if self._columns.note else [])]
+
+    def _time_ns(self, number: int, cell: str) -> int:
+        try:
+            time = self._numbers.read(cell)
+        except ValueError:
+            time = _clock_s(cell)
+        if self._second_s is None and math.isfinite(time):
+            unit = next(unit for least, unit in _UNIX if abs(time) >= least)
+            self._second_s = SECONDS[unit]
+        time_s = time * (self._second_s or 1.0)
+        if not abs(time_s) < 1e11:
+            raise self._wrong(number, f"its time is {cell.strip()[:30]!r}, not a number of seconds")
+        return round(time_s * 1e9)
+
+    def _hide_unsure(self, number: int, row: Sequence[str], values: list[float]) -> None:
+        """Make joints unobserved that their own columns are not sure of."""
+        for k, columns in self._sure:
+            if any(not self._flag(number, row, c) >= MIN_CONFIDENCE for c in columns):
+                if not math.isnan(values[3 * k]):
+                    what = f"joints with a confidence below {MIN_CONFIDENCE:g} are not observed"
+                    self._counted[what] += 1
+                values[3 * k : 3 * k + 3] = [math.nan] * 3
+
+    def _name(self, row: Sequence[str]) -> str | None:
+        """The person of a row as text; ``None`` where it says nobody."""
         if self._columns.person is None:
-            return self._person
-        value = self._number(number, row, self._columns.person)
-        if math.isnan(value):
+            return str(self._person)
+        text = row[self._columns.person].strip()
+        try:
+            value = self._numbers.read(text)
+        except ValueError:
+            return text
+        if math.isnan(value) or value < 0:
             return None
-        if not (0 <= value <= MAX_ID and value == int(value)):
-            raise self._wrong(number, f"person is {value:g}; expected 0 to {MAX_ID}")
-        return int(value)
+        return str(int(value)) if value <= MAX_ID and value == int(value) else text
+
+    def _flag(self, number: int, row: Sequence[str], column: int) -> float:
+        flag = _FLAGS.get(row[column].strip().lower())
+        return self._number(number, row, column) if flag is None else flag
 
     def _number(self, number: int, row: Sequence[str], column: int) -> float:
-        text = row[column].strip() if column < len(row) else ""
-        if not text:
-            return math.nan
         try:
-            return float(text.replace(",", ".") if self._comma else text)
-        except ValueError:
+            return self._numbers.read(row[column])
+        except ValueError as error:
+            cell, name = row[column].strip()[:20], self._columns.names[column]
             raise self._wrong(
-                number, f"column {column + 1} holds {text[:20]!r}, which is not a number"
+                number, f"column {column + 1} ('{name}') holds {cell!r}, which {error}"
             ) from None
 
     def _wrong(self, number: int, what: str) -> RecordingError:
         return RecordingError(f"recording {self._path}: row {number}: {what}")
+
+
+def _clock_s(cell: str) -> float:
+    """Seconds of a date with time, or of a time of day; NaN if it is neither."""
+    for text in (cell.strip(), f"1970-01-01T{cell.strip()}"):
+        try:
+            moment = datetime.fromisoformat(text)
+        except ValueError:
+            continue
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return math.nan
 
 
 def _person(number: int, raw: Floats, joint_map: JointMap, limit: float) -> Person:
@@ -244,7 +299,8 @@ def write_csv(path: Path, recording: Recording) -> Written:
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(["time_s", "sees_room", "person", *head])
-        for scene, ns in zip(recording.scenes, _since(recording), strict=True):
+        scenes = watched(recording.scenes, WRITING, len(recording.scenes))
+        for scene, ns in zip(scenes, _since(recording), strict=True):
             time = [f"{ns / 1e9:.9f}", int(scene.sees_room)]
             for person in scene.people:
                 rows.writerow([*time, person.id, *_cells(person)])

@@ -1,9 +1,10 @@
-"""Writes a recording as the node's own MCAP; ``replay`` treats it as recorded by a node."""
+"""Writes a recording as the node's own MCAP, which says whether its scenes are in the room."""
 
 from collections import deque
 from pathlib import Path
 
 from hri_predict.errors import RecordingError
+from hri_predict.recording.bounded import WRITING, watched
 from hri_predict.recording.cutting import people_of
 from hri_predict.recording.frames import Written
 from hri_predict.recording.mcap.clocks import VirtualClocks
@@ -24,6 +25,7 @@ def write_mcap(path: Path, recording: Recording) -> Written:
         rate_hz=recording.rate_hz,
         declares_noise=recording.declares_noise,
         config=recording.config,
+        in_room=recording.in_room,
     )
     written = Written(len(recording.scenes), people_of(recording))
     start_ns = recording.arrival_ns[0]
@@ -31,7 +33,8 @@ def write_mcap(path: Path, recording: Recording) -> Written:
     clocks = VirtualClocks(start_ns, offset_ns)
     told = deque(sorted(recording.received, key=lambda r: r[1].received_ns))
     with Recorder(OneFile(path, overwrite=True), info, threaded=False, clocks=clocks) as recorder:
-        for scene, arrival_ns in zip(recording.scenes, recording.arrival_ns, strict=True):
+        scenes = watched(recording.scenes, WRITING, len(recording.scenes))
+        for scene, arrival_ns in zip(scenes, recording.arrival_ns, strict=True):
             while told and told[0][1].received_ns <= arrival_ns:
                 recorder.on_received(*told.popleft())
             recorder.on_scene(scene, arrival_ns)

@@ -26,6 +26,7 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.recording.bounded import decoded
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_rate, recording_of_one
@@ -36,7 +37,10 @@ _BROKEN += (OverflowError, RuntimeError, MemoryError, tokenize.TokenError)
 _BROKEN += (zipfile.BadZipFile, zlib.error, lzma.LZMAError)
 
 _KEYS = {"positions_world", "world_ok", "floor_height", "rest_pose_frames"}
-_KEYS |= {"positions", "joint_names", "fps", "parents", "valid", "jump"}
+_KEYS |= {"positions", "joint_names", "parents", "valid", "jump"}
+RATES = ("fps", "mocap_framerate", "mocap_frame_rate", "frame_rate", "framerate", "rate_hz")
+"""Names of the frames per second; a file may have several, which then say the same."""
+_KEYS |= set(RATES)
 MAX_BYTES = 2**30  # unpacked; two hours of 38 joints at 120 frames per second
 
 
@@ -134,7 +138,7 @@ def _whole_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording
 
 
 def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
-    names = [str(name) for name in np.atleast_1d(arrays.get("joint_names", []))]
+    names = texts(arrays.get("joint_names", []))
     if not names or len(set(names)) != len(names):
         raise RecordingError(
             f"recording {path}: 'joint_names' has {len(set(names))} different names for "
@@ -171,7 +175,7 @@ def _flags(
 
 def _arms(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
     joint_map = load_joint_map("assembly_arms")
-    names = [str(n) for n in np.atleast_1d(arrays.get("joint_names", joint_map.source_joints))]
+    names = texts(arrays.get("joint_names", joint_map.source_joints))
     unknown = [n for n in names if n not in joint_map.source_joints]
     missing = [n for n in joint_map.source_joints if n not in names]
     if unknown or missing:
@@ -203,8 +207,7 @@ def _recording(
 ) -> Recording:
     if len(positions) == 0:
         raise RecordingError(f"recording {path}: is empty (no frames); choose another")
-    rate_hz = _number(path, arrays, "fps", None)
-    check_rate(path, "'fps'", rate_hz)
+    rate_hz = rate_of(path, arrays, "fps")
     return recording_of_one(
         path=path, kind=kind, joint_map=joint_map, raw=positions, rate_hz=rate_hz, person=person
     )
@@ -220,18 +223,56 @@ def _positions(path: Path, array: Any, joints: int) -> Floats:
     return array.astype(np.float64)
 
 
-def _number(path: Path, arrays: Mapping[str, Any], key: str, default: float | None) -> float:
+def _number(path: Path, arrays: Mapping[str, Any], key: str, default: float) -> float:
     if key not in arrays:
-        if default is None:
-            raise RecordingError(f"recording {path}: '{key}' is missing; add it")
         return default
-    try:
-        value = float(np.asarray(arrays[key]))
-    except (TypeError, ValueError):
-        value = math.nan
+    value = single_number(arrays[key])
     if not math.isfinite(value):
         raise RecordingError(f"recording {path}: '{key}' is not one finite number")
     return value
+
+
+def single_number(array: Any) -> float:
+    """The number of an array of one element, whatever its shape; NaN where it is not that."""
+    flat = np.asarray(array).ravel()
+    try:
+        return float(flat[0]) if flat.size == 1 else math.nan
+    except (TypeError, ValueError):
+        return math.nan
+
+
+def rate_of(path: Path, arrays: Mapping[str, Any], usual: str) -> float:
+    """The frames per second of an archive, by any of the names in ``RATES``.
+
+    Args:
+        path: the file.
+        arrays: what it holds.
+        usual: the name that this kind of archive has, for the error.
+
+    Raises:
+        RecordingError: there is none, it is out of range, or two of them differ.
+    """
+    rates = {key: single_number(arrays[key]) for key in RATES if key in arrays}
+    if not rates:
+        raise RecordingError(f"recording {path}: '{usual}' is missing; add it")
+    for key, rate_hz in rates.items():
+        if not math.isfinite(rate_hz):
+            raise RecordingError(f"recording {path}: '{key}' is not one finite number; correct it")
+        check_rate(path, f"'{key}'", rate_hz)
+    (key, first), *others = rates.items()
+    for other, rate_hz in others:
+        if not math.isclose(first, rate_hz, rel_tol=1e-3):
+            raise RecordingError(
+                f"recording {path}: '{key}' is {first:g}, but '{other}' is {rate_hz:g} frames per "
+                f"second; remove the wrong one"
+            )
+    return first
+
+
+def texts(array: Any) -> list[str]:
+    """The texts of an array of any shape; bytes are UTF-8, or else one byte per character."""
+    flat = np.atleast_1d(np.asarray(array)).ravel().tolist()
+    return [decoded(item) if isinstance(item, bytes) else str(item) for item in flat]
 
 
 def write_pack(path: Path, recording: Recording) -> Written:

@@ -15,11 +15,13 @@ import numpy as np
 from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
-from hri_predict.recording.bounded import check_joints, read_text
+from hri_predict.recording.bounded import READING, WRITING, check_joints, read_text, watched
+from hri_predict.recording.formats.cells import Numbers, wrong_length
+from hri_predict.recording.formats.frame_times import frame_times
 from hri_predict.recording.frames import Written, frames_of
 from hri_predict.recording.labels import joined_labels, split_labels
 from hri_predict.recording.naming import map_of_names
-from hri_predict.recording.recording import Recording, check_rate, noted, recording_of
+from hri_predict.recording.recording import Recording, converted_by, noted, recording_of
 
 AXES = ("x", "-z", "y")  # forward, left, up
 HEADER_LINES = 5
@@ -41,74 +43,125 @@ def read_trc(
         RecordingError: the file is not TRC, is truncated or empty, or a cell is not a number.
         ConfigError: impossible units or axes; labels that name nobody, or too many people.
     """
-    lines = read_text(path, "TRC").splitlines()
+    text = read_text(path, "TRC")
+    lines = text.split("\n")
+    while lines and not lines[0].strip():
+        lines.pop(0)
     if not lines or not lines[0].startswith("PathFileType"):
         raise RecordingError(f"recording {path}: not a TRC file; it must begin with PathFileType")
     if len(lines) <= HEADER_LINES:
         raise RecordingError(f"recording {path}: truncated (no frames); export it again")
     header = dict(zip(_cells(lines[1]), _cells(lines[2]), strict=False))
-    rate_hz = _value(path, header, "DataRate")
-    check_rate(path, "'DataRate'", rate_hz)
-    labels = [name for name in _cells(lines[3])[2:] if name]
-    if len(labels) != _value(path, header, "NumMarkers"):
-        raise RecordingError(
-            f"recording {path}: 'NumMarkers' is {header['NumMarkers']}, but {len(labels)} are "
-            f"named; export it again"
-        )
-    rows = [line for line in lines[HEADER_LINES:] if line.strip()]
+    numbers = Numbers("\n".join(lines[HEADER_LINES:]))
+    nominal_hz = _value(path, header, "DataRate", numbers)
+    labels = _labels(path, lines[3], _value(path, header, "NumMarkers", numbers))
+    first = text.count("\n") - len(lines) + 2  # number of the first line
+    rows = [(first + k, line) for k, line in enumerate(lines) if k >= HEADER_LINES and line.strip()]
     check_joints(path, len(rows), 1, len(labels))
-    promised = _value(path, header, "NumFrames")
-    if not rows or len(rows) < promised:
-        raise RecordingError(
-            f"recording {path}: truncated: {len(rows)} of {promised:g} frames are there; "
-            f"export it again"
-        )
+    if not rows:
+        raise RecordingError(f"recording {path}: truncated (no frames); export it again")
+    promised = _value(path, header, "NumFrames", numbers)
     scale = METRES_PER_UNIT.get(header.get("Units", "").lower()) if unit_m is None else unit_m
     if scale is None:
         raise RecordingError(
             f"recording {path}: its 'Units' are {header.get('Units', '')[:20]!r}; expected one of "
-            f"{', '.join(METRES_PER_UNIT)}; give them by --units"
+            f"{', '.join(METRES_PER_UNIT)}; {converted_by(path, '--units mm')} (if it is in mm)"
         )
     markers = split_labels(labels, person)
     check_joints(path, len(rows), *markers.columns.shape)
-    points = markers.people(_points(path, rows, len(labels)))
+    table = _table(path, rows, len(labels), numbers)
+    points = markers.people(table[:, 2:].reshape(len(rows), len(labels), 3))
     joint_map = map_of_names(markers.joints).with_units(scale).with_axes(axes or AXES)
+    times = frame_times(path, table[:, 0], table[:, 1], nominal_hz)
     recording = recording_of(
-        path=path, kind="trc", joint_map=joint_map, raw=points, rate_hz=rate_hz, ids=markers.ids
+        path=path,
+        kind="trc",
+        joint_map=joint_map,
+        raw=points,
+        rate_hz=times.rate_hz,
+        ids=markers.ids,
+        stamps_ns=times.stamps_ns,
     )
-    return noted(recording, markers.note)
+    counted = f"'NumFrames' is {promised:g}, but there are {len(rows)} frames: all of them are read"
+    recording = noted(noted(recording, markers.note), times.note)
+    return noted(recording, counted if promised != len(rows) else "")
+
+
+def _labels(path: Path, line: str, promised: float) -> list[str]:
+    """Names of the markers, each above the first of its three columns; "" where one has none.
+
+    Raises:
+        RecordingError: a name is above another column, or their number is not the promised one.
+    """
+    names = _cells(line)[2:]
+    while names and not names[-1]:
+        names.pop()
+    if all(names):  # nothing between them
+        labels = names
+    else:
+        labels = names[::3]
+        astray = next((name for k, name in enumerate(names) if name and k % 3), "")
+        if astray:
+            raise RecordingError(
+                f"recording {path}: the name '{astray[:40]}' is not above the first of a marker's "
+                f"three columns; export it again"
+            )
+    if len(labels) != promised:
+        raise RecordingError(
+            f"recording {path}: 'NumMarkers' is {promised:g}, but {len(labels)} are named; "
+            f"export it again"
+        )
+    return labels
 
 
 def _cells(line: str) -> list[str]:
     return [cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())]
 
 
-def _value(path: Path, header: Mapping[str, str], key: str) -> float:
+def _value(path: Path, header: Mapping[str, str], key: str, numbers: Numbers) -> float:
     try:
-        value = float(header[key])
+        value = numbers.read(header[key])
     except KeyError:
         raise RecordingError(f"recording {path}: has no '{key}' in its third line") from None
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise RecordingError(f"recording {path}: '{key}' is {header[key][:20]!r}, no number")
+        raise RecordingError(f"recording {path}: '{key}' is {header[key][:20]!r}, not a number")
     return value
 
 
-def _points(path: Path, rows: Sequence[str], count: int) -> Floats:
-    """(F, count, 3) in the file's units and axes; NaN where a cell is empty."""
-    points = np.full((len(rows), count * 3), np.nan)
-    for k, row in enumerate(rows):
-        cells = _cells(row)[2:]
-        if any(cells[count * 3 :]):
-            raise RecordingError(f"recording {path}: frame {k + 1} has more than {count} markers")
-        try:
-            points[k, : len(cells)] = [float(c) if c else math.nan for c in cells[: count * 3]]
-        except ValueError:
+def _table(path: Path, rows: Sequence[tuple[int, str]], count: int, numbers: Numbers) -> Floats:
+    """(F, 2 + 3 count) numbers of all rows; NaN where a cell is empty.
+
+    Raises:
+        RecordingError: a row has too few or too many cells, or a marker has not three of them:
+            then joints would be metres away.
+    """
+    table = np.full((len(rows), 2 + 3 * count), np.nan)
+    for k, (line, row) in enumerate(watched(rows, READING, len(rows))):
+        cells = _cells(row)
+        if wrong := wrong_length(cells, 2 + 3 * count):
             raise RecordingError(
-                f"recording {path}: frame {k + 1} holds what is no number; export it again"
-            ) from None
-    return points.reshape(len(rows), count, 3)
+                f"recording {path}: row {line}: {wrong}; leave the cells of a missing marker "
+                f"empty, or export it again"
+            )
+        for column in range(2 + 3 * count):
+            try:
+                table[k, column] = numbers.read(cells[column])
+            except ValueError as error:
+                raise RecordingError(
+                    f"recording {path}: row {line}: column {column + 1} holds "
+                    f"{cells[column][:20]!r}, which {error}; export it again"
+                ) from None
+    known = np.isfinite(table[:, 2:]).reshape(len(rows), count, 3).sum(axis=2)
+    half = np.argwhere((known > 0) & (known < 3))
+    if len(half):
+        k, marker = half[0]
+        raise RecordingError(
+            f"recording {path}: row {rows[k][0]}: marker {marker + 1} has {known[k, marker]} of 3 "
+            f"coordinates; correct the row, or export it again"
+        )
+    return table
 
 
 def write_trc(path: Path, recording: Recording) -> Written:
@@ -135,7 +188,7 @@ def write_trc(path: Path, recording: Recording) -> Written:
         "\t".join(["", "", *(f"{axis}{k}" for k in range(1, count + 1) for axis in "XYZ")]),
         "",
     ]
-    for k, row in enumerate(points.reshape(number, -1).tolist()):
+    for k, row in enumerate(watched(points.reshape(number, -1).tolist(), WRITING, number)):
         cells = ["" if math.isnan(v) else f"{v:.4f}" for v in row]
         lines.append("\t".join([str(k + 1), f"{k / frames.rate_hz:.6f}", *cells]))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")

@@ -35,6 +35,8 @@ class RecordingInfo:
         has_utc: read from a file: its log times are UTC. Recordings of format 1 and those of
             virtual runs have none.
         predictor: name of the predictor; ``forecast_rate_hz`` has its steps per second.
+        in_room: whether the scenes are in the room's frame; false in what ``convert`` makes of a
+            motion file, which is in that file's own.
         coverage: what its zones rest on, in words; "" in recordings of older versions.
     """
 
@@ -49,6 +51,7 @@ class RecordingInfo:
     predictor: str = ""
     forecast_rate_hz: float = 0.0
     coverage: str = ""
+    in_room: bool = True
 
     def to_metadata(self) -> dict[str, str]:
         """As MCAP metadata: strings only."""
@@ -69,7 +72,7 @@ class RecordingInfo:
             "predictor": self.predictor,
             "forecast_rate_hz": repr(self.forecast_rate_hz),
             "coverage": self.coverage,
-        }
+        } | ({} if self.in_room else {"in_room": "false"})
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> "RecordingInfo":
@@ -99,6 +102,7 @@ class RecordingInfo:
                 predictor=metadata.get("predictor", ""),
                 forecast_rate_hz=float(metadata.get("forecast_rate_hz", "0")),
                 coverage=metadata.get("coverage", ""),
+                in_room=metadata.get("in_room") != "false",
             )
         except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
             raise RecordingError(f"its metadata are damaged ({error}); record it again") from error

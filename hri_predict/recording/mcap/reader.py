@@ -95,6 +95,7 @@ def read_mcap(path: Path) -> Recording:
         note=note,
         config=info.config,
         utc_ns=utc if info.has_utc else (),
+        in_room=info.in_room,
     )
 
 

@@ -287,7 +287,6 @@ def test_an_empty_recording(mistake, tmp_path):
 
 
 def test_unknown_joint_names(mistake, tmp_path):
-    pytest.importorskip("bvhio", reason="needs the extra 'io'")
     path = tmp_path / "a.bvh"
     path.write_text(
         "HIERARCHY\nROOT Blob\n{\nOFFSET 0 0 0\n"

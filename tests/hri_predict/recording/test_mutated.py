@@ -73,8 +73,6 @@ def _opened(path: Path) -> tuple[Recording | None, str]:
 
 @pytest.mark.parametrize("kind", [kind for kind in WRITERS if kind != "pack"])
 def test_every_damage_ends_in_a_recording_or_one_line(tmp_path, kind):
-    if kind == "bvh":
-        pytest.importorskip("bvhio", reason="needs the extra 'io'")
     path = _seed_file(tmp_path, kind)
     data = path.read_bytes()
     rng = random.Random(kind)

@@ -55,6 +55,17 @@ def test_other_axes_and_mirrors_are_refused(tmp_path):
     assert "--left-handed" in mirrored
 
 
+def test_what_was_passed_over_in_a_file_is_logged_once(tmp_path, caplog):
+    path = written(tmp_path / "a.csv", BODY)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([f"{lines[0]},frame", *(f"{line},7" for line in lines[1:])]))
+    for _ in range(2):
+        opened(path)
+    assert [r.getMessage() for r in caplog.records if "columns not used" in r.getMessage()] == [
+        f"recording {path}: columns not used: 'frame'"
+    ]
+
+
 def test_people_may_lie_for_a_while(tmp_path):
     assert opened(written(tmp_path / "a.csv", BODY, LYING))
 

@@ -235,7 +235,6 @@ def test_a_seated_person_without_legs_is_never_touched(seconds):
 @needs_data
 def test_a_walk_from_a_bvh_file_is_never_touched(tmp_path):
     """A walk of the data pack, its joints' places written as translations of a flat rig."""
-    pytest.importorskip("bvhio", reason="needs the extra 'io'")
     path = write_walk(tmp_path / "walk.bvh")
     pose = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
     source = {

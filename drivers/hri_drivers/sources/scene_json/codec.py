@@ -92,7 +92,7 @@ class SceneMessage(_Strict):
         return axes_rotation(self.axes, self.left_handed) * METRES_PER_UNIT[self.units]
 
 
-@dataclass(frozen=True)
+@dataclass
 class SceneReader:
     """Turns JSON objects into scenes.
 
@@ -100,12 +100,16 @@ class SceneReader:
         joints: names of the source's joints, in order.
         min_confidence: a joint with less is unobserved.
         counters: counts ``unknown_joints`` and ``unsure_joints``.
+
+    Attributes:
+        stated: (3, 3) from the newest scene's units and axes to metres, forward, left and up.
     """
 
     joints: Sequence[str]
     min_confidence: float
     counters: SourceCounters
     unknown: list[str] = field(default_factory=list)
+    stated: Floats | None = field(default=None, init=False)
 
     def read(self, data: bytes | str) -> SentScene:
         """Return the scene in one object, in metres: x forward, y left, z up.
@@ -117,6 +121,7 @@ class SceneReader:
         ids = [person.id for person in message.people]
         if len(set(ids)) < len(ids):
             raise SceneJsonError("scene: people: two have the same id; give each body its own")
+        self.stated = message.to_metres()
         return SentScene(
             stamp_ns=round(message.stamp_s * 1e9),
             sequence=message.sequence,

@@ -20,6 +20,7 @@ from hri_drivers.sources.tcp import (
     StreamServer,
     check_exposure,
 )
+from hri_predict.arrays import Floats
 from hri_predict.clock import Clock
 from hri_predict.discovery.services import ServiceSettings
 from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
@@ -115,6 +116,7 @@ class SceneJsonSource(LiveSource):
         joint_map = names.with_units(1.0).with_axes(["x", "y", "z"])  # as the reader gives them
         reader = SceneReader(names.source_joints, settings.min_confidence, counters)
         decoder = JsonDecoder(reader)
+        self._reader = reader
         super().__init__(
             settings=settings,
             receiver=receiver,
@@ -123,6 +125,11 @@ class SceneJsonSource(LiveSource):
             joint_map=joint_map,
             clock=clock,
         )
+
+    @property
+    def stated(self) -> Floats | None:
+        """See ``hri_predict.source.StatesFrame``."""
+        return self._reader.stated
 
 
 class JsonSource(SceneJsonSource):

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hri_predict.cli.check.listen import _all_axes, refusals, remedy, show, size_remedy
+from hri_predict.cli.check.listen import refusals, remedy, show, size_remedy
 from hri_predict.geometry import transform
 from hri_predict.joint_map import METRES_PER_UNIT, load_joint_map
+from hri_predict.people.body.axes import all_axes
 from hri_predict.people.body.posture_watch import Verdict
 from hri_predict.settings import Pose
 from hri_predict.skeleton import JOINTS
@@ -20,7 +21,7 @@ BODY = _WHO.joints(_WHO.standing(np.array([2.5, 0.6]), 2.0))
 TRUTH = Pose(xyz=[-0.5, 0.0, 1.8], quaternion_xyzw=[0.0, 0.13, 0.0, 0.9915])
 SOURCE_FROM_ROOM = np.asarray(np.linalg.inv(TRUTH.matrix()), np.float64)
 COCO = load_joint_map("coco17").rotation
-AXES = [(axes, turn) for axes, turn in _all_axes(1.0)]
+AXES = [(axes, turn) for axes, turn in all_axes(1.0)]
 
 
 def configured(**people):
@@ -76,7 +77,7 @@ def test_a_wrong_floor_is_told_as_such():
 
 def test_there_are_24_axes_of_each_handedness():
     for hands in (1.0, -1.0):
-        turns = [turn for _, turn in _all_axes(hands)]
+        turns = [turn for _, turn in all_axes(hands)]
         assert len({turn.tobytes() for turn in turns}) == 24
         assert all(np.sign(np.linalg.det(turn)) == hands for turn in turns)
 

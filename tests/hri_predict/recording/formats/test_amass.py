@@ -5,6 +5,7 @@ import pytest
 
 from hri_predict.errors import RecordingError
 from hri_predict.recording import open_recording
+from hri_predict.recording.formats.amass import SMPL
 from hri_predict.skeleton import JOINTS
 
 
@@ -65,7 +66,7 @@ def test_parameters_of_the_body_model_are_no_joints(save):
     [
         ({"joints": np.zeros((3, 22, 3))}, "'mocap_framerate' is missing"),
         ({"joints": np.zeros((3, 22, 3)), "fps": 0.0}, "'fps' gives 0"),
-        ({"joints": np.zeros((3, 22, 3)), "fps": "fast"}, "'fps' gives nan"),
+        ({"joints": np.zeros((3, 22, 3)), "fps": "fast"}, "'fps' is not one finite number"),
         ({"joints": np.zeros((3, 66)), "fps": 30.0}, "of shape (3, 66)"),
         ({"joints": np.zeros((0, 22, 3)), "fps": 30.0}, "of shape (0, 22, 3)"),
         ({"joints": np.full((3, 22, 3), "x"), "fps": 30.0}, "expected numbers"),
@@ -78,3 +79,33 @@ def test_parameters_of_the_body_model_are_no_joints(save):
 )
 def test_what_is_wrong_is_named(save, arrays, message):
     assert message in _error(save(**arrays))
+
+
+@pytest.mark.parametrize("rate", [30, 30.0, [30], [[30.0]], np.float32(30), "30", b"30"])
+def test_a_rate_of_any_shape_is_one_number(save, rate):
+    path = save(joints=np.ones((3, 22, 3)), mocap_framerate=rate)
+    assert open_recording(path).rate_hz == 30.0
+
+
+@pytest.mark.parametrize("rate", [[30, 31], [], np.nan, [np.inf], "fast"])
+def test_what_is_not_one_rate_is_refused(save, rate):
+    assert "'mocap_framerate' is not one finite number" in _error(
+        save(joints=np.ones((3, 22, 3)), mocap_framerate=rate)
+    )
+
+
+@pytest.mark.parametrize("other", ["fps", "mocap_frame_rate", "frame_rate"])
+def test_two_rates_must_be_the_same(save, other):
+    both = {"joints": np.ones((3, 22, 3)), "mocap_framerate": 120.0}
+    assert open_recording(save(**both, **{other: [120]})).rate_hz == 120.0
+    error = _error(save(**both, **{other: 30}))
+    assert f"'{other}' is" in error or f"but '{other}'" in error
+    assert "remove the wrong one" in error
+
+
+@pytest.mark.parametrize("kind", ["S", "U"])
+@pytest.mark.parametrize("shape", [(22,), (22, 1), (1, 22)])
+def test_names_as_bytes_or_text_of_any_shape(save, kind, shape):
+    names = np.array(SMPL[:22]).astype(kind).reshape(shape)
+    path = save(joints=np.ones((3, 22, 3)), joint_names=names, fps=30)
+    assert open_recording(path).joint_map.source_joints == SMPL[:22]

@@ -9,9 +9,8 @@ import pytest
 from hri_predict.errors import RecordingError
 from hri_predict.recording import open_recording
 from hri_predict.recording.formats.bvh import forward_kinematics
+from hri_predict.recording.formats.bvh_text import parse_bvh
 from hri_predict.skeleton import JOINTS
-
-bvhio = pytest.importorskip("bvhio", reason="needs the extra 'io'")
 
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 
@@ -73,8 +72,10 @@ def _values(frames, seed=0):
 
 
 def test_world_positions_are_those_of_bvhio(tmp_path: Path) -> None:
+    bvhio = pytest.importorskip("bvhio", reason="compares with bvhio, which is not installed")
     path = write_bvh(tmp_path / "a.bvh", RIG, _values(4))
-    names, ours = forward_kinematics(bvhio.readAsBvh(str(path)).Root, with_ends=True)
+    bvh = parse_bvh(path.read_text())
+    names, ours = [node.name for node in bvh.nodes], forward_kinematics(bvh)
     hierarchy = bvhio.readAsHierarchy(str(path))
     for frame in range(4):
         hierarchy.loadPose(frame)
@@ -172,31 +173,187 @@ def _error(path: Path) -> str:
     return str(caught.value)
 
 
-def test_cut_anywhere_it_is_an_error_and_never_a_wait(tmp_path: Path) -> None:
+def test_cut_anywhere_it_is_an_error_or_a_note(tmp_path: Path) -> None:
     path = write_bvh(tmp_path / "a.bvh", RIG, _values(3))
     text = path.read_text()
     whole = len(text.rstrip().rsplit(" ", 1)[0])  # before the last value
     for keep in np.linspace(1, whole, 60).astype(int):
         path.write_text(text[:keep])
-        _error(path)
+        if text[keep - 1] == "\n" or text[keep] == "\n":  # whole frames are left
+            assert "'Frames:' is 3" in open_recording(path).note
+        else:
+            _error(path)
 
 
 def test_what_is_wrong_in_a_bvh_is_named(tmp_path: Path) -> None:
     path = tmp_path / "a.bvh"
-    assert "Frames: 0" in _error(write_bvh(path, RIG, _values(0)))
+    assert "no frames" in _error(write_bvh(path, RIG, _values(0)))
     assert "Frame Time" in _error(write_bvh(path, RIG, _values(2), frame_time=0.0))
     strange = [(f"b{n}", None if p is None else f"b{p}", o) for n, p, o in RIG]
     assert "Hips" in _error(write_bvh(path, strange, _values(2)))
-    path.write_bytes(b"\xff\xfe\x00HIERARCHY")
+    path.write_bytes(b"\x01\x00\x02\x00\x00HIERARCHY")
     assert "not text" in _error(path)
     path.write_text("solid cube")
     assert "HIERARCHY" in _error(path)
     good = write_bvh(path, RIG, _values(2)).read_text()
-    path.write_text(good.replace("OFFSET 0.0 12.0 0.0", "OFFSET 0.0 twelve 0.0"))
-    assert "numerics" in _error(path)
+    head, motion = good.split("MOTION")
+    for wrong, named in (
+        (good.replace("OFFSET 0.0 12.0 0.0", "OFFSET 0.0 twelve 0.0"), "OFFSET of 'Spine'"),
+        (good.replace("OFFSET 0.0 12.0 0.0", "OFFSET 0.0 12.0"), "has 2 numbers"),
+        (good.replace("CHANNELS 6", "CHANNELS 7"), "CHANNELS of 'Hips'"),
+        (good.replace("JOINT Spine", "JOINT"), "JOINT has no name"),
+        (good.replace("Frames: 2", "Frames: two"), "'Frames:' is 'two'"),
+        (good.replace("Zrotation", "Wrotation", 1), "joint 'Hips' has an unknown channel"),
+        (good.replace("Zrotation", "Xrotation", 1), "a channel of 'Hips' is there twice"),
+        (f"MOTION{motion}{head}", "must begin with HIERARCHY"),
+        (good.replace("JOINT Spine", "JOINT Spine\nJOINT Other"), "JOINT is out of place"),
+    ):
+        path.write_text(wrong)
+        assert named in _error(path)
 
 
-def test_without_the_reader_the_remedy_is_named(tmp_path: Path, monkeypatch) -> None:
+def _joints(path: Path) -> np.ndarray:
+    """(F, J, 3) of the first person."""
+    return np.stack([scene.people[0].positions for scene in open_recording(path).scenes])
+
+
+@pytest.mark.parametrize("case", [str.upper, str.lower, str.title])
+def test_channels_are_known_in_any_case(tmp_path: Path, case) -> None:
+    path = write_bvh(tmp_path / "a.bvh", RIG, _values(3))
+    expected = _joints(path)
+    text = path.read_text()
+    for axis in "XYZ":
+        for kind in ("rotation", "position"):
+            text = text.replace(f"{axis}{kind}", case(f"{axis}{kind}"))
+    path.write_text(text)
+    np.testing.assert_array_equal(_joints(path), expected)
+
+
+@pytest.mark.parametrize("surplus", [-1, 1, 3, 15])
+def test_rows_have_as_many_values_as_the_hierarchy_has_channels(tmp_path: Path, surplus) -> None:
+    values = _values(3)
+    count = values.shape[1]
+    rows = np.zeros((3, count + surplus))
+    rows[:, : min(count, count + surplus)] = values[:, : count + min(0, surplus)]
+    error = _error(write_bvh(tmp_path / "a.bvh", RIG, rows))
+    assert f"frame 1 has {count + surplus} values for {count} channels" in error
+
+
+@pytest.mark.parametrize("promised", [0, 1, 2, 4, 100])
+def test_all_rows_are_read_whatever_the_header_counts(tmp_path: Path, promised) -> None:
+    path = write_bvh(tmp_path / "a.bvh", RIG, _values(3))
+    path.write_text(path.read_text().replace("Frames: 3", f"Frames: {promised}"))
+    recording = open_recording(path)
+    assert len(recording.scenes) == 3
+    assert f"'Frames:' is {promised}, but there are 3 frames" in recording.note
+
+
+def _with_scale(path: Path, scale: float) -> None:
+    """Give the Spine channels of scale, and each row their values."""
+    lines = path.read_text().splitlines()
+    at = lines.index("  JOINT Spine") + 3
+    lines[at] = f"    CHANNELS 6 {ORDER} Xscale Yscale Zscale"
+    first = lines.index("MOTION") + 3
+    for k in range(first, len(lines)):
+        cells = lines[k].split()
+        lines[k] = " ".join([*cells[:9], *[str(scale)] * 3, *cells[9:]])
+    path.write_text("\n".join(lines))
+
+
+def test_a_scale_of_1_is_skipped_and_noted_and_any_other_refused(tmp_path: Path) -> None:
+    path = write_bvh(tmp_path / "a.bvh", RIG, _values(3))
+    expected = _joints(path)
+    _with_scale(path, 1.0)
+    np.testing.assert_array_equal(_joints(path), expected)
+    assert "'Spine'" in open_recording(path).note
+    _with_scale(write_bvh(path, RIG, _values(3)), 1.1)
+    assert "joint 'Spine' is scaled by channel 'Xscale'" in _error(path)
+
+
+def test_a_position_channel_replaces_the_offset_along_its_axis_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.bvh"
+    path.write_text(
+        "HIERARCHY\nROOT A\n{\nOFFSET 1 2 3\nCHANNELS 1 Yposition\nJOINT B {\n"
+        "OFFSET 0 10 0\nCHANNELS 1 Zrotation\nEnd Site\n{\nOFFSET 0 5 0\n}\n}\n}\n"
+        "MOTION\nFrames: 1\nFrame Time: 0.1\n20 90\n"
+    )
+    bvh = parse_bvh(path.read_text())
+    assert [node.name for node in bvh.nodes] == ["A", "B", "B_End"]
+    np.testing.assert_allclose(
+        forward_kinematics(bvh)[0], [[1, 20, 3], [1, 30, 3], [-4, 30, 3]], atol=1e-9
+    )  # 64-bit floats: 1e-15 of 30, times a few operations
+
+
+def test_names_keep_their_spaces_and_are_understood(tmp_path: Path) -> None:
+    sides = {"Left": "L ", "Right": "R "}
+    stems = {"ForeArm": "Forearm", "Arm": "UpperArm", "Hand": "Hand", "UpLeg": "Thigh",
+             "Leg": "Calf", "Foot": "Foot"}  # fmt: skip
+
+    def biped(name: str) -> str:
+        for side, short in sides.items():
+            if name.startswith(side):
+                return f"Bip01 {short}{stems[name.removeprefix(side)]}"
+        return "Bip01" if name == "Hips" else f"Bip01 {name}"
+
+    rig = [(biped(n), None if p is None else biped(p), o) for n, p, o in RIG]
+    expected = open_recording(write_bvh(tmp_path / "a.bvh", RIG, _values(2)))
+    recording = open_recording(write_bvh(tmp_path / "b.bvh", rig, _values(2)))
+    assert "Bip01 L UpperArm" in recording.joint_map.source_joints
+    want, seen = expected.joint_map.map(*_first(expected))
+    got, also = recording.joint_map.map(*_first(recording))
+    np.testing.assert_array_equal(seen, also)
+    np.testing.assert_array_equal(want, got)
+
+
+def _first(recording):
+    person = recording.scenes[0].people[0]
+    return person.positions, person.observed
+
+
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-16-le", "utf-16-be", "utf-32"]
+)
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_encodings_and_line_ends(tmp_path: Path, encoding, end) -> None:
     path = write_bvh(tmp_path / "a.bvh", RIG, _values(2))
-    monkeypatch.setitem(__import__("sys").modules, "bvhio", None)
-    assert "pip install 'hri-predict[io]'" in _error(path)
+    expected = _joints(path)
+    text = path.read_text().replace("JOINT Spine", "JOINT Wirbels\u00e4ule")
+    path.write_bytes(text.replace("\n", end).encode(encoding))
+    np.testing.assert_array_equal(_joints(path), expected)
+    assert "Wirbels\u00e4ule" in open_recording(path).joint_map.source_joints
+
+
+def test_decimal_commas_and_missing_numbers(tmp_path: Path) -> None:
+    path = write_bvh(tmp_path / "a.bvh", RIG, _values(2))
+    expected = _joints(path)
+    text = path.read_text()
+    path.write_text(text.replace(".", ","))
+    np.testing.assert_allclose(_joints(path), expected, atol=1e-9)
+    head, frames = text.split("Frame Time")
+    path.write_text(f"{head}Frame Time{frames.replace('.', ',', 3)}")
+    assert "decimal point" in _error(path)
+    row = text.splitlines()[-1].split()
+    path.write_text(text.replace(row[-1], "-1.#IND"))
+    assert "some joint is not a sane number" in open_recording(path).note
+
+
+def test_each_root_is_a_person(tmp_path: Path) -> None:
+    path = tmp_path / "two.bvh"
+    values = _values(2)
+    write_bvh(path, RIG, values)
+    first, motion = path.read_text().split("MOTION\n")
+    header, rows = motion.splitlines()[:2], motion.splitlines()[2:]
+    second = first.removeprefix("HIERARCHY\n")
+    for name, _, _ in RIG:
+        second = second.replace(f" {name}\n", f" B_{name}\n")
+    shifted = write_bvh(tmp_path / "b.bvh", RIG, _values(2, seed=1)).read_text().splitlines()[-2:]
+    both = [f"{a} {b}" for a, b in zip(rows, shifted, strict=True)]
+    path.write_text("\n".join([f"{first}{second}MOTION", *header, *both]))
+    recording = open_recording(path, person=7)
+    assert [person.id for person in recording.scenes[1].people] == [7, 8]
+    assert "'B_Hips' is person 8" in recording.note
+    np.testing.assert_array_equal(
+        recording.scenes[1].people[1].positions, _joints(tmp_path / "b.bvh")[1]
+    )
+    path.write_text(path.read_text().replace("B_LeftHand", "B_Tool"))
+    assert "different joints" in _error(path)

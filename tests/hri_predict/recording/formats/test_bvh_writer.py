@@ -15,7 +15,7 @@ from hri_predict.recording.naming import map_of_names
 from hri_predict.scene import Person, Scene
 from hri_predict.skeleton import JOINTS, PARENTS
 
-bvhio = pytest.importorskip("bvhio", reason="needs the extra 'io'")
+bvhio = pytest.importorskip("bvhio", reason="compares with bvhio, which is not installed")
 
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 

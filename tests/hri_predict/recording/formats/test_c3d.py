@@ -140,8 +140,87 @@ def test_a_long_recording_has_more_frames_than_the_header_can_say(tmp_path):
     at = data.index(b"ACTUAL_END_FIELD") + len("ACTUAL_END_FIELD") + 5
     assert struct.unpack_from("<HH", data, at) == (3, 0)
     struct.pack_into("<HH", data, at, 70_000 & 0xFFFF, 70_000 >> 16)
-    (tmp_path / "a.c3d").write_bytes(data)
-    assert "3 of 70000 frames are there" in _error(tmp_path / "a.c3d")
+    long = np.zeros((70_000, 16), np.uint8).tobytes()  # of one point each
+    (tmp_path / "a.c3d").write_bytes(bytes(data)[: -3 * 16] + long)
+    recording = open_recording(tmp_path / "a.c3d", any_joints=True)
+    assert len(recording.scenes) == 70_000
+    assert "other counts" in recording.note  # the header's 3 is not a full one
+    (tmp_path / "a.c3d").write_bytes((bytes(data)[: -3 * 16] + long)[:-7])
+    assert "69999 of 70000 frames are there" in _error(tmp_path / "a.c3d")
+
+
+def _altered(path: Path, **counts: int) -> Path:
+    """Change what a file of ours states: header_first, header_last, header_start, header_points,
+    or a parameter's first word."""
+    data = bytearray(path.read_bytes())
+    places = {"header_points": 2, "header_first": 6, "header_last": 8, "header_start": 16}
+    for name, value in counts.items():
+        at = places.get(name) or data.index(name.encode()) + len(name) + (
+            5 if name.startswith("ACTUAL") else 4
+        )
+        struct.pack_into("<H", data, at, value)
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize(
+    "stale",
+    [
+        {"header_last": 40},
+        {"header_last": 200},
+        {"header_first": 101, "header_last": 140},
+        {"FRAMES": 40},
+        {"FRAMES": 0, "header_last": 20},
+        {"FRAMES": 65535, "header_last": 20},
+        {"ACTUAL_END_FIELD": 200},
+        {"ACTUAL_END_FIELD": 40, "FRAMES": 41, "header_last": 42},
+        {"ACTUAL_END_FIELD": 240, "FRAMES": 241, "header_last": 242},
+    ],
+)
+@pytest.mark.parametrize("padded", [False, True])
+def test_of_several_counts_of_frames_the_data_decide(tmp_path, stale, padded):
+    positions = np.random.default_rng(2).uniform(-1, 1, (60, 3, 3))
+    path = _altered(ours(tmp_path / "a.c3d", positions, LABELS), **stale)
+    if padded:
+        data = path.read_bytes()
+        path.write_bytes(data.ljust(-(-len(data) // BLOCK) * BLOCK, b"\0"))
+    recording = open_recording(path, any_joints=True)
+    np.testing.assert_allclose(joints(recording)[:60, 0], positions, atol=1e-6)  # 32-bit floats
+    assert len(recording.scenes) == 60
+    for count in stale.values():
+        assert str(count) in recording.note or count in (0, 65535, 101, 140)
+
+
+@pytest.mark.parametrize("zero", ["DATA_START", "header_start", "header_points"])
+def test_a_zero_says_nothing_where_the_other_place_is_good(tmp_path, zero):
+    positions = np.random.default_rng(2).uniform(-1, 1, (60, 3, 3))
+    path = _altered(ours(tmp_path / "a.c3d", positions, LABELS), **{zero: 0})
+    recording = open_recording(path, any_joints=True)
+    np.testing.assert_allclose(joints(recording)[:, 0], positions, atol=1e-6)  # 32-bit floats
+
+
+def test_a_rate_or_scale_of_zero_says_nothing_either(tmp_path):
+    positions = np.random.default_rng(2).uniform(-1, 1, (6, 3, 3))
+    path = ours(tmp_path / "a.c3d", positions, LABELS, 50.0)
+    data = bytearray(path.read_bytes())
+    for name in (b"RATE", b"SCALE"):
+        at = data.index(name) + len(name) + 4
+        struct.pack_into("<f", data, at, 0.0)
+    path.write_bytes(data)
+    recording = open_recording(path, any_joints=True)
+    assert recording.rate_hz == 50.0
+    np.testing.assert_allclose(joints(recording)[:, 0], positions, atol=1e-6)  # 32-bit floats
+
+
+def test_points_at_exactly_zero_are_not_observed_and_counted(tmp_path):
+    positions = np.random.default_rng(2).uniform(-1, 1, (6, 3, 3))
+    positions[2:4, 1] = 0.0
+    positions[5, 2] = [0.0, 0.0, 0.5]
+    recording = open_recording(ours(tmp_path / "a.c3d", positions, LABELS), any_joints=True)
+    seen = np.array([scene.people[0].observed for scene in recording.scenes])
+    assert (~seen).sum() == 2
+    assert not seen[2:4, 1].any()
+    assert "2 points at exactly 0, 0, 0 are not observed" in recording.note
 
 
 def as_integers(scale: float, xyz: np.ndarray, residuals: np.ndarray) -> bytes:
@@ -243,8 +322,8 @@ def test_more_frames_than_the_header_can_count_are_all_read(tmp_path, name):
     path, more = tmp_path / "a.c3d", {"LABELS": ["C7"], name: 65537.0}
     path.write_bytes(with_parameters(65537, 1, **more))
     assert len(open_recording(path, any_joints=True).scenes) == 65537
-    path.write_bytes(with_parameters(65537, 1, **more)[: -16 * 3])
-    assert "65534 of 65537 frames" in _error(path)
+    path.write_bytes(with_parameters(65537, 1, **more)[: -16 * 3 - 5])
+    assert "65533 of 65537 frames" in _error(path)
 
 
 @pytest.mark.parametrize("start", [float("nan"), float("inf"), -1e30, 1e30, 0.5])
@@ -290,7 +369,7 @@ def test_what_is_wrong_is_named(tmp_path):
     for change, message in (
         ({BLOCK + 3: 99}, "processor type 99"),
         ({0: 200}, "where they start"),
-        ({2: 0}, "is empty (0 points"),
+        ({2: 0, good.index(b"USED") + 8: 0}, "is empty (0 points"),
         ({good.index(b"mm"): ord("q")}, "POINT:UNITS are 'qm'"),
     ):
         data = bytearray(good)

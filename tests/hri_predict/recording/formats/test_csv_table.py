@@ -72,11 +72,13 @@ def test_units_and_axes_of_the_user(read):
         (("time_s,b", "0,1"), "no joint's _x, _y and _z"),
         (("time_s,a_x,a_y,a_z,A", "0,1,2,3,4"), "has 1 times"),
         (("time_s,a_x,a_y,a_z,a_x", "0,1,2,3,4"), "column 'a_x' occurs twice"),
-        (("time_s,a_x,a_y,a_z", "0,1,2,3", "1,1,two,3"), "row 3: column 3 holds 'two'"),
+        (
+            ("time_s,a_x,a_y,a_z", "0,1,2,3", "1,1,two,3"),
+            "row 3: column 3 ('a_y') holds 'two', which is not a",
+        ),
         (("time_s,a_x,a_y,a_z", "1,1,2,3", "0,1,2,3"), "row 3: its time is before"),
-        (("time_s,a_x,a_y,a_z", "0,1,2,3", "nan,1,2,3"), "row 3: its time is nan"),
+        (("time_s,a_x,a_y,a_z", "0,1,2,3", "nan,1,2,3"), "row 3: its time is 'nan'"),
         (("time_s,a_x,a_y,a_z", "0,1,2,3", "0,1,2,3"), "row 3: person 1 occurs twice"),
-        (("time_s,person,a_x,a_y,a_z", "0,70000,1,2,3"), "row 2: person is 70000"),
         (("time_s,person,a_x,a_y,a_z", "0,,1,2,3"), "row 2: has joints, but no person"),
         (
             ("time_s,a_x,a_y,a_z", "0,1,2,3", "1,1,2,3", "2,1,2,3", "9000,1,2,3"),

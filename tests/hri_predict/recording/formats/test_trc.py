@@ -11,7 +11,7 @@ from hri_predict.recording.converting import write_recording
 from hri_predict.recording.naming import map_of_names
 from hri_predict.scene import Person, Scene
 
-# As programs write it: empty columns after each name, a blank line, a trailing tab, missing cells.
+# As programs write it: empty columns after each name, a blank line, a trailing tab, empty cells.
 OPENSIM = (
     "PathFileType\t4\t(X/Y/Z)\ttrial.trc\n"
     "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\t"
@@ -22,7 +22,7 @@ OPENSIM = (
     "\n"
     "1\t0.000000\t100\t1000\t300\t100\t1000\t-300\t\n"
     "2\t0.016667\t\t\t\t110.5\t1000\t-300\n"
-    "3\t0.033333\t120\t1000\t300\n"
+    "3\t0.033333\t120\t1000\t300\t\t\t\n"
 )
 
 
@@ -73,12 +73,16 @@ def test_subjects_are_people(save):
     [
         ("PathFileType", "Pfad", "must begin with PathFileType"),
         ("\t2\tmm", "\t3\tmm", "'NumMarkers' is 3, but 2 are named"),
-        ("60.00\t60.00\t3\t", "60.00\t60.00\t4\t", "truncated: 3 of 4 frames"),
-        ("60.00\t60.00\t3\t", "fast\t60.00\t3\t", "'DataRate' is 'fast', no number"),
-        ("60.00\t60.00\t3\t", "0\t60.00\t3\t", "'DataRate' gives 0"),
+        ("60.00\t60.00\t3\t", "fast\t60.00\t3\t", "'DataRate' is 'fast', not a number"),
+        ("300\t\t\t\n", "300\n", "row 9: has 5 cells; expected 8"),
+        ("300\t\t\t\n", "300\t\t\n", "row 9: has 7 cells; expected 8"),
+        ("1\t0.000000\t100\t", "1\t0.000000\t", "row 7: marker 2 has 2 of 3 coordinates"),
+        ("1000\t300\t100", "1000\t300", "row 7: marker 2 has 2 of 3 coordinates"),
+        ("R.Wrist\t\t\tL.Wrist", "R.Wrist\t\tL.Wrist\t", "the name 'L.Wrist' is not above"),
+        ("0.016667", "0.05", "its 'Time' is not after"),
         ("\tmm\t", "\tpx\t", "its 'Units' are 'px'"),
-        ("110.5", "ten", "frame 2 holds what is no number"),
-        ("110.5\t1000\t-300", "110.5\t1000\t-300\t7\t8\t9", "frame 2 has more than 2 markers"),
+        ("110.5", "ten", "row 8: column 6 holds 'ten', which is not"),
+        ("110.5\t1000\t-300", "110.5\t1000\t-300\t7\t8\t9", "row 8: has 11 cells; expected 8"),
         ("DataRate\tC", "Rate\tC", "has no 'DataRate'"),
     ],
 )
@@ -87,6 +91,90 @@ def test_what_is_wrong_is_named(save, old, new, message):
         open_recording(save(OPENSIM.replace(old, new, 1)), any_joints=True)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def rows(numbers, times, decimals=5):
+    head = OPENSIM[: OPENSIM.index("1\t0.000000")]
+    cells = "100\t1000\t300\t100\t1000\t-300"
+    lines = [f"{n}\t{t:.{decimals}f}\t{cells}" for n, t in zip(numbers, times, strict=True)]
+    return head.replace("60.00\t3\t", f"60.00\t{len(lines)}\t", 1) + "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("decimals", [2, 3, 6])
+@pytest.mark.parametrize("first", [0, 1, 371])
+def test_a_rate_that_explains_the_rounded_times_holds(save, decimals, first):
+    """60 per second with two decimals has steps of 0.01 and 0.02 s."""
+    times = 5 + np.arange(90) / 60
+    text = rows(range(first, first + 90), times, decimals)
+    recording = open_recording(save(text), any_joints=True)
+    assert (recording.rate_hz, recording.note) == (60.0, "")
+    assert [s.stamp_ns for s in recording.scenes] == [round(k * 1e9 / 60) for k in range(90)]
+
+
+@pytest.mark.parametrize("rate_hz", [0.5, 25, 30, 59, 62, 100, 119.88, 240])
+def test_of_a_stale_rate_and_the_times_the_times_hold(save, rate_hz):
+    times = np.arange(120) / rate_hz
+    recording = open_recording(save(rows(range(1, 121), times, 6)), any_joints=True)
+    assert recording.rate_hz == pytest.approx(rate_hz, rel=1e-4)  # times are rounded to 1 us
+    stamps = np.array([scene.stamp_ns for scene in recording.scenes]) * 1e-9
+    np.testing.assert_allclose(stamps, times, atol=1e-6)
+    assert f"'DataRate' is 60, but by 'Time' it is {recording.rate_hz:g}" in recording.note
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+@pytest.mark.parametrize("timed", [True, False])
+def test_frames_cut_out_are_a_gap(save, numbered, timed):
+    k = np.concatenate([np.arange(30), np.arange(150, 180)])
+    numbers = k + 1 if numbered else np.arange(60) + 1
+    times = k / 60 if timed else np.arange(60) / 60
+    recording = open_recording(save(rows(numbers, times, 6)), any_joints=True)
+    stamps = np.array([scene.stamp_ns for scene in recording.scenes]) * 1e-9
+    np.testing.assert_allclose(stamps, times, atol=1e-6)
+    gap = "120 frames are missing; the longest gap is 2.02 s, after 0.48 s"
+    assert (gap in recording.note) == timed
+    assert ("'Frame#' and 'Time' differ" in recording.note) == (numbered != timed)
+
+
+def test_without_times_the_rate_holds(save):
+    text = rows([1, 2, 5], [0, 0, 0]).replace("\t0.00000\t", "\t\t")
+    recording = open_recording(save(text), any_joints=True)
+    assert [s.stamp_ns for s in recording.scenes] == [0, 16_666_667, 66_666_667]
+    assert "rows without a 'Time': 'DataRate' is used" in recording.note
+
+
+@pytest.mark.parametrize("promised", [1, 2, 4, 900])
+def test_all_rows_are_read_whatever_the_header_counts(save, promised):
+    text = OPENSIM.replace("60.00\t60.00\t3\t", f"60.00\t60.00\t{promised}\t")
+    recording = open_recording(save(text), any_joints=True)
+    assert len(recording.scenes) == 3
+    assert f"'NumFrames' is {promised}, but there are 3 frames" in recording.note
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_encodings_line_ends_and_decimal_commas(tmp_path, encoding, end):
+    path = tmp_path / "a.trc"
+    path.write_text(OPENSIM)
+    expected = joints(open_recording(path, any_joints=True))
+    for text in (OPENSIM, OPENSIM.replace("R.W", "W").replace("L.W", "V").replace(".", ",")):
+        path.write_bytes(text.replace("\n", end).encode(encoding))
+        np.testing.assert_array_equal(joints(open_recording(path, any_joints=True)), expected)
+
+
+def test_spaces_instead_of_tabs(save):
+    text = rows(range(1, 4), np.arange(3) / 60)
+    spaced = "\n".join("   ".join(line.split()) for line in text.split("\n"))
+    expected = joints(open_recording(save(text), any_joints=True))
+    np.testing.assert_array_equal(joints(open_recording(save(spaced), any_joints=True)), expected)
+    with pytest.raises(RecordingError, match="row 8: has 7 cells; expected 8"):
+        open_recording(save(spaced.replace("2   0.01667   100   ", "2   0.01667   ")))
+
+
+def test_a_marker_without_a_name_does_not_shift_the_others(save):
+    text = OPENSIM.replace("R.Wrist", "")
+    recording = open_recording(save(text), any_joints=True)
+    assert recording.joint_map.source_joints == ("L.Wrist",)
+    np.testing.assert_allclose(joints(recording)[0, 0], [[0.1, 0.3, 1.0]], atol=1e-12)
 
 
 def test_a_trace_of_a_can_bus_has_the_same_ending(save):

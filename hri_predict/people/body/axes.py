@@ -1,0 +1,84 @@
+"""Which axes of a source would make its bodies stand: a wrong choice is one of 24 rotations.
+
+Gravity shows which axis is up. No body shows the room's heading, so of the axes with which all
+stand those are named with which people look ahead.
+"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import norm
+from hri_predict.joint_map import axes_rotation
+from hri_predict.people.body.posture import posture_of
+from hri_predict.skeleton import JOINTS
+
+COMMON = (["x", "y", "z"], ["z", "-x", "-y"], ["z", "x", "y"], ["-z", "-x", "y"])
+"""Axes that trackers use (REP-103, a camera's optical frame, y up): tried first."""
+ALIKE = 0.02
+"""Axes that make people stand no straighter than this are not better than more common ones."""
+STANDING = 0.5
+"""Least cosine between gravity and the sum of everybody's down in people who stand or sit."""
+_PAIRS = [(JOINTS.index(f"l_{part}"), JOINTS.index(f"r_{part}")) for part in ("hip", "shoulder")]
+
+
+def all_axes(hands: float) -> Iterator[tuple[list[str], Floats]]:
+    """All 24 axes of one handedness that point forward, left and up; common ones first.
+
+    Args:
+        hands: 1 for right-handed sources, -1 for left-handed ones.
+
+    Returns:
+        axes, and the (3, 3) rotation that they stand for; of determinant ``hands``.
+    """
+    letters = [list(order) for order in itertools.permutations("xyz")]
+    signs = itertools.product(("", "-"), repeat=3)
+    every = [
+        [s + a for s, a in zip(sign, order, strict=True)] for sign in signs for order in letters
+    ]
+    for axes in sorted(every, key=lambda a: COMMON.index(a) if a in COMMON else len(COMMON)):
+        try:
+            yield axes, axes_rotation(axes, left_handed=hands < 0)
+        except ValueError:  # of the other handedness
+            continue
+
+
+def standing_axes(
+    bodies: Sequence[tuple[Floats, Bools]], rotation: Floats, hands: float
+) -> list[str] | None:
+    """Return the axes with which bodies would stand; ``None`` if there are none.
+
+    Args:
+        bodies: (J, 3), (J,) canonical joints, as the axes of now give them.
+        rotation: (3, 3) from the source's axes to forward, left and up, as it is now.
+        hands: -1 if the bodies have left and right swapped now, or else 1.
+    """
+    down = np.sum([posture_of(*body).down for body in bodies], axis=0)
+    length = float(np.linalg.norm(down))
+    across = _across(bodies)
+    found: list[tuple[float, float, list[str]]] = []
+    for axes, turn in all_axes(hands * round(float(np.linalg.det(rotation)))):
+        correction = turn @ rotation.T
+        upright = -float((correction @ down)[2]) / length if length else 0.0
+        if upright > STANDING:
+            left = (across @ correction.T)[:, 1]
+            found.append((upright, float(left.mean()) if len(left) else 0.0, axes))
+    if not found:
+        return None
+    best = max(upright for upright, _, _ in found)
+    alike = [each for each in found if each[0] > best - ALIKE]
+    return max(alike, key=lambda each: each[1])[2]
+
+
+def _across(bodies: Sequence[tuple[Floats, Bools]]) -> Floats:
+    """(n, 3) directions from the right to the left hip, or else shoulder."""
+    found = []
+    for positions, observed in bodies:
+        for left, right in _PAIRS:
+            if observed[left] and observed[right]:
+                found.append(positions[left] - positions[right])
+                break
+    across: Floats = np.array(found).reshape(-1, 3)
+    return across / np.maximum(norm(across), 1e-9)[:, np.newaxis]

@@ -1,0 +1,79 @@
+"""How tall a person is, by the lengths of the limbs, in any posture; and which unit would fit.
+
+Fractions of the stature after Drillis and Contini (1966), as in D. Winter, "Biomechanics and Motor
+Control of Human Movement", fig. 4.1. Trackers put joints a few centimetres apart, which is a tenth
+of a bone; a wrong unit is a factor of more than two.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.geometry import norm
+from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.skeleton import CANONICAL
+
+LEAST_M, MOST_M = 1.2, 2.3
+"""Statures of the adults who work beside robots, with room for trackers' bones."""
+USUAL_M = 1.7
+_LIKELY = 0.2
+"""Logarithm of a ratio to the usual stature (1.39 to 2.08 m) within which a unit itself is meant
+rather than one that was taken for another."""
+_FRACTIONS = {"upper_arm": 0.186, "forearm": 0.146, "thigh": 0.245, "shank": 0.246}
+_BONES = [
+    (segment.joint_a, segment.joint_b, _FRACTIONS[segment.name[2:]])
+    for segment in CANONICAL.segments
+    if segment.name[2:] in _FRACTIONS
+]
+
+
+def stature_m(bodies: Sequence[tuple[Floats, Bools]]) -> float | None:
+    """Return the stature that the limbs of most bodies say; ``None`` if no whole limb is seen.
+
+    Args:
+        bodies: (J, 3) metres and (J,), canonical joints.
+    """
+    if not bodies:
+        return None
+    positions = np.array([body[0] for body in bodies])
+    observed = np.array([body[1] for body in bodies])
+    found = []
+    for a, b, fraction in _BONES:
+        whole = observed[:, a] & observed[:, b]
+        if whole.any():
+            lengths = norm(positions[whole, a] - positions[whole, b])
+            found.append(float(np.median(lengths)) / fraction)
+    return float(np.median(found)) if found else None
+
+
+def is_adult(stature: float) -> bool:
+    """Whether a person can be so tall, in metres."""
+    return LEAST_M <= stature <= MOST_M
+
+
+def fitting_unit(stature: float, scale_to_m: float) -> tuple[float, str] | None:
+    """Return the metres per unit with which people would be adults, and its name.
+
+    Args:
+        stature: as it is now.
+        scale_to_m: metres per unit now.
+
+    Returns:
+        The unit itself, or else the factor of a unit that was taken for another one before, such as
+        inches for centimetres; ``None`` if no unit fits.
+    """
+    units = {real: name for name, real in METRES_PER_UNIT.items()}
+    taken = {
+        scale_to_m * real / other: f"{name} that was taken for {wrong}"
+        for name, real in METRES_PER_UNIT.items()
+        for wrong, other in METRES_PER_UNIT.items()
+        if name != wrong
+    }
+    off = {unit: abs(math.log(stature * unit / scale_to_m / USUAL_M)) for unit in units | taken}
+    likely = [unit for unit in units if off[unit] < _LIKELY]
+    best = min(likely or off, key=off.__getitem__)
+    if not is_adult(stature * best / scale_to_m):
+        return None
+    return best, units.get(best) or taken[best]
