@@ -136,6 +136,11 @@ class StateCheck:
         """What is wrong at ``now_ns``; ``None`` if nothing was found lately."""
         return self._found if now_ns < self._held_until_ns else None
 
+    @property
+    def jitter_s(self) -> float:
+        """How much the delays of the arrivals differ."""
+        return self._spread_s() if self._arrivals else 0.0
+
     def _follow(self, before: _State, state: _State) -> None:
         """Restart if the states do not follow each other."""
         steps = (state.counter - before.counter) % COUNTERS
