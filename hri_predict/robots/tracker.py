@@ -172,7 +172,6 @@ class RobotTracker:
         if line.refused is not None:
             self._counts["invalid"] += 1
             return
-        line.frozen.take(state.counter, q, qd, received_ns)
         self._counts["accepted"] += 1
         tool = self._named(state)
         line.state = Received(np.array(q), np.array(qd), state.mode, received_ns, tool)
@@ -182,8 +181,8 @@ class RobotTracker:
         model = self.model
         check = self._new_check(model.velocity_max, self._noise)
         lead = model.dof - model.reported
-        frozen = FrozenCheck(model.tip_speed, self._acceleration_m_s2, lead)
-        return Line(model, check, frozen)
+        check.frozen = FrozenCheck(model.tip_speed, self._acceleration_m_s2, lead)
+        return Line(model, check)
 
     @property
     def counters(self) -> dict[str, int]:
@@ -192,7 +191,7 @@ class RobotTracker:
         for line in self._lines.values():
             for name, count in line.check.counters.items():
                 found[name] += count
-            found["frozen"] += line.frozen.counter
+            found["frozen"] += 0 if line.check.frozen is None else line.check.frozen.counter
         return {**self._counts, **found}
 
     def at(self, now_ns: int) -> RobotNow:

@@ -21,7 +21,8 @@ def mode_notes(robot: RobotSettings) -> list[str]:
         limit = modes.muting.speed_m_s or robot.max_speed_m_s
         notes.append(
             f"robot {robot.name}: MUTING is allowed: for up to {modes.muting.max_s:g} s nobody "
-            f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; people must be protected "
-            "by other means"
+            f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; that time recovers in "
+            f"{modes.muting.recovery_s:g} s without a request, so people may be ignored for "
+            f"{modes.muting.share:.0%} of the time; they must be protected by other means"
         )
     return notes

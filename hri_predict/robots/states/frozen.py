@@ -8,9 +8,10 @@ cannot be new:
   was last measured when it arrived there. Its age counts from then on: the node carries it on by
   its velocity, as it does when RobotState is late, and stops believing it at the age at which
   RobotState is stale.
-- *A stop that no robot can make.* From a speed v the fastest point needs at least v^2 / (2 a) to
-  stop. A place that is held from the last moving state on, with velocities of zero, is believed
-  only after it has changed: a robot that was frozen in this way looks like one that stands.
+- *A stop that no robot can make.* From a speed v the fastest point needs at least v^2 / (2 a) and
+  v / a to stop. A robot that stands at once where it was, or within one cycle of its sender, is
+  believed only after its place has changed: a robot that was frozen in this way looks like one
+  that stands.
 
 A robot that stands reports the same place for minutes, with velocities of zero: that is believed.
 So a state that is frozen while the robot stands, or moves more slowly than these rules see, is not
@@ -23,20 +24,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from hri_predict.arrays import Floats
-from hri_predict.robots.plausibility import COUNTERS, LAG_S, PAUSE_S, RESTART
 
+COUNTERS = 1 << 16
+RESTART = 1000
+"""A counter that advances by more has restarted."""
+PAUSE_S = 0.2
+"""After a longer silence the comparison starts anew."""
+LAG_S = 0.03
+"""How long a controller may filter its velocities."""
 MOVES = 0.01
 """A slower coordinate may stand: noise of a velocity, rad/s or m/s (``plausibility``)."""
 DITHER = 0.0005
-"""A smaller change of a place is noise of an encoder that stands: two steps of the wire, rad, m."""
+"""A smaller change of a place is no motion: two steps of the wire, rad, m."""
 BASE_DITHER = 0.001
 """The same of a moving base's place and heading, whose steps on the wire are larger."""
 TRAVEL = 0.002
 """A coordinate that should have moved by this, rad or m, is held."""
 BASE_HELD_S = 0.25
 """A base's place may be held for this long: its localisation may be slower than RobotState."""
-HARDEST = 4.0
-"""An emergency stop brakes at most this many times as hard as the robot accelerates."""
+HARDEST = 2.0
+"""No stop is harder than this many times the robot's acceleration."""
+CYCLE_S = 0.005
+"""A sender's cycle may be longer by this than on average."""
 LEAST_WAY_M = 0.0005
 """A shorter way to stop does not show in the positions."""
 STANDS_SHARE = 0.2
@@ -88,10 +97,22 @@ class FrozenCheck:
         self.counter = 0
 
     def take(
-        self, counter: int, q: tuple[float, ...], qd: tuple[float, ...], received_ns: int
+        self,
+        counter: int,
+        q: tuple[float, ...],
+        qd: tuple[float, ...],
+        *,
+        received_ns: int,
+        period_s: float,
     ) -> None:
-        """Take one state of this link, in the order of arrival; ``q``, ``qd``: N rad and rad/s, or
-        m and m/s."""
+        """Take one state of this link, in the order of arrival.
+
+        Args:
+            counter: its own.
+            q, qd: (N,) rad and rad/s, or m and m/s.
+            received_ns: node's clock.
+            period_s: of the sender; 0: not known yet.
+        """
         before, state = self._newest, _State(counter, received_ns, q, qd)
         self._newest = state
         if before is None or (counter - before.counter) % COUNTERS > RESTART:
@@ -102,10 +123,10 @@ class FrozenCheck:
             self._begin(state)
         else:
             self._follow(before, state)
-        if self._stopped is not None and self._moved(self._stopped, q):
+        if self._stopped is not None and self._stopped != q:
             self._stopped = None
-        if self._stopped is None and self._stops_impossibly(before, state):
-            self._stopped = before.q
+        if self._stopped is None and self._stops_impossibly(before, state, period_s):
+            self._stopped = q
             self.counter += 1
 
     def ages_s(self, now_ns: int) -> list[float] | None:
@@ -151,15 +172,19 @@ class FrozenCheck:
             for j, (p, q) in enumerate(zip(a, b, strict=True))
         )
 
-    def _stops_impossibly(self, before: _State, state: _State) -> bool:
-        """Whether the state stands where the one before moved too fast to stand there."""
+    def _stops_impossibly(self, before: _State, state: _State, period_s: float) -> bool:
+        """Whether the state stands, and the one before moved too fast to stand there so soon."""
         fastest = max(map(abs, before.qd))
         if fastest <= MOVES or max(map(abs, state.qd)) > min(MOVES, STANDS_SHARE * fastest):
             return False
+        speed_m_s = float(self._fastest_point(np.array(before.q), np.array(before.qd)))
+        hardest = HARDEST * self._acceleration
+        since_s = max((state.received_ns - before.received_ns) * 1e-9, period_s) + CYCLE_S
+        follows = (state.counter - before.counter) % COUNTERS == 1 and since_s <= LAG_S
+        if follows and period_s > 0 and speed_m_s > hardest * since_s:
+            return True
         if self._moved(before.q, state.q):
             return False
-        speed_m_s = float(self._fastest_point(np.array(before.q), np.array(before.qd)))
-        follows = (state.counter - before.counter) % COUNTERS == 1
-        if not follows or state.received_ns - before.received_ns > LAG_S * 1e9:
+        if not follows:  # its velocity may be filtered, and so be late
             speed_m_s = max(speed_m_s - self._acceleration * LAG_S, 0.0)
-        return speed_m_s**2 / (2 * HARDEST * self._acceleration) > LEAST_WAY_M
+        return speed_m_s**2 / (2 * hardest) > LEAST_WAY_M

@@ -10,7 +10,6 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotModel, StateMotion
 from hri_predict.robots.plausibility import StateCheck
 from hri_predict.robots.states.agreement import Place
-from hri_predict.robots.states.frozen import FrozenCheck
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,20 +35,19 @@ class Line:
 
     Args:
         model: the robot.
-        check: compares positions with velocities.
-        frozen: finds places that are not new.
+        check: compares its states with each other.
 
     Attributes:
-        check, frozen: as given.
+        check: as given.
         counter: of the newest state; ``None`` before the first.
         state: the newest acceptable one.
         refused: why the newest one was refused; ``None`` if it was accepted.
         heard_ns: when the newest one came.
     """
 
-    def __init__(self, model: RobotModel, check: StateCheck, frozen: FrozenCheck) -> None:
+    def __init__(self, model: RobotModel, check: StateCheck) -> None:
         self._model = model
-        self.check, self.frozen = check, frozen
+        self.check = check
         self.counter: int | None = None
         self.state: Received | None = None
         self.refused: Reason | None = None
@@ -61,7 +59,10 @@ class Line:
 
     def is_frozen(self, now_ns: int, stale_s: float) -> bool:
         """Whether it repeats an old place in states that look fresh."""
-        return self.is_fresh(now_ns, stale_s) and self.frozen.is_frozen(now_ns, stale_s)
+        frozen = self.check.frozen
+        if frozen is None or not self.is_fresh(now_ns, stale_s):
+            return False
+        return frozen.is_frozen(now_ns, stale_s)
 
     def reasons(self, now_ns: int, stale_s: float) -> list[Reason]:
         """Why its states say nothing."""
@@ -76,8 +77,8 @@ class Line:
         age_s = max((now_ns - state.received_ns) * 1e-9, 0.0)
         ahead_s: float | Floats = min(age_s, motion.stale_s) + motion.delay_s
         longest_s = float(ahead_s)
-        held_s = self.frozen.ages_s(now_ns)
-        if held_s is not None and not self.frozen.is_frozen(now_ns, motion.stale_s):
+        held_s = None if self.check.frozen is None else self.check.frozen.ages_s(now_ns)
+        if held_s is not None and not self.is_frozen(now_ns, motion.stale_s):
             ahead_s = np.maximum(held_s, 0.0) + motion.delay_s
             longest_s = float(ahead_s.max())
         lowest = np.minimum(model.position_min, state.q)
