@@ -67,6 +67,7 @@ class _State:
     received_ns: int
     q: tuple[float, ...]
     qd: tuple[float, ...]
+    measured_ns: int  # when its content came first
 
 
 class FrozenCheck:
@@ -113,8 +114,11 @@ class FrozenCheck:
             received_ns: node's clock.
             period_s: of the sender; 0: not known yet.
         """
-        before, state = self._newest, _State(counter, received_ns, q, qd)
-        self._newest = state
+        before = self._newest
+        measured_ns = received_ns
+        if before is not None and (q, qd) == (before.q, before.qd):
+            measured_ns = before.measured_ns
+        state = self._newest = _State(counter, received_ns, q, qd, measured_ns)
         if before is None or (counter - before.counter) % COUNTERS > RESTART:
             self._begin(state)
             self._stopped = None
@@ -132,11 +136,11 @@ class FrozenCheck:
     def ages_s(self, now_ns: int) -> list[float] | None:
         """(N,) seconds since each coordinate was measured where it is; ``None``: since the newest
         state came, all of them."""
-        if not any(place.travel > TRAVEL for place in self._places):
+        if not any(abs(place.travel) > TRAVEL for place in self._places):
             return None
         assert self._newest is not None  # or there were no places
         return [
-            (now_ns - (p.since_ns if p.travel > TRAVEL else self._newest.received_ns)) * 1e-9
+            (now_ns - (p.since_ns if abs(p.travel) > TRAVEL else self._newest.received_ns)) * 1e-9
             for p in self._places
         ]
 
@@ -145,7 +149,7 @@ class FrozenCheck:
         RobotState is stale."""
         of_base_s = max(stale_s, BASE_HELD_S)
         is_held = any(
-            place.travel > TRAVEL
+            abs(place.travel) > TRAVEL
             and now_ns - place.since_ns > (of_base_s if j < self._lead else stale_s) * 1e9
             for j, place in enumerate(self._places)
         )
@@ -163,7 +167,7 @@ class FrozenCheck:
             if abs(v) <= MOVES or abs(q - place.at) > dither:
                 place.at, place.since_ns, place.travel = q, state.received_ns, 0.0
             else:
-                place.travel += abs(v) * h
+                place.travel += v * h
 
     def _moved(self, a: tuple[float, ...], b: tuple[float, ...]) -> bool:
         lead = self._lead
@@ -179,7 +183,7 @@ class FrozenCheck:
             return False
         speed_m_s = float(self._fastest_point(np.array(before.q), np.array(before.qd)))
         hardest = HARDEST * self._acceleration
-        since_s = max((state.received_ns - before.received_ns) * 1e-9, period_s) + CYCLE_S
+        since_s = max((state.received_ns - before.measured_ns) * 1e-9, period_s) + CYCLE_S
         follows = (state.counter - before.counter) % COUNTERS == 1 and since_s <= LAG_S
         if follows and period_s > 0 and speed_m_s > hardest * since_s:
             return True
