@@ -23,9 +23,10 @@ class MutedTime:
     """
 
     def __init__(self, settings: MutingMode) -> None:
-        self._max_ns = round(settings.max_s * _NS)
-        self._rate = settings.max_s / settings.recovery_s
-        self._left_ns = self._max_ns
+        self._max_s = settings.max_s
+        self._rate = settings.recovery_s / settings.max_s
+        self._whole_ns = settings.recovery_s * _NS
+        self._debt_ns = 0.0  # time without a request until all of it is back
         self._used_up = False
         self._before_ns: int | None = None
         self._was_released = False
@@ -40,17 +41,17 @@ class MutedTime:
         """
         since_ns = max(now_ns - (self._before_ns if self._before_ns is not None else now_ns), 0)
         if muted:
-            self._left_ns -= since_ns
+            self._debt_ns += since_ns * self._rate
         elif released and self._was_released:
-            self._left_ns = min(self._left_ns + int(since_ns * self._rate), self._max_ns)
+            self._debt_ns = max(self._debt_ns - since_ns, 0.0)
         self._before_ns, self._was_released = now_ns, released
-        if self._left_ns <= 0:
+        if self._debt_ns > self._whole_ns - 1.0:  # 1 ns: rounding of the product
             self.use_up()
-        self._used_up = self._used_up and self._left_ns < self._max_ns
+        self._used_up = self._used_up and self._debt_ns > 1.0
 
     def use_up(self) -> None:
         """Leave nothing: what was used is not known, or all of it was."""
-        self._left_ns, self._used_up = min(self._left_ns, 0), True
+        self._debt_ns, self._used_up = self._whole_ns, True
 
     @property
     def may_begin(self) -> bool:
@@ -60,12 +61,12 @@ class MutedTime:
     @property
     def left_s(self) -> float:
         """Seconds that it may still last."""
-        return 0.0 if self._used_up else self._left_ns / _NS
+        return 0.0 if self._used_up else self._max_s - self._debt_ns / self._rate / _NS
 
     @property
     def used_s(self) -> int:
         """Whole seconds used, rounded up; all of them until a budget that was used up is back."""
-        return math.ceil((self._max_ns - (0 if self._used_up else self._left_ns)) / _NS)
+        return math.ceil(self._max_s - self.left_s)
 
     def recall(self, used_s: float) -> None:
         """Take ``used_s`` from an earlier run.
@@ -75,6 +76,6 @@ class MutedTime:
         """
         if not 0 <= used_s < math.inf:
             raise ValueError(f"{used_s} s of muting")
-        self._left_ns = self._max_ns - round(used_s * _NS)
-        if self._left_ns <= 0:
+        self._debt_ns = used_s * self._rate * _NS
+        if used_s >= self._max_s:
             self.use_up()

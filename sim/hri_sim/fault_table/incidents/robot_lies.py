@@ -83,9 +83,9 @@ ROBOT_LIES = (
         name="robot: both controllers say from one state to the next that it stands",
         people=(_COMES,),
         duration_s=9.0,
-        lies=({"kind": "stand", "start_s": 2.5},),
+        lies=({"kind": "stand", "start_s": 3.5},),
         modes=_ALL_MODES,
-        not_moving=(2.8, 9.0),
+        not_moving=(3.7, 9.0),
         says=(Reason.ROBOT_STATE_FROZEN,),
     ),
     Incident(
