@@ -1,11 +1,17 @@
-"""What ``check`` says of the operating modes that a configuration allows."""
+"""What ``check`` says of the operating modes that a configuration allows, and of robots by file."""
 
-from hri_predict.robots.model import RobotSettings
+from hri_predict.robots.model import RobotSettings, TrajectoryMotion
 
 
 def mode_notes(robot: RobotSettings) -> list[str]:
-    """One plain warning for each mode that this robot allows."""
+    """One plain warning for each mode that this robot allows, and one if a file moves it."""
     modes, notes = robot.modes, []
+    if isinstance(robot.motion, TrajectoryMotion):
+        notes.append(
+            f"robot {robot.name}: motion.kind trajectory: the file says where it is, whatever it "
+            "is advised; a robot that obeys the advice is soon elsewhere (unknown, if its "
+            "controller sends RobotState; a danger, if not): set motion: {kind: state} for it"
+        )
     if modes.teach is not None:
         notes.append(
             f"robot {robot.name}: TEACH is allowed: in manual mode, while the enabling device is "

@@ -80,9 +80,7 @@ def test_controllers_that_report_the_same_robot_agree(late_s: float, rate: float
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.15, 2.5), st.sampled_from([-1, 1]), st.sampled_from(["serial", "can"]))
-def test_controllers_that_put_it_apart_are_not_believed(
-    angle: float, sign: int, link: str
-) -> None:
+def test_controllers_that_put_it_apart_are_not_believed(angle: float, sign: int, link: str) -> None:
     pair = Pair(rate=0.5)
     lie = turned(sign * angle)
     for _ in range(100):
@@ -131,9 +129,7 @@ def test_a_silent_controller_is_not_compared() -> None:
     pair = Pair(rate=0.2)
     pair.tick()
     pair._send("gone", pair.now_ns, turned(0.6))
-    found = []
-    for _ in range(100):
-        found.append(pair.tick().reasons)
+    found = [pair.tick().reasons for _ in range(100)]
     assert found[0] == (CONTRADICT,)
     assert found[-1] == ()
 
