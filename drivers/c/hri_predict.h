@@ -23,7 +23,7 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 
 /* generated: begin (renew: hri-predict protocol c-header) */
 #define HRI_SCHEMA_VERSION 2u
-#define HRI_SCHEMA_HASH 0xDB28BBACu
+#define HRI_SCHEMA_HASH 0xBEA0FBA1u
 #define HRI_DEFAULT_BASE_ID 0x680u
 #define HRI_LAST_NUMBER 0x5Fu
 #define HRI_MAX_ROBOTS 8u
@@ -97,6 +97,8 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #define HRI_REASON_ROBOT_TOO_FAST 35u
 #define HRI_REASON_ROBOT_STOPS_LATE 36u
 #define HRI_REASON_ROBOT_BASE_UNKNOWN 37u
+#define HRI_REASON_ROBOT_STATE_FROZEN 38u
+#define HRI_REASON_ROBOT_STATES_CONTRADICT 39u
 #define HRI_REASON_PREDICTOR_FAILED 40u
 #define HRI_REASON_PREDICTOR_LATE 41u
 #define HRI_REASON_NODE_FAULT 42u

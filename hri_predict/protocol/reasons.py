@@ -39,6 +39,8 @@ class Reason(IntEnum):
     ROBOT_TOO_FAST = 35
     ROBOT_STOPS_LATE = 36
     ROBOT_BASE_UNKNOWN = 37
+    ROBOT_STATE_FROZEN = 38
+    ROBOT_STATES_CONTRADICT = 39
     PREDICTOR_FAILED = 40
     PREDICTOR_LATE = 41
     NODE_FAULT = 42
@@ -178,6 +180,16 @@ _TEXT = {
     Reason.ROBOT_BASE_UNKNOWN: (
         "RobotState does not say where the robot's moving base is",
         "the controller reports the base's pose and velocity",
+    ),
+    Reason.ROBOT_STATE_FROZEN: (
+        "RobotState repeats an old place: it reports motion, but no new place, or a stop that is "
+        "impossible",
+        "the positions in RobotState change again, or the controller is started again",
+    ),
+    Reason.ROBOT_STATES_CONTRADICT: (
+        "two RobotStates, or RobotState and the configured trajectory, put the robot in different "
+        "places",
+        "all of them have agreed for 3 s",
     ),
     Reason.PREDICTOR_FAILED: (
         "the predictor failed; physical limits are used instead",

@@ -44,7 +44,8 @@ FUTURE_NS = 50_000_000
 """A capture that is later than now by more than this means a broken clock."""
 STRETCH_STEP = 1.1
 """A late stop is revised in such steps while it lasts: each costs a table."""
-_LIES = (Reason.ROBOT_VELOCITY_WRONG, Reason.ROBOT_STATE_JUMPED)
+_LIES = {Reason.ROBOT_VELOCITY_WRONG, Reason.ROBOT_STATE_JUMPED}
+_LIES |= {Reason.ROBOT_STATE_FROZEN, Reason.ROBOT_STATES_CONTRADICT}
 _OF_PREDICTOR = (Reason.PREDICTOR_FAILED, Reason.PREDICTOR_LATE)
 
 

@@ -1,8 +1,8 @@
 """The operating modes that an integrator may allow for a robot; none is allowed by default."""
 
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.settings import MIN_SPEED_M_S, Settings
@@ -35,6 +35,10 @@ class RecoveryMode(Settings):
     safety: ClassVar[Safety] = harmless("speed_m_s")
 
 
+RESTS = 9
+"""By default, muting takes this many times its own time to recover: a tenth of the time at most."""
+
+
 class MutingMode(Settings):
     """People and zones do not stop the robot, for a limited time."""
 
@@ -42,7 +46,15 @@ class MutingMode(Settings):
         ge=1,
         le=600,
         strict=True,
-        description="then it ends by itself, and the request must be released",
+        description="time in all, over any number of requests, until it has recovered; then it"
+        " ends by itself, and the request must be released",
+    )
+    rest_s: float | None = Field(
+        None,
+        le=86_400,
+        strict=True,
+        description="time without a request in which max_s recovers; part of it recovers a part,"
+        " but once used up it counts again only as a whole; default: nine times max_s",
     )
     speed_m_s: float | None = Field(
         None,
@@ -52,7 +64,29 @@ class MutingMode(Settings):
         description="of the fastest point; default: the robot's highest",
     )
 
-    safety: ClassVar[Safety] = harmless("speed_m_s")  # a value can only lower it
+    safety: ClassVar[Safety] = {
+        **harmless("speed_m_s"),  # a value can only lower it
+        "rest_s": LessSafe(other="the robot may be muted again after {value:g} s"),
+    }
+
+    @property
+    def recovery_s(self) -> float:
+        """Time without a request in which all of ``max_s`` recovers."""
+        return RESTS * self.max_s if self.rest_s is None else self.rest_s
+
+    @property
+    def share(self) -> float:
+        """The share of the time, in the long run, in which the robot may be muted."""
+        return self.max_s / (self.max_s + self.recovery_s)
+
+    @model_validator(mode="after")
+    def _rests(self) -> Self:
+        if self.recovery_s < self.max_s:
+            raise ValueError(
+                f"rest_s {self.recovery_s:g} is shorter than max_s {self.max_s:g}, so people would "
+                "be ignored for more than half of the time; raise rest_s, or lower max_s"
+            )
+        return self
 
 
 class ModeSettings(Settings):

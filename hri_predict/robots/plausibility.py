@@ -22,6 +22,7 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.protocol.reasons import Reason
+from hri_predict.robots.states.frozen import COUNTERS, LAG_S, PAUSE_S, RESTART, FrozenCheck
 
 WINDOW_S = 0.3
 """How far back states are compared."""
@@ -35,12 +36,8 @@ MEMORY_S = 2.0
 """How long arrivals are kept to measure the jitter."""
 LEARNT_S = 0.4
 """Arrivals over a shorter time do not show the jitter yet, so nothing is compared before."""
-PAUSE_S = 0.2
-"""After a longer silence the comparison starts anew."""
 JITTER_S = 0.01
 """Jitter of a sender's own cycle; the jitter that the arrivals show is added."""
-LAG_S = 0.03
-"""How long a controller may filter its velocities."""
 SHARE = 0.2
 """Permitted error of velocities, as a part of the reported travel: encoders only estimate them."""
 NOISE = 0.004
@@ -57,9 +54,6 @@ ONE_STEP = 0.7
 """If one step has this share of a deviation, the deviation is a jump of the position."""
 HELD_S = 3.0
 """A finding is held this long after it was last made: a robot that stops disproves nothing."""
-COUNTERS = 1 << 16
-RESTART = 1000
-"""A counter that advances by more has restarted."""
 RESTARTS, RESTARTS_S = 3, 2.0
 """A counter that restarts so often in this time does not count: nothing can be compared."""
 
@@ -93,6 +87,7 @@ class StateCheck:
             but too little for a finding; ``None`` if there is none. The true velocity may be this
             much higher.
         counters: numbers of the findings ``velocity_wrong``, ``jumped`` and ``miscounted``.
+        frozen: looks for an old place that is repeated; its owner sets it. ``None``: nobody does.
     """
 
     def __init__(self, velocity_max: Floats, noise: Floats | float = 0.0) -> None:
@@ -110,6 +105,7 @@ class StateCheck:
         self.unreported: Floats | None = None
         self._restarts_ns: deque[int] = deque(maxlen=RESTARTS)
         self.counters = {"velocity_wrong": 0, "jumped": 0, "miscounted": 0}
+        self.frozen: FrozenCheck | None = None
 
     def take(
         self, counter: int, q: tuple[float, ...], qd: tuple[float, ...], received_ns: int
@@ -131,10 +127,24 @@ class StateCheck:
             self.confirmed, self.unreported = False, None
             found = self._compare()
         self._conclude(found, received_ns)
+        if self.frozen is not None:
+            self.frozen.take(counter, q, qd, received_ns=received_ns, period_s=self.period_s)
 
     def reason(self, now_ns: int) -> Reason | None:
         """What is wrong at ``now_ns``; ``None`` if nothing was found lately."""
         return self._found if now_ns < self._held_until_ns else None
+
+    @property
+    def period_s(self) -> float:
+        """The sender's cycle on average; 0: not known yet."""
+        first, last = (self._arrivals[0], self._arrivals[-1]) if self._arrivals else ((0, 0),) * 2
+        known = last[0] - first[0] >= LEARNT_S * 1e9 and last[1] > first[1]
+        return (last[0] - first[0]) * 1e-9 / (last[1] - first[1]) if known else 0.0
+
+    @property
+    def jitter_s(self) -> float:
+        """How much the delays of the arrivals differ."""
+        return self._spread_s() if self._arrivals else 0.0
 
     def _follow(self, before: _State, state: _State) -> None:
         """Restart if the states do not follow each other."""

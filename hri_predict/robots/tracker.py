@@ -1,7 +1,6 @@
 """Where a robot is now, or why that is unknown."""
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from hri_predict.errors import RobotError
 from hri_predict.geometry import Capsules
 from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
-from hri_predict.quantities.units import meant
 from hri_predict.robots.asked import NOTHING_ASKED, Asked, AskedByLinks
 from hri_predict.robots.model import (
     RobotModel,
@@ -22,18 +20,21 @@ from hri_predict.robots.model import (
     TrajectoryMotion,
 )
 from hri_predict.robots.plan import OnPlan, Plan
-from hri_predict.robots.plausibility import StateCheck
-from hri_predict.robots.settings import POSITION_TOLERANCE
-from hri_predict.robots.trajectory import load_trajectory
+from hri_predict.robots.plausibility import HELD_S, StateCheck
+from hri_predict.robots.states.agreement import Place, apart_m, permitted_m
+from hri_predict.robots.states.frozen import FrozenCheck
+from hri_predict.robots.states.line import Line, Received
+from hri_predict.robots.states.reader import StateReader
+from hri_predict.robots.trajectory import load_trajectory, standing_at
 
 PLACE_STEP_S = 0.3
 """A robot that backs out is at most so far, in seconds of its plan, from where it was before."""
 BACK_S = 0.05
 """Of two places with the same joints, it is at the one nearest to so far back. Where a path turns
 round, that takes it on; either way the joints that follow are those that are judged."""
-VELOCITY_TOLERANCE = 0.1
-"""How far beyond a limit a reported velocity may lie, as a fraction of the limit: a servo
-overshoots for a moment."""
+FASTER_M_S = 0.05
+"""A controller that reports the robot faster than the newest state does, by more than this, is the
+one that counts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -48,8 +49,9 @@ class RobotNow:
             what is reported and what the change of the positions proves.
         reasons: why it cannot be trusted; empty if it can.
         uncertainty_m: how far any point may be from where ``q`` puts it because the arm changed its
-            speed since RobotState came: acceleration x age^2 / 2; and because a moving base is not
-            quite where it is said to be. Add it to Z_r.
+            speed since RobotState came: acceleration x age^2 / 2; because a moving base is not
+            quite where it is said to be; and because another controller says a little different.
+            Add it to Z_r.
         age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
         capsules: (C,) of the model at ``q``, if they were computed with the speed.
         on_plan: its place on the tracker's ``plan``; ``None`` if it is not found there.
@@ -78,21 +80,6 @@ class RobotNow:
         return replace(self, reasons=tuple(r for r in self.reasons if r is not reason))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Received:
-    """The newest acceptable RobotState."""
-
-    q: Floats
-    qd: Floats
-    mode: RobotMode
-    received_ns: int
-    link: str
-
-
-_Joints = tuple[tuple[float, ...], tuple[float, ...]]
-"""Positions and velocities, the base's first."""
-
-
 class RobotTracker:
     """Follows one robot by its RobotState, its trajectory file, or standing still.
 
@@ -108,7 +95,8 @@ class RobotTracker:
         settings, model: as given.
         plan: the path that it follows; ``None`` if unknown.
         counters: states ``accepted``, ``repeated`` (same counter, so not fresh), ``invalid``, and
-            found to be ``velocity_wrong``, ``jumped`` or ``miscounted`` (see ``StateCheck``).
+            found to be ``velocity_wrong``, ``jumped`` or ``miscounted`` (see ``StateCheck``) or
+            ``frozen``; and how often states ``contradicted`` each other or the trajectory.
 
     Raises:
         RobotError: the trajectory or the standing position does not fit the robot.
@@ -125,27 +113,21 @@ class RobotTracker:
     ) -> None:
         self.settings = settings
         self.model = model
-        self._counts = {"accepted": 0, "repeated": 0, "invalid": 0}
+        self._counts = {"accepted": 0, "repeated": 0, "invalid": 0, "contradicted": 0}
         self._new_check = check
-        self._checks: dict[str, StateCheck] = {}
+        self._reader = StateReader(model)
+        self._lines: dict[str, Line] = {}
         self._start_ns = start_ns
-        self._state: _Received | None = None
-        self._refused: Reason | None = None
-        self._tools: dict[str, tuple[int, int | None]] = {}  # by link: when and which
-        self._yaw: dict[str, float] = {}  # by link: of the base, without jumps of a full turn
-        self._last_counter: dict[str, int] = {}
-        self._bounds = list(
-            zip(
-                (model.position_min - POSITION_TOLERANCE).tolist(),
-                (model.position_max + POSITION_TOLERANCE).tolist(),
-                strict=True,
-            )
-        )
-        self._fastest = (model.velocity_max * (1 + VELOCITY_TOLERANCE)).tolist()
+        self._contradict_until_ns = 0
+        self._reported = StateMotion()
+        if isinstance(settings.motion, StateMotion):
+            self._reported = settings.motion
+        self._acceleration_m_s2 = self._reported.acceleration_m_s2
         self._noise = np.zeros(model.dof)
         if settings.base is not None:  # two states may be off in opposite directions
             place, heading = settings.base.uncertainty_m, settings.base.uncertainty_rad
             self._noise[:3] = 2 * place, 2 * place, 2 * heading
+            self._acceleration_m_s2 += settings.base.acceleration_m_s2
         self.plan: Plan | None = None
         self._on_plan: OnPlan | None = None
         self._located_ns = 0
@@ -153,7 +135,7 @@ class RobotTracker:
         self._place_s: float | None = None
         motion = settings.motion
         if isinstance(motion, StandingMotion):
-            self._standing = self._checked_standing(motion)
+            self._standing = standing_at(motion, model, settings.name)
         elif isinstance(motion, TrajectoryMotion):
             self.plan = self._planned(motion.file, base_dir)
         elif motion.plan is not None:
@@ -172,36 +154,45 @@ class RobotTracker:
             received_ns: time of receipt, node's clock.
             link: the link it came on; each link has its own counter.
         """
-        if self._last_counter.get(link) == state.counter:
+        line = self._lines.get(link)
+        if line is None:
+            line = self._lines[link] = self._new_line()
+        if line.counter == state.counter:
             self._counts["repeated"] += 1
             return
-        self._last_counter[link] = state.counter
-        joints = self._joints(state, link)
+        line.counter, line.heard_ns = state.counter, received_ns
+        joints = self._reader.joints(state, link)
         if isinstance(joints, Reason):
             self._counts["invalid"] += 1
-            self._refused = joints
+            line.refused = joints
             return
         q, qd = joints
-        if link not in self._checks:
-            self._checks[link] = self._new_check(self.model.velocity_max, self._noise)
-        self._checks[link].take(state.counter, q, qd, received_ns)
-        self._refused = None if self._is_possible(qd) else Reason.ROBOT_STATE_INVALID
-        if self._refused is not None:
+        line.check.take(state.counter, q, qd, received_ns)
+        line.refused = None if self._reader.is_possible(qd) else Reason.ROBOT_STATE_INVALID
+        if line.refused is not None:
             self._counts["invalid"] += 1
             return
         self._counts["accepted"] += 1
-        self._state = _Received(np.array(q), np.array(qd), state.mode, received_ns, link)
-        self._tools[link] = received_ns, self._named(state)
+        tool = self._named(state)
+        line.state = Received(np.array(q), np.array(qd), state.mode, received_ns, tool)
         self._asked.take(state, received_ns, link)
+
+    def _new_line(self) -> Line:
+        model = self.model
+        check = self._new_check(model.velocity_max, self._noise)
+        lead = model.dof - model.reported
+        check.frozen = FrozenCheck(model.tip_speed, self._acceleration_m_s2, lead)
+        return Line(model, check)
 
     @property
     def counters(self) -> dict[str, int]:
         """What came of the RobotStates; see the class."""
-        counts = {**self._counts, "velocity_wrong": 0, "jumped": 0, "miscounted": 0}
-        for check in self._checks.values():
-            for name, count in check.counters.items():
-                counts[name] += count
-        return counts
+        found = {"velocity_wrong": 0, "jumped": 0, "miscounted": 0, "frozen": 0}
+        for line in self._lines.values():
+            for name, count in line.check.counters.items():
+                found[name] += count
+            found["frozen"] += 0 if line.check.frozen is None else line.check.frozen.counter
+        return {**self._counts, **found}
 
     def at(self, now_ns: int) -> RobotNow:
         """Where the robot is at ``now_ns``, node's clock.
@@ -209,10 +200,22 @@ class RobotTracker:
         With RobotState, the joints move on at their reported velocity over the state's age (its
         link's delay plus at most ``stale_s`` since its receipt), but not past their limits.
         ``uncertainty_m`` bounds the effect of a change of speed since then.
+
+        A robot that stands or follows a trajectory is unknown where a RobotState says otherwise.
         """
         motion = self.settings.motion
         if isinstance(motion, StateMotion):
             return self._by_state(motion, now_ns)
+        now = self._by_plan(motion, now_ns)
+        states = [line.place(now_ns, self._reported) for line in self._fresh(now_ns)]
+        assert now.q is not None  # a plan always says where it is
+        assert now.qd is not None
+        off_m = self._off_m(Place(now.q, now.qd), now.speed_m_s, states, now_ns)
+        if off_m is None:
+            return _nowhere((Reason.ROBOT_STATES_CONTRADICT,))
+        return replace(now, uncertainty_m=off_m)
+
+    def _by_plan(self, motion: TrajectoryMotion | StandingMotion, now_ns: int) -> RobotNow:
         if isinstance(motion, StandingMotion):
             return RobotNow(q=self._standing, qd=np.zeros(self.model.dof), speed_m_s=0.0)
         assert self.plan is not None  # __init__ loaded it
@@ -226,47 +229,89 @@ class RobotTracker:
         )
 
     def _by_state(self, motion: StateMotion, now_ns: int) -> RobotNow:
-        state = self._state
-        wrong = self._wrong(now_ns)
-        if state is None or wrong:
-            why = wrong or (Reason.ROBOT_STATE_STALE,)
-            return RobotNow(q=None, qd=None, speed_m_s=0.0, reasons=why, age_s=None)
+        lines, wrong = self._fresh(now_ns), self._wrong(now_ns)
+        line = self._fastest(lines) if lines else self._newest()
+        frozen = [each.is_frozen(now_ns, motion.stale_s) for each in lines]
+        reasons = [Reason.ROBOT_STATE_FROZEN] if any(frozen) else []
+        if line is None or line.state is None or wrong:
+            return _nowhere((*reasons, *wrong) or (Reason.ROBOT_STATE_STALE,))
+        state, place = line.state, line.place(now_ns, motion)
         age_s = max((now_ns - state.received_ns) * 1e-9, 0.0)
-        reasons: list[Reason] = []
         if age_s > motion.stale_s:
             reasons.append(Reason.ROBOT_STATE_STALE)
         if state.mode != RobotMode.AUTOMATIC:
             reasons.append(Reason.ROBOT_NOT_AUTOMATIC)
-        ahead_s = min(age_s, motion.stale_s) + motion.delay_s
-        lowest = np.minimum(self.model.position_min, state.q)
-        highest = np.maximum(self.model.position_max, state.q)
-        q = np.minimum(np.maximum(state.q + state.qd * ahead_s, lowest), highest)
-        tool = self._tool(now_ns, motion.stale_s)
+        tool = self._tool(lines)
         model = self.model.counting(tool)
-        capsules, speed = model.moving(q, state.qd)
-        check = self._checks[state.link]
-        if check.unreported is not None:
-            speed = np.maximum(speed, model.tip_speed(q, state.qd + check.unreported))
-        acceleration_m_s2, off_m = motion.acceleration_m_s2, 0.0
+        capsules, speed = model.moving(place.q, state.qd)
+        if line.check.unreported is not None:
+            unreported = state.qd + line.check.unreported
+            speed = np.maximum(speed, model.tip_speed(place.q, unreported))
+        others = [each.place(now_ns, motion) for each in lines if each is not line]
+        off_m = self._off_m(place, float(speed), others, now_ns)
+        if off_m is None:
+            return _nowhere((Reason.ROBOT_STATES_CONTRADICT,))
+        off_m += self._acceleration_m_s2 * place.ahead_s**2 / 2
         if model.mobile is not None:
-            acceleration_m_s2 += model.mobile.settings.acceleration_m_s2
-            off_m = model.mobile.uncertainty_m
-        on_plan = self._along_plan(state, ahead_s)
+            off_m += model.mobile.uncertainty_m
         asked = self._asked.at(now_ns, motion.stale_s)
         return RobotNow(
-            q=q,
+            q=place.q,
             qd=state.qd,
             speed_m_s=float(speed),
             reasons=tuple(reasons),
             asked=asked,
+            on_plan=self._along_plan(state, place.ahead_s),
             place_s=self._placed(state, asked),
-            uncertainty_m=acceleration_m_s2 * ahead_s**2 / 2 + off_m,
+            uncertainty_m=off_m,
             age_s=age_s,
             capsules=capsules,
-            on_plan=on_plan,
-            confirmed=check.confirmed,
+            confirmed=line.check.confirmed,
             tool=tool,
         )
+
+    def _fresh(self, now_ns: int) -> list[Line]:
+        """The controllers whose states are fresh."""
+        stale_s = self._reported.stale_s
+        return [line for line in self._lines.values() if line.is_fresh(now_ns, stale_s)]
+
+    def _newest(self) -> Line | None:
+        """The controller with the newest state."""
+        heard = [line for line in self._lines.values() if line.state is not None]
+        return max(heard, key=_received_ns, default=None)
+
+    def _fastest(self, lines: Sequence[Line]) -> Line:
+        """The controller that counts: the newest, unless another reports the robot faster."""
+        newest = max(lines, key=_received_ns)
+        if len(lines) == 1:
+            return newest
+        speeds = {line: self._speed(line) for line in lines}
+        fastest = max(lines, key=lambda line: speeds[line])
+        return fastest if speeds[fastest] > speeds[newest] + FASTER_M_S else newest
+
+    def _speed(self, line: Line) -> float:
+        assert line.state is not None  # it is fresh
+        return float(self.model.tip_speed(line.state.q, line.state.qd))
+
+    def _off_m(
+        self, place: Place, speed_m_s: float, others: Sequence[Place], now_ns: int
+    ) -> float | None:
+        """How far other states put the robot from a place, at most; ``None``: too far.
+
+        A contradiction counts for ``HELD_S`` after it was last seen.
+        """
+        model, most_m = self.model, 0.0
+        for other in others:
+            off_m = apart_m(model, place, other)
+            speed = max(speed_m_s, float(model.tip_speed(other.q, other.qd)))
+            permitted = permitted_m(
+                model, place, other, speed_m_s=speed, acceleration_m_s2=self._acceleration_m_s2
+            )
+            if not off_m <= permitted:
+                self._counts["contradicted"] += now_ns >= self._contradict_until_ns
+                self._contradict_until_ns = now_ns + round(HELD_S * 1e9)
+            most_m = max(most_m, off_m)
+        return None if now_ns < self._contradict_until_ns else most_m
 
     def _named(self, state: RobotState) -> int | None:
         """The tool that a state names, if it is confirmed and known."""
@@ -275,22 +320,20 @@ class RobotTracker:
         known = known and tool in self.model.tool_numbers
         return tool if known and state.tool_confirmed is True else None
 
-    def _tool(self, now_ns: int, stale_s: float) -> int | None:
-        """The tool that every link confirms whose state is fresh; else the worst must count."""
-        if not self._tools or not self.model.tool_numbers:
+    def _tool(self, lines: Sequence[Line]) -> int | None:
+        """The tool that every controller confirms whose state is fresh; else the worst counts."""
+        if not self.model.tool_numbers:
             return None
-        oldest_ns = now_ns - round(stale_s * 1e9)
-        said = {tool for at_ns, tool in self._tools.values() if at_ns >= oldest_ns}
+        said = {line.state.tool for line in lines if line.state is not None}
         return said.pop() if len(said) == 1 else None
 
     def _wrong(self, now_ns: int) -> tuple[Reason, ...]:
         """Why the newest states cannot be believed."""
-        if self._refused is not None:
-            return (self._refused,)
-        found = (check.reason(now_ns) for check in self._checks.values())
-        return tuple(dict.fromkeys(reason for reason in found if reason is not None))
+        stale_s = self._reported.stale_s
+        lines = self._lines.values()
+        return tuple(dict.fromkeys(r for line in lines for r in line.reasons(now_ns, stale_s)))
 
-    def _along_plan(self, state: _Received, ahead_s: float) -> OnPlan | None:
+    def _along_plan(self, state: Received, ahead_s: float) -> OnPlan | None:
         """The place of a state on the plan, moved on for ``ahead_s`` at its rate."""
         if self.plan is None:
             return None
@@ -306,7 +349,7 @@ class RobotTracker:
             None if found is None else replace(found, phase_s=found.phase_s + found.rate * ahead_s)
         )
 
-    def _placed(self, state: _Received, asked: Asked) -> float | None:
+    def _placed(self, state: Received, asked: Asked) -> float | None:
         """The phase of the newest state by its joints alone, near the last one that is known.
 
         A path that goes there and back has each place twice. A robot that backs out on the way
@@ -336,61 +379,11 @@ class RobotTracker:
             )
         return Plan(trajectory, self.model)
 
-    def _joints(self, state: RobotState, link: str) -> "_Joints | Reason":
-        """Positions and velocities with the base's, or why the state is refused.
 
-        All must be there, be numbers, and lie within the position limits.
-        """
-        joints, base = self.model.reported, state.base
-        if len(state.positions) != joints or len(state.velocities) != joints:
-            return Reason.ROBOT_STATE_INVALID
-        q, qd = state.positions, state.velocities
-        if self.model.mobile is not None:
-            if base is None:
-                return Reason.ROBOT_BASE_UNKNOWN
-            q = base.x_m, base.y_m, base.yaw_rad, *q
-            qd = base.vx_m_s, base.vy_m_s, base.yaw_rate_rad_s, *qd
-        elif base is not None:
-            return Reason.ROBOT_STATE_INVALID
-        try:  # plain numbers: for so few an array costs more than the comparison
-            # Written so that NaN, which compares false with everything, is refused.
-            sound = all(
-                low <= p <= high and abs(v) < math.inf and abs(p) < math.inf
-                for p, v, (low, high) in zip(q, qd, self._bounds, strict=True)
-            )
-        except TypeError:  # a field that is "not available"
-            return Reason.ROBOT_STATE_INVALID
-        if not sound:
-            return Reason.ROBOT_STATE_INVALID
-        return (q if base is None else self._unwound(q, link)), qd
+def _nowhere(reasons: tuple[Reason, ...]) -> RobotNow:
+    """A robot that may be anywhere."""
+    return RobotNow(q=None, qd=None, speed_m_s=0.0, reasons=reasons, age_s=None)
 
-    def _unwound(self, q: tuple[float, ...], link: str) -> tuple[float, ...]:
-        """The same with the base's yaw next to that of the link's state before."""
-        turns = round((self._yaw.get(link, q[2]) - q[2]) / (2 * math.pi))
-        self._yaw[link] = q[2] + 2 * math.pi * turns
-        return *q[:2], self._yaw[link], *q[3:]
 
-    def _is_possible(self, qd: tuple[float, ...]) -> bool:
-        """Whether all velocities are within their limits."""
-        if not all(-most <= v <= most for v, most in zip(qd, self._fastest, strict=True)):
-            return False
-        return self.model.mobile is None or math.hypot(qd[0], qd[1]) <= self._fastest[0]
-
-    def _checked_standing(self, motion: StandingMotion) -> Floats:
-        model, name = self.model, self.settings.name
-        if len(motion.positions) != model.dof:
-            raise RobotError(
-                f"robot '{name}': motion.positions has {len(motion.positions)} values, but "
-                f"'{self.settings.model}' has {model.dof} joints; give one for each of "
-                f"{', '.join(model.joint_names)}"
-            )
-        q = np.array(motion.positions)
-        outside = np.flatnonzero((q < model.position_min) | (q > model.position_max))
-        if outside.size:
-            j = outside[0]
-            raise RobotError(
-                f"robot '{name}': motion.positions: joint '{model.joint_names[j]}' at {q[j]:g} "
-                f"{model.units[j]} is outside {model.position_min[j]:g} .. "
-                f"{model.position_max[j]:g}; {meant(q[j], model.units[j])}"
-            )
-        return q
+def _received_ns(line: Line) -> int:
+    return -1 if line.state is None else line.state.received_ns

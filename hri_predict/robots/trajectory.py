@@ -19,7 +19,7 @@ from hri_predict.files import read_yaml, shipped_path
 from hri_predict.machine.compiled import plain
 from hri_predict.quantities.units import meant
 from hri_predict.robots.body.ahead import Moves, at_phases
-from hri_predict.robots.model import RobotModel
+from hri_predict.robots.model import RobotModel, StandingMotion
 from hri_predict.settings import MAX_ANGLE_RAD, MAX_ROOM_M, Settings, validated
 
 _FARTHEST = (MAX_ROOM_M, MAX_ROOM_M, 2 * MAX_ANGLE_RAD)  # a base may turn round and back
@@ -135,6 +135,35 @@ def load_trajectory(file: str, model: RobotModel, base_dir: Path | None) -> Traj
         raise RobotError(f"trajectory file {path}: {problem}")
     times = np.array([w.time_s for w in data.waypoints])
     return Trajectory(times, np.array([w.coordinates for w in data.waypoints]))
+
+
+def standing_at(motion: StandingMotion, model: RobotModel, name: str) -> Floats:
+    """(N,) joints of a robot that stands.
+
+    Args:
+        motion: where it stands.
+        model: the robot.
+        name: its own.
+
+    Raises:
+        RobotError: the positions do not fit the robot.
+    """
+    if len(motion.positions) != model.dof:
+        raise RobotError(
+            f"robot '{name}': motion.positions has {len(motion.positions)} values, but the robot "
+            f"has {model.dof} joints; give one for each of "
+            f"{', '.join(model.joint_names)}"
+        )
+    q = np.array(motion.positions)
+    outside = np.flatnonzero((q < model.position_min) | (q > model.position_max))
+    if outside.size:
+        j = outside[0]
+        raise RobotError(
+            f"robot '{name}': motion.positions: joint '{model.joint_names[j]}' at {q[j]:g} "
+            f"{model.units[j]} is outside {model.position_min[j]:g} .. "
+            f"{model.position_max[j]:g}; {meant(q[j], model.units[j])}"
+        )
+    return q
 
 
 def trajectory_path(file: str, base_dir: Path | None) -> Path:

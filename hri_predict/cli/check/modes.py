@@ -1,11 +1,17 @@
-"""What ``check`` says of the operating modes that a configuration allows."""
+"""What ``check`` says of the operating modes that a configuration allows, and of robots by file."""
 
-from hri_predict.robots.model import RobotSettings
+from hri_predict.robots.model import RobotSettings, TrajectoryMotion
 
 
 def mode_notes(robot: RobotSettings) -> list[str]:
-    """One plain warning for each mode that this robot allows."""
+    """One plain warning for each mode that this robot allows, and one if a file moves it."""
     modes, notes = robot.modes, []
+    if isinstance(robot.motion, TrajectoryMotion):
+        notes.append(
+            f"robot {robot.name}: motion.kind trajectory: the file says where it is, whatever it "
+            "is advised; a robot that obeys the advice is soon elsewhere (unknown, if its "
+            "controller sends RobotState; a danger, if not): set motion: {kind: state} for it"
+        )
     if modes.teach is not None:
         notes.append(
             f"robot {robot.name}: TEACH is allowed: in manual mode, while the enabling device is "
@@ -21,7 +27,8 @@ def mode_notes(robot: RobotSettings) -> list[str]:
         limit = modes.muting.speed_m_s or robot.max_speed_m_s
         notes.append(
             f"robot {robot.name}: MUTING is allowed: for up to {modes.muting.max_s:g} s nobody "
-            f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; people must be protected "
-            "by other means"
+            f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; that time recovers in "
+            f"{modes.muting.recovery_s:g} s without a request, so people may be ignored for "
+            f"{modes.muting.share:.0%} of the time; they must be protected by other means"
         )
     return notes

@@ -19,6 +19,7 @@ from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, remembered
 from hri_predict.risk.levels.machine import Advised, LevelMachine
 from hri_predict.risk.levels.modes import Decision, Modes, Situation
+from hri_predict.risk.levels.muted_time import MutedTime
 from hri_predict.risk.levels.pair import pair_m
 from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.robot_constants import RobotConstants
@@ -100,12 +101,17 @@ class Levels:
         return any(machine.acknowledge(latch_id) for machine in self._machines)
 
     def remember(self) -> dict[str, Any]:
-        """The latches, for a restart of the node."""
-        return remembered(self._by_name(), self._ids)
+        """The latches, and the muted time that has not recovered, for a restart of the node."""
+        times = self._muted_times().items()
+        muted = {name: time.used_s for name, time in times if time.used_s}
+        return {**remembered(self._by_name(), self._ids), **({"muted_s": muted} if muted else {})}
 
     def recall(self, data: Mapping[str, Any]) -> None:
-        """Take the latches that an earlier run left; see ``latches.recall``."""
+        """Take what an earlier run left; see ``latches.recall``."""
         recall(self._by_name(), self._ids, data)
+        muted, times = data.get("muted_s", {}), self._muted_times()
+        for name in times.keys() & muted.keys():
+            times[name].recall(muted[name])
 
     def distrust(self, why: str) -> None:
         """Latch for every configured cause: an earlier run's data is unreadable or too old.
@@ -113,12 +119,19 @@ class Levels:
         ``why`` goes into the detail of the advice until the latch is acknowledged.
         """
         self._note = why
+        for time in self._muted_times().values():
+            time.use_up()
         for machine in self._machines:
             for cause in self._settings.latch:
                 machine.latch(cause)
 
     def _by_name(self) -> dict[str, LevelMachine]:
         return {r.name: m for r, m in zip(self._robots, self._machines, strict=True)}
+
+    def _muted_times(self) -> dict[str, MutedTime]:
+        """By robot, where muting is allowed."""
+        pairs = zip(self._robots, self._modes, strict=True)
+        return {r.name: m.muted_time for r, m in pairs if m.muted_time is not None}
 
     def reset(self) -> None:
         """Forget everything that supports a release: a tick has failed."""

@@ -2,8 +2,8 @@
 
 A mode replaces what people and zones demand of a robot; it never replaces *unknown* or a fault.
 ``Modes`` decides each tick anew. It remembers which mode is in force, for the log, and whether
-muting may begin: only a request that was seen released before counts, for ``max_s`` at most.
-Otherwise a restart of the node, or a fault, would begin its time anew.
+muting may begin: only a request that was seen released before counts, and only while the robot has
+not been muted for too long (``MutedTime``).
 """
 
 import logging
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from hri_predict.protocol.messages import Level, OperatingMode, RobotMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.risk.levels.muted_time import MutedTime
 from hri_predict.robots.asked import Asked
 from hri_predict.robots.modes import ModeSettings
 from hri_predict.robots.tracker import RobotNow
@@ -103,6 +104,7 @@ class Modes:
 
     Attributes:
         mode: in force.
+        muted_time: how long it may still be muted; ``None``: muting is not allowed.
         counters: how often each mode began (``teach``, ``recovery``, ``muted``), and how often a
             request was ``refused``.
     """
@@ -113,8 +115,8 @@ class Modes:
         self._max_speed = max_speed_m_s
         self.mode = OperatingMode.AUTOMATIC
         self.counters: Counter[str] = Counter()
-        self._spent = _NOT_RELEASED  # why muting may not begin; "" if it may
-        self._until_ns = 0  # of muting
+        self._barred = _NOT_RELEASED  # why the request for muting does not count; "" if it does
+        self.muted_time = None if settings.muting is None else MutedTime(settings.muting)
         self._refused: tuple[OperatingMode, str] | None = None
         self._refused_ns, self._is_news = 0, False
         self._told_ns: int | None = None
@@ -129,24 +131,28 @@ class Modes:
         asked, before = situation.asked, self.mode
         released = asked.heard and asked.agreed and asked.request is not OperatingMode.MUTED
         if released:
-            self._spent = ""
+            self._barred = ""
+        if self.muted_time is not None:
+            was_muted = before is OperatingMode.MUTED
+            self.muted_time.count(now_ns, muted=was_muted, released=released)
         why = "" if asked.request is OperatingMode.AUTOMATIC else self._why_not(situation, now_ns)
         mode = asked.request if not why else OperatingMode.AUTOMATIC
-        self._change(mode, why or _ended(situation), now_ns)
+        self._change(mode, why or _ended(situation))
         if OperatingMode.MUTED is before is not mode and not released:
-            self._spent = why if now_ns >= self._until_ns else _NOT_RELEASED
+            over = self.muted_time is not None and not self.muted_time.may_begin
+            self._barred = why if over else _NOT_RELEASED
         self._refuse(asked.request, why, now_ns)
         demand = situation.demand
         if mode is not OperatingMode.AUTOMATIC:
             demand = self._demand(mode)
         elif situation.is_known and asked.mode is not RobotMode.AUTOMATIC:
             demand = Demand.unknown(Reason.ROBOT_NOT_AUTOMATIC)
-        return Decision(mode, demand, self._note(mode, asked.request, why, now_ns))
+        return Decision(mode, demand, self._note(mode, asked.request, why))
 
     def reset(self) -> None:
         """A tick has failed: no mode is in force."""
-        self._change(OperatingMode.AUTOMATIC, "the tick failed", 0)
-        self._spent = _NOT_RELEASED
+        self._change(OperatingMode.AUTOMATIC, "the tick failed")
+        self._barred = _NOT_RELEASED
 
     def _why_not(self, situation: Situation, now_ns: int) -> str:
         """Why the request is refused; "" if it is granted."""
@@ -160,18 +166,23 @@ class Modes:
         elif asked.mode is not RobotMode.AUTOMATIC:
             why = "the controller is not in automatic mode"
         elif asked.request is OperatingMode.MUTED:
-            why = self._why_not_muted(now_ns)
+            why = self._why_not_muted()
         else:
             why = self._why_no_recovery(situation)
         return why or ("" if situation.is_known else "the situation is unknown")
 
-    def _why_not_muted(self, now_ns: int) -> str:
-        if self._spent or self.mode is not OperatingMode.MUTED:
-            return self._spent
-        assert self._settings.muting is not None  # or it were not in force
-        if now_ns < self._until_ns:
-            return ""
-        return f"its {self._settings.muting.max_s:g} s are over; release the request"
+    def _why_not_muted(self) -> str:
+        muting, time = self._settings.muting, self.muted_time
+        assert muting is not None  # or it were not allowed
+        assert time is not None
+        if self._barred or time.may_begin:
+            return self._barred
+        if self.mode is OperatingMode.MUTED:
+            return f"its {muting.max_s:g} s are over; release the request"
+        return (
+            f"its {muting.max_s:g} s are used up; it counts again after {muting.recovery_s:g} s "
+            "without a request"
+        )
 
     def _why_no_recovery(self, situation: Situation) -> str:
         """It begins where people stop the robot, and goes on until they would release it."""
@@ -212,7 +223,7 @@ class Modes:
             reason=REASONS[mode],
         )
 
-    def _change(self, mode: OperatingMode, ended: str, now_ns: int) -> None:
+    def _change(self, mode: OperatingMode, ended: str) -> None:
         """Note and log that another mode is in force."""
         before, self.mode = self.mode, mode
         if mode is before:
@@ -222,8 +233,6 @@ class Modes:
         if mode is not OperatingMode.AUTOMATIC:
             self.counters[_word(mode)] += 1
             log.warning("robot %s: %s begins: %s", self._name, _word(mode), REASONS[mode].text)
-        if mode is OperatingMode.MUTED and self._settings.muting is not None:
-            self._until_ns = now_ns + round(self._settings.muting.max_s * 1e9)
 
     def _refuse(self, request: OperatingMode, why: str, now_ns: int) -> None:
         """Count a refusal, and log it if it is news."""
@@ -238,11 +247,11 @@ class Modes:
             self._is_news, self._told_ns = False, now_ns
             log.warning("robot %s: %s refused: %s", self._name, _word(request), why)
 
-    def _note(self, mode: OperatingMode, request: OperatingMode, why: str, now_ns: int) -> str:
+    def _note(self, mode: OperatingMode, request: OperatingMode, why: str) -> str:
         if why:
             return f"{self._name}: {_word(request)} refused: {why}"
-        if mode is OperatingMode.MUTED:
-            left_s = max(0.0, (self._until_ns - now_ns) * 1e-9)
+        if mode is OperatingMode.MUTED and self.muted_time is not None:
+            left_s = self.muted_time.left_s
             return f"{self._name}: MUTED, people do not stop it for another {left_s:.1f} s"
         return "" if mode is OperatingMode.AUTOMATIC else f"{self._name}: mode {_word(mode)}"
 

@@ -15,9 +15,13 @@ _NS = 1_000_000_000
 class LieSettings(Settings):
     """One entry of ``lies`` in a link's ``simulate:`` block."""
 
-    kind: Literal["flip", "zero", "degrees", "jump", "runs", "brakes_late"] = Field(
-        description="of the velocities in RobotState: flip, zero, degrees; of the positions: jump;"
-        " of the motion: runs (at full speed, whatever speed above 0 is permitted), brakes_late"
+    kind: Literal[
+        "flip", "zero", "degrees", "jump", "hold", "freeze", "stand", "runs", "brakes_late"
+    ] = Field(
+        description="of the velocities in RobotState: flip, zero, degrees; of the positions: jump,"
+        " hold (the first stay, velocities are true); of both: freeze (the first stay), stand (the"
+        " first positions stay, velocities are 0); of the motion: runs (at full speed, whatever"
+        " speed above 0 is permitted), brakes_late"
     )
     start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
@@ -37,11 +41,19 @@ class Lies:
     def __init__(self, settings: Sequence[LieSettings]) -> None:
         self._settings = settings
         self._start_ns: int | None = None
+        self._first: dict[int, tuple[Floats, Floats]] = {}  # joints when a lie began
 
     def told(self, q: Floats, qd: Floats, now_ns: int) -> tuple[Floats, Floats]:
         """Return the joints (N,), rad and rad/s, that RobotState tells at ``now_ns``."""
         for lie in self._now(now_ns):
-            if lie.kind == "flip":
+            first_q, first_qd = self._first.setdefault(id(lie), (q, qd))
+            if lie.kind in ("hold", "freeze", "stand"):
+                q = first_q
+            if lie.kind == "freeze":
+                qd = first_qd
+            elif lie.kind == "stand":
+                qd = np.zeros_like(qd)
+            elif lie.kind == "flip":
                 qd = -qd
             elif lie.kind == "zero":
                 qd = np.zeros_like(qd)

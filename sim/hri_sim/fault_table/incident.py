@@ -4,7 +4,7 @@ The whole node, the mock controllers and the referee take part, as in ``hri-pred
 max``. A row of the fault table shows one fault alone; an incident shows what a fault leads to.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -33,7 +33,9 @@ class Incident:
         duration_s: length of the story.
         faults: as on the command line.
         settings: differences from the demo's configuration; mappings are merged, key by key.
-        lies: the wrong behaviour of every simulated controller, as in ``simulate.lies``.
+        lies: the wrong behaviour of simulated controllers, as in ``simulate.lies``.
+        liars: links whose controllers lie; default: all.
+        requests: what every simulated controller asks for, as in ``simulate.requests``.
         modes: risk modes to play it in.
         not_clear: no robot may be advised *clear* in this time.
         not_moving: every robot must be told to stand in this time.
@@ -49,6 +51,8 @@ class Incident:
     faults: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     lies: tuple[Mapping[str, Any], ...] = ()
+    liars: tuple[str, ...] = ()
+    requests: tuple[Mapping[str, Any], ...] = ()
     modes: tuple[str, ...] = ("predictive", "iso")
     not_clear: Span | None = None
     not_moving: Span | None = None
@@ -79,18 +83,20 @@ def configured(base: Config, incident: Incident, mode: str) -> Config:
     risk = validated(
         RiskSettings, node.risk.model_dump() | {"mode": mode}, f"{incident.name}: risk"
     )
-    links = tuple(_lying(link, incident.lies) for link in base.links)
+    links = tuple(_with_controller(link, incident) for link in base.links)
     config = replace(base, node=node.model_copy(update={"risk": risk}), links=links)
     people = [dict(person) for person in incident.people]
     return config.with_source(source | {"people": people}).with_faults(list(incident.faults))
 
 
-def _lying(link: LinkSettings, lies: Sequence[Mapping[str, Any]]) -> LinkSettings:
-    """The link, with a controller at its far end that lies."""
-    if link.simulate is None or not lies:
+def _with_controller(link: LinkSettings, incident: Incident) -> LinkSettings:
+    """The link, with a controller at its far end that lies and asks as the incident says."""
+    if link.simulate is None:
         return link
-    simulate = link.simulate | {"lies": [dict(lie) for lie in lies]}
-    return link.model_copy(update={"simulate": simulate})
+    lies = incident.lies if not incident.liars or link.name in incident.liars else ()
+    told = {"lies": lies, "requests": incident.requests}
+    changes = {key: [dict(each) for each in entries] for key, entries in told.items() if entries}
+    return link.model_copy(update={"simulate": link.simulate | changes})
 
 
 def _told(config: Config, incident: Incident, mode: str) -> FaultOutcome:

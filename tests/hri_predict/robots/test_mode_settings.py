@@ -59,3 +59,14 @@ def test_a_mistake_is_one_line(modes: Any, motion: Any, words: str) -> None:
         robot(modes, motion)
     assert words in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_muting_rests_for_nine_times_its_time_by_default() -> None:
+    muting = robot({"muting": {"max_s": 4}}).modes.muting
+    assert muting is not None
+    assert (muting.recovery_s, muting.share) == (36, 0.1)
+
+
+def test_muting_for_more_than_half_of_the_time_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"rest_s 3 is shorter than max_s 4.*raise rest_s"):
+        robot({"muting": {"max_s": 4, "rest_s": 3}})

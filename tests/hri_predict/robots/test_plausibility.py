@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hri_predict.protocol.reasons import Reason
-from hri_predict.robots.plausibility import COUNTERS, HELD_S, StateCheck
+from hri_predict.robots.plausibility import HELD_S, StateCheck
+from hri_predict.robots.states.frozen import COUNTERS
 
 JOINTS = 6
 FASTEST = np.full(JOINTS, math.pi)

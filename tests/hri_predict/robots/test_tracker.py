@@ -98,7 +98,7 @@ def test_a_repeated_counter_does_not_refresh() -> None:
     assert followed.at(400 * MS).reasons == (Reason.ROBOT_STATE_STALE,)
     assert followed.counters == {
         "accepted": 1, "repeated": 19, "invalid": 0, "velocity_wrong": 0, "jumped": 0,
-        "miscounted": 0,
+        "miscounted": 0, "frozen": 0, "contradicted": 0,
     }  # fmt: skip
     followed.update(state(8), 400 * MS)
     assert followed.at(410 * MS).reasons == ()

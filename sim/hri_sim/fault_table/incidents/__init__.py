@@ -5,6 +5,7 @@ from hri_sim.fault_table.incidents.fast_people import FAST_PEOPLE
 from hri_sim.fault_table.incidents.latches import LATCHES
 from hri_sim.fault_table.incidents.late_scenes import LATE_SCENES
 from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
+from hri_sim.fault_table.incidents.muting import MUTING
 from hri_sim.fault_table.incidents.robot_lies import ROBOT_LIES
 from hri_sim.fault_table.incidents.second_sender import SECOND_SENDER
 from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
@@ -14,6 +15,7 @@ INCIDENTS: tuple[Incident, ...] = (
     *LATCHES,
     *LATE_SCENES,
     *LOST_PEOPLE,
+    *MUTING,
     *ROBOT_LIES,
     *SECOND_SENDER,
     *WRONG_AXES,

@@ -18,6 +18,22 @@ _COMES = {
 """Walks up to a robot at full speed and reaches into its way."""
 
 
+_ALL_MODES = ("predictive", "iso", "fixed")
+_BY_FILE = {
+    "robots": [
+        {
+            "name": "arm",
+            "model": "ur5e",
+            "room_from_robot": {"xyz": [0, 0, 0]},
+            "payload_kg": 2.0,
+            "max_speed_m_s": 1.0,
+            "motion": {"kind": "trajectory", "file": "pick_and_place"},
+        }
+    ]
+}
+"""The demo's robot, taken to follow its file although it does as advised."""
+
+
 def _velocities(kind: str) -> Incident:
     return Incident(
         name=f"robot: velocities lie ({kind})",
@@ -48,6 +64,58 @@ ROBOT_LIES = (
         says=(Reason.ROBOT_STATE_JUMPED,),
     ),
     Incident(
+        name="robot: both controllers repeat a state of its motion",
+        people=(_FAR,),
+        duration_s=8.0,
+        lies=({"kind": "freeze", "start_s": 2.5},),
+        not_moving=(2.8, 8.0),
+        says=(Reason.ROBOT_STATE_FROZEN,),
+    ),
+    Incident(
+        name="robot: both controllers hold its place, with true velocities",
+        people=(_FAR,),
+        duration_s=8.0,
+        lies=({"kind": "hold", "start_s": 2.5},),
+        not_moving=(2.8, 3.4),
+        says=(Reason.ROBOT_STATE_FROZEN,),
+    ),
+    Incident(
+        name="robot: both controllers say from one state to the next that it stands",
+        people=(_COMES,),
+        duration_s=9.0,
+        lies=({"kind": "stand", "start_s": 3.5},),
+        modes=_ALL_MODES,
+        not_moving=(3.7, 9.0),
+        says=(Reason.ROBOT_STATE_FROZEN,),
+    ),
+    Incident(
+        name="robot: one controller says that it has not moved since its start",
+        people=(_COMES,),
+        duration_s=9.0,
+        lies=({"kind": "stand"},),
+        liars=("monitor",),
+        not_moving=(2.0, 4.5),
+        says=(Reason.ROBOT_STATES_CONTRADICT,),
+    ),
+    Incident(
+        name="robot: two controllers put it 0.5 m apart",
+        people=(_FAR,),
+        duration_s=5.0,
+        lies=({"kind": "jump", "jump_rad": 0.7},),
+        liars=("drive",),
+        not_moving=(0.0, 5.0),
+        says=(Reason.ROBOT_STATES_CONTRADICT,),
+    ),
+    Incident(
+        name="robot: obeys, and is configured to follow a file",
+        people=(_COMES,),
+        duration_s=9.0,
+        settings=_BY_FILE,
+        modes=_ALL_MODES,
+        not_moving=(1.0, 9.0),
+        says=(Reason.ROBOT_STATES_CONTRADICT,),
+    ),
+    Incident(
         name="robot: ignores the advised speed",
         people=(_COMES,),
         duration_s=9.0,
@@ -68,6 +136,8 @@ ROBOT_LIES = (
         duration_s=9.0,
         moving=(3.0, 5.0),
         never_says=(
+            Reason.ROBOT_STATE_FROZEN,
+            Reason.ROBOT_STATES_CONTRADICT,
             Reason.ROBOT_VELOCITY_WRONG,
             Reason.ROBOT_STATE_JUMPED,
             Reason.ROBOT_TOO_FAST,

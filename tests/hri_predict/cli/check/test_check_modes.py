@@ -33,6 +33,17 @@ def test_each_mode_has_its_warning(key: str) -> None:
     assert note.startswith(WORDS[key])
 
 
+def test_a_robot_that_a_file_moves_is_named() -> None:
+    motion = {"kind": "trajectory", "file": "pick_and_place"}
+    (note,) = mode_notes(RobotSettings.model_validate({**ARM, "motion": motion}))
+    assert note.startswith("robot arm: motion.kind trajectory: the file says where it is")
+
+
+def test_muting_says_for_which_share_of_the_time() -> None:
+    (note,) = notes(muting={"max_s": 4, "rest_s": 12})
+    assert "recovers in 12 s without a request, so people may be ignored for 25% of" in note
+
+
 def test_nothing_is_said_by_default_and_all_where_all_is_allowed() -> None:
     assert notes() == []
     assert len(notes(**MODES)) == 3

@@ -180,9 +180,80 @@ def test_muting_ends_by_itself_and_must_be_released_before_it_counts_again(caplo
     assert decision.note == "arm: muted refused: its 5 s are over; release the request"
     assert caplog.messages[1] == "robot arm: muted ends: its 5 s are over; release the request"
     assert len(caplog.messages) == 3  # begins, ends, refused
-    robot.tick(ASKED[AUTOMATIC])
+    robot.tick(ASKED[AUTOMATIC], 1126)  # 45 s between ticks that see it released
     assert robot.tick(ASKED[MUTED], 125).mode is MUTED
     assert robot.modes.counters == {"muted": 2, "refused": 1}
+
+
+def muted_ticks(robot: Robot, on: int, off: int, times: int) -> int:
+    """Ticks in which a robot is muted whose request comes and goes."""
+    count = 0
+    for _ in range(times):
+        count += sum(robot.tick(ASKED[MUTED]).mode is MUTED for _ in range(on))
+        robot.tick(ASKED[AUTOMATIC], off)
+    return count
+
+
+@pytest.mark.parametrize(("on", "off"), [(50, 1), (124, 1), (10, 1), (3, 3), (200, 2)])
+def test_a_request_that_is_released_for_a_moment_does_not_begin_the_time_again(
+    on: int, off: int
+) -> None:
+    times = 500 // (on + off) + 1  # at least 20 s
+    muted_s = muted_ticks(Robot().ready(), on, off, times) * TICK_NS * 1e-9
+    seconds = times * (on + off) * TICK_NS * 1e-9
+    assert muted_s <= 5 + seconds * 5 / (5 + 45)
+
+
+@pytest.mark.parametrize(("max_s", "rest_s"), [(1, 1), (2, 8), (5, None)])
+def test_in_the_long_run_the_share_of_muted_time_is_as_check_says(
+    max_s: int, rest_s: int | None
+) -> None:
+    muting = {"max_s": max_s} | ({} if rest_s is None else {"rest_s": rest_s})
+    allowed = ModeSettings.model_validate({"muting": muting})
+    assert allowed.muting is not None
+    robot = Robot(allowed).ready()
+    on, off = 25 * max_s, round(25 * allowed.muting.recovery_s) + 2
+    count, times = muted_ticks(robot, on, off, 20), 20
+    assert count == on * times  # who rests as long as stated has all of it each time
+    share = count / (times * (on + off))
+    assert share == pytest.approx(allowed.muting.share, abs=0.02)  # two ticks of each rest
+
+
+def test_part_of_the_time_may_be_used_at_once_and_all_of_it_only_after_the_rest() -> None:
+    robot = Robot().ready()
+    robot.tick(ASKED[MUTED], 51)  # 2 s
+    robot.tick(ASKED[AUTOMATIC])
+    decision = robot.tick(ASKED[MUTED])
+    assert decision.note == "arm: MUTED, people do not stop it for another 3.0 s"
+    robot.tick(ASKED[MUTED], 80)
+    robot.tick(ASKED[AUTOMATIC], 1000)  # 40 of the 45 s
+    decision = robot.tick(ASKED[MUTED])
+    assert decision.mode is AUTOMATIC
+    assert decision.note == (
+        "arm: muted refused: its 5 s are used up; it counts again after 45 s without a request"
+    )
+
+
+@pytest.mark.parametrize(
+    "asked", [NOTHING_ASKED, Asked(heard=True, agreed=False), ASKED[MUTED]], ids=str
+)
+def test_the_time_recovers_only_while_the_request_is_seen_released(asked: Asked) -> None:
+    robot = Robot().ready()
+    robot.tick(ASKED[MUTED], 130)
+    robot.tick(asked, 3000)
+    assert robot.ready().tick(ASKED[MUTED]).mode is AUTOMATIC
+
+
+def test_a_restart_does_not_give_the_time_back() -> None:
+    before, after = Robot().ready(), Robot()
+    before.tick(ASKED[MUTED], 76)  # 3 s
+    assert before.modes.muted_time is not None
+    assert after.modes.muted_time is not None
+    after.modes.muted_time.recall(before.modes.muted_time.used_s)
+    after.ready()
+    assert sum(after.tick(ASKED[MUTED]).mode is MUTED for _ in range(200)) <= 52  # 2 s
+    with pytest.raises(ValueError, match="muting"):
+        after.modes.muted_time.recall(float("nan"))
 
 
 def test_a_request_for_muting_that_was_there_before_the_node_does_not_count() -> None:

@@ -1,0 +1,61 @@
+"""Whether what several controllers say of one robot, or a state and a plan, can be true together.
+
+No clock is shared, so two places are compared at one moment, each carried on by its velocities.
+True ones then differ by the delays that are not known, times the speed, by the change of the speed
+meanwhile, and by noise. What they differ by is added to the robot's uncertainty; a greater
+difference than that is a contradiction, and nobody knows which of them is right.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.robots.model import RobotModel
+
+NOISE_M = 0.02
+"""Noise of encoders and rounding, at a point of the robot far from its joints."""
+JITTER_S = 0.02
+"""Cycles of both senders; what their arrivals show is added."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """Where a robot is at a moment, as one controller or a plan says.
+
+    Attributes:
+        q, qd: (N,) rad, m and per second, carried on to that moment.
+        ahead_s: for how long it was carried on, at most.
+        delay_s: by how much its age may differ from what was assumed.
+    """
+
+    q: Floats
+    qd: Floats
+    ahead_s: float = 0.0
+    delay_s: float = 0.0
+
+
+def apart_m(model: RobotModel, a: Place, b: Place) -> float:
+    """How far any point of the robot is from one place to the other, metres: an upper bound to
+    first order."""
+    off = a.q - b.q
+    if model.mobile is not None:  # a full turn of its heading is none
+        off[2] = np.remainder(off[2] + np.pi, 2 * np.pi) - np.pi
+    return float(model.tip_speed(a.q, off))
+
+
+def permitted_m(
+    model: RobotModel, a: Place, b: Place, *, speed_m_s: float, acceleration_m_s2: float
+) -> float:
+    """How far they may be apart if both are true, metres.
+
+    Args:
+        model: the robot.
+        a, b: the places.
+        speed_m_s: of the robot's fastest point, the higher of both.
+        acceleration_m_s2: of the same, at most.
+    """
+    delay_s = JITTER_S + a.delay_s + b.delay_s
+    since_s = delay_s + max(a.ahead_s, b.ahead_s)
+    off_m = 0.0 if model.mobile is None else 2 * model.mobile.uncertainty_m
+    return NOISE_M + off_m + speed_m_s * delay_s + acceleration_m_s2 * since_s**2 / 2

@@ -1,0 +1,194 @@
+"""Whether a controller repeats an old place of its robot under counters that go on.
+
+A counter and a CRC prove that a message is new, not that its content is. Two kinds of content
+cannot be new:
+
+- *A place that is held while a velocity is reported.* A coordinate that moves at ``MOVES`` or more
+  passes ``DITHER`` within 50 ms. One that has not, although its velocities add up to ``TRAVEL``,
+  was last measured when it arrived there. Its age counts from then on: the node carries it on by
+  its velocity, as it does when RobotState is late, and stops believing it at the age at which
+  RobotState is stale.
+- *A stop that no robot can make.* From a speed v the fastest point needs at least v^2 / (2 a) and
+  v / a to stop. A robot that stands at once where it was, or within one cycle of its sender, is
+  believed only after its place has changed: a robot that was frozen in this way looks like one
+  that stands.
+
+A robot that stands reports the same place for minutes, with velocities of zero: that is believed.
+So a state that is frozen while the robot stands, or moves more slowly than these rules see, is not
+recognised from this controller alone.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+
+COUNTERS = 1 << 16
+RESTART = 1000
+"""A counter that advances by more has restarted."""
+PAUSE_S = 0.2
+"""After a longer silence the comparison starts anew."""
+LAG_S = 0.03
+"""How long a controller may filter its velocities."""
+MOVES = 0.01
+"""A slower coordinate may stand: noise of a velocity, rad/s or m/s (``plausibility``)."""
+DITHER = 0.0005
+"""A smaller change of a place is no motion: two steps of the wire, rad, m."""
+BASE_DITHER = 0.001
+"""The same of a moving base's place and heading, whose steps on the wire are larger."""
+TRAVEL = 0.002
+"""A coordinate that should have moved by this, rad or m, is held."""
+BASE_HELD_S = 0.25
+"""A base's place may be held for this long: its localisation may be slower than RobotState."""
+HARDEST = 2.0
+"""No stop is harder than this many times the robot's acceleration."""
+CYCLE_S = 0.005
+"""A sender's cycle may be longer by this than on average."""
+LEAST_WAY_M = 0.0005
+"""A shorter way to stop does not show in the positions."""
+STANDS_SHARE = 0.2
+"""One that filters its velocities reports more than this share of one in the state after it."""
+
+
+@dataclass(slots=True)
+class _Place:
+    """A coordinate's place, since when it is there, and how far it should have moved since."""
+
+    at: float
+    since_ns: int
+    travel: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    counter: int
+    received_ns: int
+    q: tuple[float, ...]
+    qd: tuple[float, ...]
+    measured_ns: int  # when its content came first
+
+
+class FrozenCheck:
+    """Compares the places that one link reports with the velocities that it reports.
+
+    Args:
+        fastest_point: (q, qd) -> m/s, speed of the robot's fastest point.
+        acceleration_m_s2: of the fastest point in production, at most.
+        lead: number of a moving base's coordinates, which come first.
+
+    Attributes:
+        counter: number of times that a freeze was found.
+    """
+
+    def __init__(
+        self,
+        fastest_point: Callable[[Floats, Floats], Floats],
+        acceleration_m_s2: float,
+        lead: int = 0,
+    ) -> None:
+        self._fastest_point = fastest_point
+        self._acceleration = acceleration_m_s2
+        self._lead = lead
+        self._places: list[_Place] = []
+        self._newest: _State | None = None
+        self._stopped: tuple[float, ...] | None = None  # where it stopped impossibly
+        self._is_held = False
+        self.counter = 0
+
+    def take(
+        self,
+        counter: int,
+        q: tuple[float, ...],
+        qd: tuple[float, ...],
+        *,
+        received_ns: int,
+        period_s: float,
+    ) -> None:
+        """Take one state of this link, in the order of arrival.
+
+        Args:
+            counter: its own.
+            q, qd: (N,) rad and rad/s, or m and m/s.
+            received_ns: node's clock.
+            period_s: of the sender; 0: not known yet.
+        """
+        before = self._newest
+        measured_ns = received_ns
+        if before is not None and (q, qd) == (before.q, before.qd):
+            measured_ns = before.measured_ns
+        state = self._newest = _State(counter, received_ns, q, qd, measured_ns)
+        if before is None or (counter - before.counter) % COUNTERS > RESTART:
+            self._begin(state)
+            self._stopped = None
+            return
+        if received_ns - before.received_ns > PAUSE_S * 1e9:
+            self._begin(state)
+        else:
+            self._follow(before, state)
+        if self._stopped is not None and self._stopped != q:
+            self._stopped = None
+        if self._stopped is None and self._stops_impossibly(before, state, period_s):
+            self._stopped = q
+            self.counter += 1
+
+    def ages_s(self, now_ns: int) -> list[float] | None:
+        """(N,) seconds since each coordinate was measured where it is; ``None``: since the newest
+        state came, all of them."""
+        if not any(abs(place.travel) > TRAVEL for place in self._places):
+            return None
+        assert self._newest is not None  # or there were no places
+        return [
+            (now_ns - (p.since_ns if abs(p.travel) > TRAVEL else self._newest.received_ns)) * 1e-9
+            for p in self._places
+        ]
+
+    def is_frozen(self, now_ns: int, stale_s: float) -> bool:
+        """Whether the newest state cannot be believed at ``now_ns``; ``stale_s``: the age at which
+        RobotState is stale."""
+        of_base_s = max(stale_s, BASE_HELD_S)
+        is_held = any(
+            abs(place.travel) > TRAVEL
+            and now_ns - place.since_ns > (of_base_s if j < self._lead else stale_s) * 1e9
+            for j, place in enumerate(self._places)
+        )
+        self.counter += is_held and not self._is_held
+        self._is_held = is_held
+        return is_held or self._stopped is not None
+
+    def _begin(self, state: _State) -> None:
+        self._places = [_Place(place, state.received_ns) for place in state.q]
+
+    def _follow(self, before: _State, state: _State) -> None:
+        h = (state.received_ns - before.received_ns) * 1e-9
+        for j, (place, q, v) in enumerate(zip(self._places, state.q, state.qd, strict=True)):
+            dither = BASE_DITHER if j < self._lead else DITHER
+            if abs(v) <= MOVES or abs(q - place.at) > dither:
+                place.at, place.since_ns, place.travel = q, state.received_ns, 0.0
+            else:
+                place.travel += v * h
+
+    def _moved(self, a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+        lead = self._lead
+        return any(
+            abs(p - q) > (BASE_DITHER if j < lead else DITHER)
+            for j, (p, q) in enumerate(zip(a, b, strict=True))
+        )
+
+    def _stops_impossibly(self, before: _State, state: _State, period_s: float) -> bool:
+        """Whether the state stands, and the one before moved too fast to stand there so soon."""
+        fastest = max(map(abs, before.qd))
+        if fastest <= MOVES or max(map(abs, state.qd)) > min(MOVES, STANDS_SHARE * fastest):
+            return False
+        speed_m_s = float(self._fastest_point(np.array(before.q), np.array(before.qd)))
+        hardest = HARDEST * self._acceleration
+        since_s = max((state.received_ns - before.measured_ns) * 1e-9, period_s) + CYCLE_S
+        follows = (state.counter - before.counter) % COUNTERS == 1 and since_s <= LAG_S
+        if follows and period_s > 0 and speed_m_s > hardest * since_s:
+            return True
+        if self._moved(before.q, state.q):
+            return False
+        if not follows:  # its velocity may be filtered, and so be late
+            speed_m_s = max(speed_m_s - self._acceleration * LAG_S, 0.0)
+        return speed_m_s**2 / (2 * hardest) > LEAST_WAY_M
