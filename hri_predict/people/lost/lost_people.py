@@ -18,6 +18,7 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.people.lost.free_space import FreeSpace, Whereabouts
+from hri_predict.people.lost.onward import speed_reached
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import LostPerson
 from hri_predict.people.track import Body, Track
@@ -100,7 +101,7 @@ class LostPeople:
                 positions=track.positions.copy(),
                 joint_age_s=age_s,
                 capture_ns=track.capture_ns,
-                speed_m_s=self.speed_of(track),
+                speed_m_s=self.onward_speed_of(track),
                 limbs_m_s=limbs_m_s,
                 track=track,
             )
@@ -116,6 +117,11 @@ class LostPeople:
         if measured is None:
             return self._settings.max_body_speed_m_s
         return max(self._settings.lost_speed_m_s, GAIN * measured + GAIN_M_S)
+
+    def onward_speed_of(self, track: Track) -> float:
+        """How fast a lost body may go on: as ``speed_of``, or as it was speeding up."""
+        most = self._settings.max_body_speed_m_s
+        return max(self.speed_of(track), min(speed_reached(track), most))
 
     def found_speed_of(self, track: Track) -> float:
         """How fast a body that is found elsewhere may have been, m/s.
