@@ -37,7 +37,7 @@ HALF_M = 0.2
 """Half of a body's width: an exit is left by its middle, where a whole body fits."""
 UNSEEN_S = 0.3
 """Between two captures farther apart than this nobody saw a crossing."""
-BEHIND_M, BEHIND_LINE_M = 0.5, 3.0
+BEHIND_M, BEHIND_LINE_M = 0.75, 3.0
 """So near behind a side a person counts as outside; behind a line that was named, farther."""
 BACK_M = 0.05
 """A person who moved inwards by more than this since crossing is coming back."""

@@ -4,11 +4,12 @@ The mean of all seen joints is no place on the floor: it moves by half a metre w
 the legs. So places and ways come from the same few joints, and only if these were seen.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.arrays import Floats
 from hri_predict.people.track import Track
 from hri_predict.skeleton import JOINTS
 
@@ -74,7 +75,11 @@ def floor_way(track: Track, span_s: float) -> Way | None:
     return None
 
 
-def shows_feet(track: Track) -> Bools:
-    """Whether the newest capture shows the body down to a foot or an ankle."""
-    feet: Bools = (track.stamps[_FEET] == track.capture_ns).any()
-    return feet
+def standing_in(tracks: Iterable[Track], capture_ns: int) -> list[Floats]:
+    """(2,) places on the floor of the bodies that a scene shows down to an ankle or a foot."""
+    places = []
+    for track in tracks:
+        if track.capture_ns == capture_ns and (track.stamps[_FEET] == capture_ns).any():
+            place = floor_place(track)
+            places += [] if place is None else [place]
+    return places

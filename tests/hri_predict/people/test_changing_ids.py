@@ -171,7 +171,7 @@ def test_who_is_missed_for_a_moment_on_the_way_out_has_left_all_the_same(make_ro
     room = make_room(exits=[DOOR])
     walk(room, 1, 2.0, 6.1)
     room.see(times=4)
-    walk(room, 2, 6.4, 6.6)
+    walk(room, 2, 6.25, 6.4)
     snapshot = room.see(times=10)
     assert snapshot.ids == ()
     assert snapshot.lost == ()
