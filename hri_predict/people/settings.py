@@ -37,7 +37,9 @@ class Exit(Region):
         if math.dist(*line) < 2 * _ON_M:
             raise ValueError(f"out: its ends must be {2 * _ON_M:g} m apart at least")
         corners = self.polygon
-        if not any(lies_on(line, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)):
+        if not any(
+            lies_on(line, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)
+        ):
             raise ValueError(
                 "out must lie on one side of polygon; give two points on the side that leads out"
             )

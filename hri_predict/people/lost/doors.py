@@ -16,7 +16,7 @@ import numpy as np
 
 from hri_predict.arrays import Floats
 from hri_predict.people.lost.floor import Way, floor_place, floor_way
-from hri_predict.people.lost.passage import Crossed, Passage, Side, Visit
+from hri_predict.people.lost.passage import Crossed, Side, Visit
 from hri_predict.people.settings import Exit, lies_on
 from hri_predict.people.track import Track
 from hri_predict.settings import Region
@@ -127,9 +127,7 @@ class Doors:
         middle_z = 0.5 * (exit_.z_min + exit_.z_max)
         return all(exit_.contains(np.append(place + a, middle_z)) for a in (aside, -aside))
 
-    def _crossed(
-        self, track: Track, visit: Visit, before: Floats, place: Floats
-    ) -> Crossed | None:
+    def _crossed(self, track: Track, visit: Visit, before: Floats, place: Floats) -> Crossed | None:
         """The side by which a body that was in an exit, and is so no more, went out."""
         way = floor_way(track, LATELY_S)
         found = self._out(visit, before, place)

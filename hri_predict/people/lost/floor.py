@@ -45,7 +45,7 @@ class Way(NamedTuple):
 
 
 def floor_place(track: Track) -> Floats | None:
-    """(2,) where the body stands in its newest capture; ``None``: neither hips nor feet are seen."""
+    """(2,) where the body stands in its newest capture; ``None``: hips and feet are hidden."""
     seen = track.stamps == track.capture_ns
     for joints in _STANDS:
         if seen[joints].all():

@@ -194,9 +194,7 @@ class Whereabouts:
         """Whether any place is left where the person may be."""
         return bool(self._left.any())
 
-    def update(
-        self, capture_ns: int, free: Bools | None, standing: Sequence[Floats] = ()
-    ) -> None:
+    def update(self, capture_ns: int, free: Bools | None, standing: Sequence[Floats] = ()) -> None:
         """Let the person walk until ``capture_ns``, then remove cells that are seen free.
 
         Args:

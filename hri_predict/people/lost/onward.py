@@ -8,8 +8,8 @@ APART_S = 0.1
 """Least time between two captures whose difference is a speed: 5 mm of noise are 0.07 m/s then."""
 WITHIN_S = 0.6
 """Captures before this say nothing about the newest speed. At 5 Hz three captures take 0.4 s."""
-SPEEDING_M_S2 = 2.5
-"""The trunk of a walker speeds up by less, within a step and when starting."""
+SPEEDING_M_S2 = 2.0
+"""A walker's trunk hardly speeds up by more, within a step or when starting."""
 GOES_ON_S = 1.0
 """For this long a runner may speed up as measured: 6.4 m/s2, the most that was measured of
 sprinters at the start, lead to 8 m/s in 1.25 s. A zone that grows at the speed reached then is
