@@ -104,13 +104,15 @@ _STARTS_TO_RUN = {
 }
 """Lost after 0.4 s, at 1.3 m/s; within a second he has 4.4 m/s."""
 
+_GATE = {"polygon": [[-3.7, 2.2], [-3.1, 2.2], [-3.1, 4.2], [-3.7, 4.2]]}
+
 _STAYS_AND_GOES = {
     "start": [-2.0, 2.5],
     "repeat": False,
     "script": [
         {"do": "wait", "seconds": 6.0},
-        {"do": "walk", "to": [-3.2, 1.0]},
-        {"do": "wait", "seconds": 60.0},
+        {"do": "walk", "to": [-3.95, 3.3]},
+        {"do": "leave", "seconds": 3600.0},
     ],
 }
 
@@ -187,10 +189,10 @@ LOST_PEOPLE = (
         # nobody vanishes in the open: that place must be seen again before it counts as free
         name="lost: in the open for a while, seen there again, so the cell works on",
         people=(_STAYS_AND_GOES,),
-        duration_s=16.0,
+        duration_s=13.0,
         faults=("vanish@3+2:person=1", "rename@5+11:person=1,to=7"),
-        settings=_FREE_SPACE,
-        moving=(10.0, 16.0),
+        settings=_FREE_SPACE | {"people": {"exits": [_GATE], "room": {"polygon": _FLOOR}}},
+        moving=(9.5, 13.0),
         says=(Reason.PERSON_LOST,),
         never_says=(Reason.OUT_OF_VIEW,),
     ),

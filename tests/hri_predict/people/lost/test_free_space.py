@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.people.body.standing import standing_body
 from hri_predict.people.lost.free_space import CELL_M, MOST_PLACES, FreeSpace
+from hri_predict.scene import Person
 from hri_predict.settings import Region
+from hri_predict.skeleton import JOINTS
 
 MS = 1_000_000
 PERIOD = 40 * MS
@@ -294,3 +297,37 @@ def test_a_shadow_next_to_the_place_explains_where_a_person_went():
     lost = room.start(at(0.9, 0.0), 0, WALK)
     watch(room, lost, 500)
     assert not lost.disputed
+
+
+# -- through the people stage ---------------------------------------------------------------------
+
+SHAPE = standing_body()
+ALL = np.ones(len(JOINTS), bool)
+NO_FEET = np.array(["ankle" not in name and "foot" not in name for name in JOINTS])
+SEES = {"sees_free_space": True, "field_of_view": VIEW, "viewpoints": [list(CAMERA)]}
+
+
+def person(number, x, y=0.0, observed=ALL):
+    return Person(number, SHAPE + np.array([x, y, 0.0]), observed)
+
+
+def test_who_vanishes_in_the_open_stays_lost_until_seen_there_again(make_room):
+    room = make_room(latency=0, source=SEES, room=VIEW, exits=[])
+    room.see(person(1, 1.0), times=10)
+    assert len(room.see(times=200).lost) == 1
+    room.see(person(7, 3.0), times=20)  # on the same line, far behind
+    room.see(times=20)
+    assert [lost.id for lost in room.snapshot().lost] == [1, 7]
+    room.see(person(8, 1.05, observed=NO_FEET), times=20)  # seen above a cart, perhaps
+    room.see(times=20)
+    assert len(room.snapshot().lost) == 3
+    room.see(person(9, 1.05), times=20)
+    assert [lost.id for lost in room.see(times=20).lost] == [7, 9]
+
+
+def test_an_acknowledgement_ends_it_too(make_room):
+    room = make_room(latency=0, source=SEES, room=VIEW, exits=[])
+    room.see(person(1, 1.0), times=10)
+    room.see(times=200)
+    room.people.acknowledge()
+    assert room.snapshot().lost == ()
