@@ -99,7 +99,7 @@ _STARTS_TO_RUN = {
     "script": [
         {"do": "wait", "seconds": 2.0},
         {"do": "walk", "to": [1.0, 0.1], "speed_m_s": 4.4},
-        {"do": "reach", "hand": "right", "to": [0.6, 0.1, 0.64], "hold_s": 8.0, "duration_s": 0.4},
+        {"do": "reach", "hand": "right", "to": [0.6, 0.1, 0.64], "hold_s": 8.0, "duration_s": 0.7},
     ],
 }
 """Lost after 0.4 s, at 1.3 m/s; within a second he has 4.4 m/s."""
@@ -218,7 +218,7 @@ LOST_PEOPLE = (
         name="lost: a runner, while he speeds up",
         people=(_STARTS_TO_RUN,),
         duration_s=7.0,
-        faults=("vanish@2.4+5",),
+        faults=("vanish@2.4+7",),
         settings={"people": {"exits": []}},
         not_clear=(2.7, 7.0),
         not_moving=(3.3, 7.0),
