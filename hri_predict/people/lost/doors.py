@@ -3,8 +3,7 @@
 A person leaves by *crossing* an exit: seen in the room, then in the exit, then going out of it at
 walking pace by a side that leads out. Places are those of hips or feet (``floor``). A person who
 vanishes before has not left: who stands in a doorway, has just come in, turns round, crouches, or
-brushes an exit's edge, may come back unseen. A person who is about to cross, nearer to that side
-than anybody stops, has left.
+brushes an exit's edge, may come back unseen.
 
 The sides that lead out: the line that the configuration names (``out``), or else every side that
 lies on the far side of where the person came in, if the exit is wide enough there for a body.
@@ -21,20 +20,16 @@ from hri_predict.people.settings import Exit, lies_on
 from hri_predict.people.track import Track
 from hri_predict.settings import Region
 
-LATELY_S, BEFORE_S = 0.2, 0.6
-"""A person slows down or turns if the motion in the first of these times differs from the second:
-within 0.6 s of a walk at a steady pace, the trunk's speed differs by less than a fifth."""
+LATELY_S = 0.2
+"""Over this time before the newest capture motion is measured: a part of a step."""
 PACE_M_S = 0.4
 """Who goes out more slowly may be about to stop."""
-SLOWED, TURNED = 0.65, 0.7
-"""A person who has less than this share of the speed before, or moves in a direction whose cosine
-with that before is less, is stopping or turning."""
-ABOUT_M = 0.2
-"""Nobody who walks stops within this: a walker of 1.3 m/s takes half a step, 0.3 m."""
+OUT_M = 0.1
+"""Half of a body's depth, without its arms: who is nearer to the side still stands in it."""
 THROUGH_M = 0.3
 """A person who got less far towards the side that leads out may only have passed an edge."""
-HALF_M = 0.2
-"""Half of a body's width: an exit is left by its middle, where a whole body fits."""
+HALF_M = 0.25
+"""Half of a body's width, with its arms: an exit is left by its middle, where a whole body fits."""
 UNSEEN_S = 0.3
 """Between two captures farther apart than this nobody saw a crossing."""
 BEHIND_M, BEHIND_LINE_M = 0.75, 3.0
@@ -84,16 +79,12 @@ class Doors:
             passage.in_room = passage.crossed is None
 
     def has_left(self, track: Track) -> bool:
-        """Whether a person who has vanished has crossed an exit, or was about to."""
-        passage = track.passage
-        if passage.crossed is not None:
-            out = passage.crossed.side.out
-        elif passage.visit is not None and passage.seen_ns == track.capture_ns:
-            side = self._ahead(track, passage.visit)
-            if side is None:
-                return False
-            out = side.out
-        else:
+        """Whether a person who has vanished has crossed an exit, and was not coming back."""
+        crossed, place = track.passage.crossed, track.passage.place
+        if crossed is None or place is None:
+            return False
+        out = crossed.side.out
+        if float((place - crossed.at) @ out) < OUT_M:
             return False
         since_s = (track.capture_ns - track.resumed_ns) * 1e-9
         if since_s >= RESUMED_S or track.resumed_ns == track.began_ns:
@@ -134,20 +125,6 @@ class Doors:
         if way is None or found is None or way.along(found.side.out) < PACE_M_S:
             return None
         return found
-
-    def _ahead(self, track: Track, visit: Visit) -> Side | None:
-        """The side that a body is about to cross, without slowing down or turning."""
-        way, earlier = floor_way(track, LATELY_S), floor_way(track, BEFORE_S)
-        place = track.passage.place
-        if way is None or earlier is None or place is None or way.speed_m_s < PACE_M_S:
-            return None
-        steady = way.speed_m_s >= SLOWED * earlier.speed_m_s
-        direction = way.moved / np.hypot(*way.moved)
-        straight = earlier.along(direction) >= TURNED * earlier.speed_m_s
-        found = self._out(visit, place, place + ABOUT_M * direction) if steady else None
-        if found is None or not straight or way.along(found.side.out) < PACE_M_S:
-            return None
-        return found.side
 
     def _out(self, visit: Visit, begin: Floats, end: Floats) -> Crossed | None:
         """Where the way from ``begin`` to ``end`` leads out of an exit, right through it."""
