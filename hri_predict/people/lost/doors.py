@@ -134,8 +134,7 @@ class Doors:
             at = side.crossing(begin, end)
             if at is None:
                 continue
-            named = side.beyond_m == BEHIND_LINE_M
-            if named or (visit.fits and float((at - visit.begin) @ side.out) >= THROUGH_M):
+            if side.named or (visit.fits and float((at - visit.begin) @ side.out) >= THROUGH_M):
                 return Crossed(side, at)
         return None
 
@@ -154,8 +153,8 @@ def _sides(exit_: Region) -> tuple[Side, ...]:
             continue
         out = np.array([edge[1], -edge[0]]) / length * np.sign(doubled)
         if line is None:
-            sides.append(Side(a, b, out, BEHIND_M))
+            sides.append(Side(a, b, out, BEHIND_M, named=False))
         elif lies_on(line, a, b):
             ends = sorted(np.asarray(line, dtype=np.float64), key=lambda p: float((p - a) @ edge))
-            sides.append(Side(ends[0], ends[1], out, BEHIND_LINE_M))
+            sides.append(Side(ends[0], ends[1], out, BEHIND_LINE_M, named=True))
     return tuple(sides)

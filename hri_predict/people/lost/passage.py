@@ -15,12 +15,14 @@ class Side:
         a, b: (2,) its ends, metres.
         out: (2,) unit vector that leads out of the exit.
         beyond_m: nearer than this behind it a body has left, and farther off it is in the room.
+        named: whether the configuration says that this side leads out.
     """
 
     a: Floats
     b: Floats
     out: Floats
     beyond_m: float
+    named: bool
 
     def crossing(self, begin: Floats, end: Floats) -> Floats | None:
         """(2,) where the way from ``begin`` to ``end`` crosses this side outwards, if it does."""
