@@ -13,6 +13,7 @@ from hri_predict.people.body.inferred import Inference
 from hri_predict.people.body.posture_watch import PostureWatch
 from hri_predict.people.clock.scene_gate import SceneGate
 from hri_predict.people.inferring import with_inferred
+from hri_predict.people.lost.floor import standing_in
 from hri_predict.people.lost.free_space import FREE_SPACE_M, FreeSpace
 from hri_predict.people.lost.lost_people import LostPeople
 from hri_predict.people.lost.remembered import RemembersLost
@@ -172,7 +173,8 @@ class People(RemembersLost):
             self._captures += 1
         here = [track.centroid for track in self._tracks.values()]
         is_whole = scene.sees_room and not bad and not nowhere
-        self._counters["seen_free"] += self._lost.see(capture_ns, here, is_whole)
+        standing = standing_in(self._tracks.values(), capture_ns)
+        self._counters["seen_free"] += self._lost.see(capture_ns, here, is_whole, standing)
 
     def _refuse(self, why: str) -> None:
         self._counters[why] += 1

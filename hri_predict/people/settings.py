@@ -1,11 +1,13 @@
 """Settings of the people stage (``people:`` in the configuration)."""
 
-from typing import Any, ClassVar, Literal
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
-from hri_predict.settings import MIN_HUMAN_M_S, Metres, Region, Settings
+from hri_predict.settings import MIN_HUMAN_M_S, Metres, Point, Region, Settings
 
 Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
 
@@ -13,6 +15,48 @@ _GONE = {
     "lost_growth_s": "acknowledge_after_s; a lost zone no longer stops growing",
     "empty_scenes": "source.sees_free_space; a scene without anybody proves nothing",
 }
+
+
+_ON_M = 0.05
+"""A line that is to lie on a side may miss it by this much."""
+
+
+class Exit(Region):
+    """A region through which people leave the room; see ``people.lost.doors``."""
+
+    out: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = Field(
+        None,
+        description="the part of one side that people cross on the way out, from [x, y] to [x, y]; "
+        "default: every side that is opposite to where they came in",
+    )
+
+    @model_validator(mode="after")
+    def _on_a_side(self) -> Self:
+        line = self.out
+        if line is None:
+            return self
+        if math.dist(*line) < 2 * _ON_M:
+            raise ValueError(f"out: its ends must be {2 * _ON_M:g} m apart at least")
+        corners = self.polygon
+        if not any(
+            lies_on(line, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)
+        ):
+            raise ValueError(
+                "out must lie on one side of polygon; give two points on the side that leads out"
+            )
+        return self
+
+
+def lies_on(line: Sequence[Sequence[float]], a: Sequence[float], b: Sequence[float]) -> bool:
+    """Whether both ends of ``line`` lie on the segment from ``a`` to ``b``, within 5 cm."""
+    along = [b[0] - a[0], b[1] - a[1]]
+    square = along[0] ** 2 + along[1] ** 2
+    for x, y in line:
+        share = ((x - a[0]) * along[0] + (y - a[1]) * along[1]) / square if square else 0.0
+        share = min(max(share, 0.0), 1.0)
+        if math.dist((x, y), (a[0] + share * along[0], a[1] + share * along[1])) > _ON_M:
+            return False
+    return True
 
 
 class PeopleSettings(Settings):
@@ -26,8 +70,8 @@ class PeopleSettings(Settings):
         description="longest gap in a joint's observations that is bridged, and longest absence "
         "before a person counts as vanished; default: 0.1 s, or 2.5 source periods if longer",
     )
-    exits: list[Region] = Field(
-        [], description="where people may leave the room, far from every robot"
+    exits: list[Exit] = Field(
+        [], description="where people leave the room by walking through, far from every robot"
     )
     entrances: list[Region] | None = Field(
         None, description="where people may enter; default: by the exits"
@@ -103,8 +147,8 @@ class PeopleSettings(Settings):
             "counts on a loss"
         ),
         "exits": LessSafe(
-            other="a person who vanishes in one, on the way out, counts as gone; none may be larger"
-            " than the floor before its door"
+            other="a person who crosses one on the way out counts as gone; none may be larger than "
+            "the floor before its door"
         ),
         "room": LessSafe(other="the node expects no person outside it"),
         "absent_parts": LessSafe(other="no distance is kept from these parts of any body"),
@@ -144,6 +188,13 @@ class PeopleSettings(Settings):
             other="axes and height of the source are not checked: people may be somewhere else"
         ),
     }
+
+    @field_validator("exits", mode="before")
+    @classmethod
+    def _regions(cls, data: Any) -> Any:
+        if not isinstance(data, list):
+            return data
+        return [r.model_dump() if isinstance(r, Region) else r for r in data]
 
     @model_validator(mode="before")
     @classmethod

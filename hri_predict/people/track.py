@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Stamps
+from hri_predict.people.lost.passage import Passage
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 
 _STRETCH_M = 0.75
@@ -79,9 +80,7 @@ class Track:
         began_ns: the first capture.
         began_at: (3,) the mean of the joints seen in it.
         resumed_ns: since when it is tracked under its present id, without an absence.
-        was_in_room: seen outside of every exit at least once.
-        doorstep: (3,) where the exit began in which the body is now; ``None``: in none, or it was
-            never seen outside.
+        passage: how far it got on its way through an exit.
     """
 
     id: int
@@ -97,8 +96,7 @@ class Track:
     began_ns: int = NEVER
     began_at: Floats = field(default_factory=lambda: np.zeros(3))
     resumed_ns: int = NEVER
-    was_in_room: bool = False
-    doorstep: Floats | None = None
+    passage: Passage = field(default_factory=Passage)
 
     @classmethod
     def start(cls, body: Body, history: RingBuffer, capture_ns: int, now_ns: int) -> "Track":

@@ -1,5 +1,6 @@
 """What ``init`` puts into a configuration: the cell of a few answers."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -155,6 +156,10 @@ def cell(answers: Answers, base_dir: Path, horizon_s: float, door_m: float) -> d
     return data
 
 
+_BEHIND_M = 1.1
+"""From the door's middle to where the visitor is out of the room."""
+
+
 def _door(robot: dict[str, Any], base_dir: Path, door_m: float) -> tuple[float, float]:
     """The middle of the door on the floor, m."""
     far = load_robot(validated(RobotSettings, robot, "robot"), base_dir).reach_m + door_m
@@ -162,14 +167,16 @@ def _door(robot: dict[str, Any], base_dir: Path, door_m: float) -> tuple[float, 
 
 
 def _visitor(x: float, y: float) -> dict[str, Any]:
-    """Somebody who comes in at the door, comes near, and goes: the arm moves, stops and moves."""
+    """Somebody who comes in at the door, comes near, and goes out by it: the arm moves, stops and
+    moves."""
+    behind = 1.0 + _BEHIND_M / math.hypot(x, y)
     return {
         "start": [x, y],
         "enter_s": 4,
         "script": [
             {"do": "walk", "to": [1.6, 0.1]},
             {"do": "wait", "seconds": 3},
-            {"do": "walk", "to": [x, y]},
+            {"do": "walk", "to": [round(behind * x, 1), round(behind * y, 1)]},
             {"do": "leave", "seconds": 6},
         ],
     }

@@ -1,8 +1,12 @@
 """Exits and entrances: where people leave and enter the room.
 
-A person who vanishes in an exit has left only if the last motion led there: the person was seen in
-the room, walked into the exit, and was still walking when last seen. A person who stands in a
-doorway and is hidden by a colleague has not left. A person who has just come in has not left.
+A person leaves by *crossing* an exit: seen in the room, then in the exit, then going out of it at
+walking pace by a side that leads out. Places are those of hips or feet (``floor``). A person who
+vanishes before has not left: who stands in a doorway, has just come in, turns round, crouches, or
+brushes an exit's edge, may come back unseen.
+
+The sides that lead out: the line that the configuration names (``out``), or else every side that
+lies on the far side of where the person came in, if the exit is wide enough there for a body.
 """
 
 from collections.abc import Sequence
@@ -10,17 +14,30 @@ from collections.abc import Sequence
 import numpy as np
 
 from hri_predict.arrays import Floats
+from hri_predict.people.lost.floor import Way, floor_place, floor_way
+from hri_predict.people.lost.passage import Crossed, Side, Visit
+from hri_predict.people.settings import Exit, lies_on
 from hri_predict.people.track import Track
 from hri_predict.settings import Region
 
-LAST_MOTION_S = 1.0
-"""The last motion is the motion during this time before a person was last seen."""
-ON_THE_WAY_M = 0.2
-"""A person who moved less than this in ``LAST_MOTION_S`` stood: a slow step is 0.3 m."""
-RESUMED_M = 0.1
-"""A person found again on the way out has left after moving on by this much."""
-INSIDE_M = 0.3
-"""A person who got less far into an exit may only have passed its edge."""
+LATELY_S = 0.2
+"""Over this time before the newest capture motion is measured: a part of a step."""
+PACE_M_S = 0.4
+"""Who goes out more slowly may be about to stop."""
+OUT_M = 0.1
+"""Half of a body's depth, without its arms: who is nearer to the side still stands in it."""
+THROUGH_M = 0.3
+"""A person who got less far towards the side that leads out may only have passed an edge."""
+HALF_M = 0.25
+"""Half of a body's width, with its arms: an exit is left by its middle, where a whole body fits."""
+UNSEEN_S = 0.3
+"""Between two captures farther apart than this nobody saw a crossing."""
+BEHIND_M, BEHIND_LINE_M = 0.75, 3.0
+"""So near behind a side a person counts as outside; behind a line that was named, farther."""
+BACK_M = 0.05
+"""A person who moved inwards by more than this since crossing is coming back."""
+RESUMED_S, RESUMED_M = 1.0, 0.1
+"""A person found again on the way out so lately has left after moving on by this much."""
 
 
 class Doors:
@@ -33,6 +50,7 @@ class Doors:
 
     def __init__(self, exits: Sequence[Region], entrances: Sequence[Region] | None) -> None:
         self._exits = tuple(exits)
+        self._sides = tuple(map(_sides, exits))
         self._entrances = self._exits if entrances is None else tuple(entrances)
 
     def is_entrance(self, point: Floats) -> bool:
@@ -40,29 +58,103 @@ class Doors:
         return any(region.contains(point) for region in self._entrances)
 
     def follow(self, track: Track) -> None:
-        """Note whether the newest capture of ``track`` lies in an exit, and where it came in."""
-        if not self._exits:
+        """Note how the newest capture of ``track`` leads into an exit, through it or back."""
+        place = floor_place(track) if self._exits else None
+        if place is None:
             return
-        place = track.centroid
-        if not any(region.contains(place) for region in self._exits):
-            track.was_in_room, track.doorstep = True, None
-        elif track.was_in_room and track.doorstep is None:
-            track.doorstep = place
+        passage = track.passage
+        before, passage.place = passage.place, place
+        fresh = track.capture_ns - passage.seen_ns <= UNSEEN_S * 1e9
+        passage.seen_ns = track.capture_ns
+        door = self._door_at(np.append(place, track.centroid[2]))
+        if door is not None:
+            self._enter(track, door, place)
+        elif passage.crossed is not None:
+            if not passage.crossed.holds(place):
+                passage.crossed, passage.in_room = None, True
+        else:
+            visit, passage.visit = passage.visit, None
+            if visit is not None and before is not None and fresh:
+                passage.crossed = self._crossed(track, visit, before, place)
+            passage.in_room = passage.crossed is None
 
     def has_left(self, track: Track) -> bool:
-        """Whether a person who has vanished left by an exit that the last motion led to."""
-        if track.doorstep is None:
+        """Whether a person who has vanished has crossed an exit, and was not coming back."""
+        crossed, place = track.passage.crossed, track.passage.place
+        if crossed is None or place is None:
             return False
-        moved, _ = track.moved(LAST_MOTION_S)
-        if float(np.linalg.norm(moved)) < ON_THE_WAY_M:
-            return False
-        inward = track.centroid - track.doorstep  # from where the exit began
-        depth_m = float(np.linalg.norm(inward))
-        if depth_m < INSIDE_M or float(moved @ inward) <= 0.0:
+        out = crossed.side.out
+        if float((place - crossed.at) @ out) < OUT_M:
             return False
         since_s = (track.capture_ns - track.resumed_ns) * 1e-9
-        if since_s >= LAST_MOTION_S or track.resumed_ns == track.began_ns:
-            return True
+        if since_s >= RESUMED_S or track.resumed_ns == track.began_ns:
+            way = floor_way(track, LATELY_S)
+            return way is None or float(way.moved @ out) >= -BACK_M
         # somebody else may have come in past who left, and got that track
-        onward, _ = track.moved(since_s)
-        return float(onward @ inward) >= RESUMED_M * depth_m
+        onward = floor_way(track, since_s)
+        return onward is not None and float(onward.moved @ out) >= RESUMED_M
+
+    def _door_at(self, point: Floats) -> int | None:
+        return next((i for i, exit_ in enumerate(self._exits) if exit_.contains(point)), None)
+
+    def _enter(self, track: Track, door: int, place: Floats) -> None:
+        passage = track.passage
+        visit = passage.visit
+        if visit is None or visit.door != door:
+            came = passage.in_room if visit is None else visit.from_room
+            visit = passage.visit = Visit(door, place, came and passage.crossed is None)
+        passage.crossed = None
+        passage.in_room = visit.from_room
+        if visit.from_room and not visit.fits:
+            way = floor_way(track, LATELY_S)
+            visit.fits = way is not None and self._fits(door, place, way)
+
+    def _fits(self, door: int, place: Floats, way: Way) -> bool:
+        """Whether a body that walks there is in the exit with its whole width."""
+        if way.speed_m_s < PACE_M_S:
+            return False
+        aside = HALF_M * np.array([-way.moved[1], way.moved[0]]) / np.hypot(*way.moved)
+        exit_ = self._exits[door]
+        middle_z = 0.5 * (exit_.z_min + exit_.z_max)
+        return all(exit_.contains(np.append(place + a, middle_z)) for a in (aside, -aside))
+
+    def _crossed(self, track: Track, visit: Visit, before: Floats, place: Floats) -> Crossed | None:
+        """The side by which a body that was in an exit, and is so no more, went out."""
+        way = floor_way(track, LATELY_S)
+        found = self._out(visit, before, place)
+        if way is None or found is None or way.along(found.side.out) < PACE_M_S:
+            return None
+        return found
+
+    def _out(self, visit: Visit, begin: Floats, end: Floats) -> Crossed | None:
+        """Where the way from ``begin`` to ``end`` leads out of an exit, right through it."""
+        if not visit.from_room:
+            return None
+        for side in self._sides[visit.door]:
+            at = side.crossing(begin, end)
+            if at is None:
+                continue
+            if side.named or (visit.fits and float((at - visit.begin) @ side.out) >= THROUGH_M):
+                return Crossed(side, at)
+        return None
+
+
+def _sides(exit_: Region) -> tuple[Side, ...]:
+    """The sides of an exit, or the part of one that leads out."""
+    corners = np.asarray(exit_.polygon, dtype=np.float64)
+    after = np.roll(corners, -1, axis=0)
+    doubled = float(np.sum(corners[:, 0] * after[:, 1] - after[:, 0] * corners[:, 1]))
+    line = exit_.out if isinstance(exit_, Exit) else None
+    sides = []
+    for a, b in zip(corners, after, strict=True):
+        edge = b - a
+        length = float(np.hypot(*edge))
+        if not length:
+            continue
+        out = np.array([edge[1], -edge[0]]) / length * np.sign(doubled)
+        if line is None:
+            sides.append(Side(a, b, out, BEHIND_M, named=False))
+        elif lies_on(line, a, b):
+            ends = sorted(np.asarray(line, dtype=np.float64), key=lambda p: float((p - a) @ edge))
+            sides.append(Side(ends[0], ends[1], out, BEHIND_LINE_M, named=True))
+    return tuple(sides)

@@ -8,8 +8,14 @@ not behind (or at) another body. A lost person may be in every cell that they ca
 they were last seen, except in cells that they could reach only by staying in the open for
 ``free_captures`` captures.
 
-So a person who vanishes in the open is gone after that many captures. A person who steps behind a
-pallet may be there, or within reach of it, and nowhere else, until the sensor sees behind it.
+So a person who steps behind a pallet may be there, or within reach of it, and nowhere else, until
+the sensor sees behind it.
+
+Nobody vanishes in the open. If the very place where a person was last seen counts as open, and
+nobody was seen there again, the claim that it is seen is wrong: something unknown stands between
+it and the camera (a vehicle, say), and nobody knows how much that hides, or where it goes. For this
+person, no place counts as seen free then, until a body is seen down to its feet at that place, or
+just behind it on the same line of sight. So the tracker's drop-outs end where the body is found.
 """
 
 import itertools
@@ -33,6 +39,10 @@ TALL_M = 2.0
 """A shadow that begins above this height hides nobody who stands on the floor."""
 STEP_M = 0.5
 """A body's mean may lie this far from where it was: other joints, a step."""
+ON_LINE_M, BEFORE_M, BEHIND_M = 0.2, 0.2, 0.5
+"""A body so near to the line of sight to a place, so little before or behind that place, shows that
+the line is free. From a camera 2.4 m high and 4 m away, such a line is half a metre above the place
+at most: what is lower hides nobody."""
 MOST_PLACES = 16
 """At most the number of a body's segments: a zone has a capsule for each."""
 _HALF_M = CELL_M * math.sqrt(0.5)  # from a cell's middle to its corner
@@ -96,11 +106,31 @@ class FreeSpace:
     def start(self, place: Floats, capture_ns: int, speed_m_s: float) -> "Whereabouts | None":
         """Where a person last seen at ``place`` (3,) may be; ``None``: ``place`` is off the grid,
         or outside the room."""
-        apart = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0))
-        if not (apart[self.in_room] <= STEP_M).any():  # nobody can be there: do not rely on it
+        if not self.within(place, STEP_M).any():  # nobody can be there: do not rely on it
             return None
-        near = self.in_room & (apart <= STEP_M + CELL_M)
-        return Whereabouts(self, near, capture_ns, speed_m_s)
+        return Whereabouts(self, place[:2], capture_ns, speed_m_s)
+
+    def within(self, place: Floats, metres: float) -> Bools:
+        """Cells of the room whose middle is so near to ``place``."""
+        apart = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0))
+        near: Bools = self.in_room & (apart <= metres)
+        return near
+
+    def shows(self, place: Floats, standing: Sequence[Floats]) -> bool:
+        """Whether bodies seen down to their feet, at these (2,) places, show that ``place`` (2,) is
+        seen. Which of several cameras sees a body is not known: then only that very place counts.
+        """
+        for body in standing:
+            away = body - place
+            if np.hypot(*away) <= ON_LINE_M:
+                return True
+            if len(self._viewpoints) == 1:
+                sight = place - self._viewpoints[0]
+                sight = sight / max(float(np.hypot(*sight)), 1e-9)
+                aside = abs(float(away[0] * sight[1] - away[1] * sight[0]))
+                if aside <= ON_LINE_M and -BEFORE_M <= float(away @ sight) <= BEHIND_M:
+                    return True
+        return False
 
     def _touches(self, region: Region) -> Bools:
         """Cells that lie at least partly inside."""
@@ -141,13 +171,21 @@ class Whereabouts:
     Attributes:
         capture_ns: the newest scene that was taken into account.
         speed_m_s: how fast the person may walk.
+        disputed: the place where the person was last seen counted as open, and nobody was there.
     """
 
-    def __init__(self, space: FreeSpace, cells: Bools, capture_ns: int, speed_m_s: float) -> None:
+    def __init__(self, space: FreeSpace, place: Floats, capture_ns: int, speed_m_s: float) -> None:
         self._space = space
+        self._place = place
+        self._begun_ns = capture_ns
+        apart = np.hypot(*np.moveaxis(space.centres - place, -1, 0))
+        nearest = np.where(space.in_room, apart, np.inf).argmin()
+        self._home = np.unravel_index(int(nearest), space.shape)
         # The number of further captures that may miss a person in this cell; 0: nobody is there.
-        self._left: Ints = np.where(cells, space.captures, 0)
+        self._left: Ints = np.where(space.within(place, STEP_M + CELL_M), space.captures, 0)
         self._travel_m = 0.0
+        self._shown = False  # a body was seen there since
+        self.disputed = False
         self.capture_ns = capture_ns
         self.speed_m_s = speed_m_s
 
@@ -156,14 +194,19 @@ class Whereabouts:
         """Whether any place is left where the person may be."""
         return bool(self._left.any())
 
-    def update(self, capture_ns: int, free: Bools | None) -> None:
+    def update(self, capture_ns: int, free: Bools | None, standing: Sequence[Floats] = ()) -> None:
         """Let the person walk until ``capture_ns``, then remove cells that are seen free.
 
         Args:
             capture_ns: capture time of the scene.
             free: cells that are open in it; ``None``: the scene proves nothing, and cells seen
                 before must be seen again.
+            standing: (2,) places of the bodies in it that are seen down to their feet.
         """
+        self._shown = self._shown or self._space.shows(self._place, standing)
+        self.disputed = self.disputed and not self._shown
+        if self.disputed:
+            free = None
         self._travel_m += self.speed_m_s * max(0, capture_ns - self.capture_ns) * 1e-9
         self.capture_ns = capture_ns
         while self._travel_m > 0:  # whole cells, before the way is walked: never too late
@@ -175,6 +218,16 @@ class Whereabouts:
         unseen = np.where(self._left > 0, self._space.captures, 0)
         self._left = unseen if free is None else np.where(free, self._left - 1, unseen)
         np.maximum(self._left, 0, out=self._left)
+        if not self._shown and not self._left[self._home]:
+            self._dispute()
+
+    def _dispute(self) -> None:
+        """The person may be wherever they can have walked to: what was seen free is not."""
+        self.disputed = True
+        seconds = max(0, self.capture_ns - self._begun_ns) * 1e-9
+        reached = self._space.within(self._place, STEP_M + CELL_M + self.speed_m_s * seconds)
+        self._left = np.where(reached, self._space.captures, 0)
+        self._travel_m = 0.0
 
     def places(self) -> Floats:
         """(D, 3) x, y and radius of discs that hold every place, D <= ``MOST_PLACES``."""

@@ -6,7 +6,8 @@ change this. A person stops being lost only by
 
 - being seen again: see ``Roster``;
 - ``acknowledge``, some time after the person was last seen;
-- having no place left to be, if the source sees free space: see ``FreeSpace``.
+- having no place left to be, if the source sees free space, and a body was seen again where the
+  person was last seen: see ``free_space``.
 
 Time alone never ends it.
 """
@@ -17,7 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hri_predict.arrays import Floats
+from hri_predict.people.lost.floor import floor_place
 from hri_predict.people.lost.free_space import FreeSpace, Whereabouts
+from hri_predict.people.lost.onward import speed_reached
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import LostPerson
 from hri_predict.people.track import Body, Track
@@ -100,7 +103,7 @@ class LostPeople:
                 positions=track.positions.copy(),
                 joint_age_s=age_s,
                 capture_ns=track.capture_ns,
-                speed_m_s=self.speed_of(track),
+                speed_m_s=self.onward_speed_of(track),
                 limbs_m_s=limbs_m_s,
                 track=track,
             )
@@ -117,6 +120,11 @@ class LostPeople:
             return self._settings.max_body_speed_m_s
         return max(self._settings.lost_speed_m_s, GAIN * measured + GAIN_M_S)
 
+    def onward_speed_of(self, track: Track) -> float:
+        """How fast a lost body may go on: as ``speed_of``, or as it was speeding up."""
+        most = self._settings.max_body_speed_m_s
+        return max(self.speed_of(track), min(speed_reached(track), most))
+
     def found_speed_of(self, track: Track) -> float:
         """How fast a body that is found elsewhere may have been, m/s.
 
@@ -130,13 +138,20 @@ class LostPeople:
         """Forget a person who is seen again."""
         self.people.remove(lost)
 
-    def see(self, capture_ns: int, seen: Sequence[Floats], is_whole: bool) -> int:
+    def see(
+        self,
+        capture_ns: int,
+        seen: Sequence[Floats],
+        is_whole: bool,
+        standing: Sequence[Floats] = (),
+    ) -> int:
         """Note a scene of a source that sees free space.
 
         Args:
             capture_ns: of the scene.
             seen: (3,) places of the bodies in it.
             is_whole: whether the source saw the room and every body was located.
+            standing: (2,) places on the floor of the bodies in it that are seen down to their feet.
 
         Returns:
             the number of lost people who are now proven to be gone.
@@ -147,7 +162,7 @@ class LostPeople:
         before = len(self.people)
         for lost in self.people:
             if lost.whereabouts is not None:
-                lost.whereabouts.update(capture_ns, free)
+                lost.whereabouts.update(capture_ns, free, standing)
         self.people = [
             lost for lost in self.people if lost.whereabouts is None or lost.whereabouts.anywhere
         ]
@@ -185,7 +200,9 @@ class LostPeople:
     def keep(self, lost: Lost) -> None:
         """Add a lost person; see ``add``."""
         if self._space is not None and lost.track is not None:
-            lost.whereabouts = self._space.start(lost.centroid, lost.capture_ns, lost.speed_m_s)
+            on_floor = floor_place(lost.track)
+            place = lost.centroid if on_floor is None else on_floor
+            lost.whereabouts = self._space.start(place, lost.capture_ns, lost.speed_m_s)
         self.people.append(lost)
         if len(self.people) > self._most:
             oldest = min(self.people, key=lambda p: p.capture_ns)

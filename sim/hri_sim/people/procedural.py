@@ -38,7 +38,7 @@ DEMO: list[dict[str, Any]] = [
             {"do": "reach", "hand": "right", "to": [0.65, 0.4, 0.95], "hold_s": 1.5},
             {"do": "walk", "to": [1.9, 1.2], "speed_m_s": 0.6, "backwards": True},
             {"do": "wait", "seconds": 1.0},
-            {"do": "walk", "to": [3.6, 2.4]},
+            {"do": "walk", "to": [4.7, 3.2]},
             {"do": "leave", "seconds": 2.0},
         ],
     }

@@ -169,9 +169,9 @@ def walk(room, number, start, stop, speed=1.5, y=0.0, **others):
 
 def test_who_is_missed_for_a_moment_on_the_way_out_has_left_all_the_same(make_room):
     room = make_room(exits=[DOOR])
-    walk(room, 1, 2.0, 4.8)
+    walk(room, 1, 2.0, 6.1)
     room.see(times=4)
-    walk(room, 2, 5.1, 5.6)
+    walk(room, 2, 6.25, 6.4)
     snapshot = room.see(times=10)
     assert snapshot.ids == ()
     assert snapshot.lost == ()
@@ -181,18 +181,18 @@ def test_who_is_missed_for_a_moment_on_the_way_out_has_left_all_the_same(make_ro
 def test_who_comes_in_past_a_leaver_has_not_left(make_room):
     """The track of who left goes on with somebody else, who vanishes on the way in."""
     room = make_room(exits=[DOOR])
-    walk(room, 1, 2.0, 5.0)
+    walk(room, 1, 2.0, 6.1)
     room.see(times=3)
-    walk(room, 2, 5.1, 4.6)
+    walk(room, 2, 6.2, 5.6)
     snapshot = room.see(times=10)
     assert snapshot.counters["inherited"] == 1
-    assert lost_at(snapshot) == [4.6]
+    assert lost_at(snapshot) == [5.6]
 
 
 def test_one_torn_capture_of_a_leaver_is_that_leaver(make_room):
     room = make_room(exits=[DOOR])
-    walk(room, 1, 2.0, 5.0)
-    assert Reason.INPUT_IMPOSSIBLE in room.see(body(1, 5.0, y=0.65)).reasons
+    walk(room, 1, 2.0, 6.3)
+    assert Reason.INPUT_IMPOSSIBLE in room.see(body(1, 6.3, y=0.65)).reasons
     snapshot = room.see(times=10)
     assert snapshot.counters["left_by_exit"] == 1
     assert snapshot.lost == ()

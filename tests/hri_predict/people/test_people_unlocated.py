@@ -13,7 +13,7 @@ ALL, NONE = np.ones(J, bool), np.zeros(J, bool)
 CMU = load_joint_map("cmu38")
 UNUSED = np.flatnonzero(~np.any(CMU.weights > 0, axis=0))
 STALE_TOO = (Reason.PERSON_NOT_LOCATED, Reason.INPUT_STALE)
-EXIT = {"polygon": [[2, -3], [9, -3], [9, 3], [2, 3]], "z_min": -1, "z_max": 3}
+EXIT = {"polygon": [[2, -3], [2.8, -3], [2.8, 3], [2, 3]], "z_min": -1, "z_max": 3}
 
 
 def body(number, x, y=0.0):

@@ -1,6 +1,7 @@
 """All incidents, grouped by what goes wrong."""
 
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incidents.exits import EXITS
 from hri_sim.fault_table.incidents.fast_people import FAST_PEOPLE
 from hri_sim.fault_table.incidents.latches import LATCHES
 from hri_sim.fault_table.incidents.late_scenes import LATE_SCENES
@@ -11,6 +12,7 @@ from hri_sim.fault_table.incidents.second_sender import SECOND_SENDER
 from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
 
 INCIDENTS: tuple[Incident, ...] = (
+    *EXITS,
     *FAST_PEOPLE,
     *LATCHES,
     *LATE_SCENES,

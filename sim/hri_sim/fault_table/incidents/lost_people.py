@@ -93,6 +93,52 @@ _RUNNER = {
     ],
 }
 
+_STARTS_TO_RUN = {
+    "start": [5.5, 0.1],
+    "repeat": False,
+    "script": [
+        {"do": "wait", "seconds": 2.0},
+        {"do": "walk", "to": [1.0, 0.1], "speed_m_s": 4.4},
+        {"do": "reach", "hand": "right", "to": [0.6, 0.1, 0.64], "hold_s": 8.0, "duration_s": 0.7},
+    ],
+}
+"""Lost after 0.4 s, at 1.3 m/s; within a second he has 4.4 m/s."""
+
+_GATE = {"polygon": [[-3.7, 2.2], [-3.1, 2.2], [-3.1, 4.2], [-3.7, 4.2]]}
+
+_STAYS_AND_GOES = {
+    "start": [-2.0, 2.5],
+    "repeat": False,
+    "script": [
+        {"do": "wait", "seconds": 6.0},
+        {"do": "walk", "to": [-3.95, 3.3]},
+        {"do": "leave", "seconds": 3600.0},
+    ],
+}
+
+_WALKS_BY = {
+    "id": 2,
+    "start": [3.0, -1.8],
+    "repeat": False,
+    "script": [
+        {"do": "wait", "seconds": 5.0},
+        {"do": "walk", "to": [2.6, 2.6]},
+        {"do": "walk", "to": [4.5, -2.0]},
+        {"do": "wait", "seconds": 60.0},
+    ],
+}
+"""Crosses the line of sight before the vehicle."""
+
+_FREE_SPACE = {
+    "source": {
+        "keeps_ids": False,
+        "sees_free_space": True,
+        "field_of_view": {"polygon": _FLOOR},
+        "viewpoints": [[6.0, 5.0, 3.0]],
+    },
+    "people": {"exits": [], "room": {"polygon": _FLOOR}},
+}
+
 LOST_PEOPLE = (
     Incident(
         name="lost: behind a pallet, then reaches out",
@@ -140,19 +186,42 @@ LOST_PEOPLE = (
         not_clear=(6.0, 24.0),
     ),
     Incident(
-        name="lost: seen free, so the cell works on",
-        people=(_stands([-2.0, 2.5], 1, enter_s=0.0, seconds=4.0),),
-        duration_s=14.0,
-        settings={
-            "source": {
-                "sees_free_space": True,
-                "field_of_view": {"polygon": _FLOOR},
-                "viewpoints": [[6.0, 5.0, 3.0]],
-            },
-            "people": {"exits": [], "room": {"polygon": _FLOOR}},
-        },
-        moving=(8.0, 14.0),
+        # nobody vanishes in the open: that place must be seen again before it counts as free
+        name="lost: in the open for a while, seen there again, so the cell works on",
+        people=(_STAYS_AND_GOES,),
+        duration_s=13.0,
+        faults=("vanish@3+2:person=1", "rename@5+11:person=1,to=7"),
+        settings=_FREE_SPACE | {"people": {"exits": [_GATE], "room": {"polygon": _FLOOR}}},
+        moving=(9.5, 13.0),
+        says=(Reason.PERSON_LOST,),
         never_says=(Reason.OUT_OF_VIEW,),
+    ),
+    Incident(
+        name="lost: behind a vehicle that stops between, where the source sees free space",
+        people=(_reaches_out(10.0), _FAR),
+        duration_s=24.0,
+        faults=("vanish@5+19:person=1",),
+        settings=_FREE_SPACE,
+        not_clear=(5.0, 24.0),
+        says=(Reason.PERSON_LOST,),
+    ),
+    Incident(
+        name="lost: behind a vehicle, while a colleague walks by",
+        people=(_reaches_out(10.0), _WALKS_BY),
+        duration_s=24.0,
+        faults=("vanish@5+19:person=1",),
+        settings=_FREE_SPACE,
+        not_clear=(5.0, 24.0),
+        says=(Reason.PERSON_LOST,),
+    ),
+    Incident(
+        name="lost: a runner, while he speeds up",
+        people=(_STARTS_TO_RUN,),
+        duration_s=7.0,
+        faults=("vanish@2.4+7",),
+        settings={"people": {"exits": []}},
+        not_clear=(2.7, 7.0),
+        not_moving=(3.3, 7.0),
     ),
     Incident(
         name="lost: behind a pallet, where nobody sees free space",

@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.people.body.standing import standing_body
 from hri_predict.people.lost.free_space import CELL_M, MOST_PLACES, FreeSpace
+from hri_predict.scene import Person
 from hri_predict.settings import Region
+from hri_predict.skeleton import JOINTS
 
 MS = 1_000_000
 PERIOD = 40 * MS
@@ -38,15 +41,22 @@ def holds(places, points):
     return (apart <= places[:, 2] + 1e-9).any(1)
 
 
+def seen_there(room, place, start=0):
+    """Somebody was lost at a place, and a body was seen there again, down to its feet."""
+    lost = room.start(place, start, WALK)
+    lost.update(start + MS, None, [place[:2]])
+    return lost
+
+
 def watch(room, whereabouts, captures, *seen, start=0):
     for k in range(1, captures + 1):
         whereabouts.update(start + k * PERIOD, room.free(seen))
     return start + captures * PERIOD
 
 
-def test_who_vanishes_in_the_open_is_gone_after_so_many_captures():
+def test_who_was_found_in_the_open_is_gone_after_so_many_captures():
     room = space()
-    lost = room.start(at(-2, -2), 0, WALK)
+    lost = seen_there(room, at(-2, -2))
     watch(room, lost, CAPTURES - 1)
     assert lost.anywhere
     watch(room, lost, 1, start=(CAPTURES - 1) * PERIOD)
@@ -72,7 +82,7 @@ def test_scenes_that_prove_nothing_let_the_place_grow():
         lost.update(k * PERIOD, None)
     assert may_be(lost, at(-2 + 1.6, -2))
     room = space(shadows=())
-    lost = room.start(at(0, 0), 0, WALK)
+    lost = seen_there(room, at(0, 0))
     for k in range(1, 26):
         lost.update(k * PERIOD, None)
     watch(room, lost, 3 * CAPTURES, start=25 * PERIOD)
@@ -82,7 +92,7 @@ def test_scenes_that_prove_nothing_let_the_place_grow():
 def test_people_in_view_hide_others_unless_it_is_known_from_where_they_are_seen():
     blind, sighted = space(shadows=()), space(shadows=(), viewpoints=[[-6, 0, 2.5]])
     assert not blind.free([at(0, 0)]).any()
-    behind, beside = sighted.start(at(2, 0), 0, WALK), sighted.start(at(0, -3), 0, WALK)
+    behind, beside = seen_there(sighted, at(2, 0)), seen_there(sighted, at(0, -3))
     for lost in (behind, beside):
         watch(sighted, lost, 3 * CAPTURES, at(0, 0))
     assert behind.anywhere
@@ -99,7 +109,7 @@ def test_a_second_camera_sees_who_is_hidden_from_the_first():
     one = space(shadows=(), viewpoints=[[-6, 0, 2.5]])
     two = space(shadows=(), viewpoints=[[-6, 0, 2.5], [0, -6, 2.5]])
     for room, is_there in ((one, True), (two, False)):
-        lost = room.start(at(3, 0), 0, WALK)
+        lost = seen_there(room, at(3, 0))
         watch(room, lost, 3 * CAPTURES, at(0, 0))
         assert lost.anywhere is is_there
 
@@ -122,7 +132,7 @@ def test_who_may_be_at_another_body_is_not_seen_free():
 )
 def test_a_shadow_hides_where_somebody_fits_into_its_height(shadow, hides):
     room = space(shadows=[Region(polygon=PALLET.polygon, **shadow)])
-    lost = room.start(at(1.7, 0), 0, WALK)
+    lost = seen_there(room, at(1.7, 0))
     watch(room, lost, 3 * CAPTURES)
     assert lost.anywhere is hides
 
@@ -136,7 +146,7 @@ def test_behind_a_wall_nobody_can_be():
     view = Region(polygon=[[-3, -3], [3, -3], [3, 3], [-3, 3]])
     for room, is_there in ((None, True), (view, False)):
         inside = space(view=view, room=room, shadows=())
-        lost = inside.start(at(2.4, 0), 0, WALK)
+        lost = seen_there(inside, at(2.4, 0))
         watch(inside, lost, 3 * CAPTURES)
         assert lost.anywhere is is_there
 
@@ -213,3 +223,111 @@ def test_who_was_seen_outside_the_room_is_not_proven_gone():
     room = space(room=Region(polygon=[[0, -6], [6, -6], [6, 6], [0, 6]]))
     assert room.start(at(-0.7, 0), 0, WALK) is None
     assert room.start(at(-0.2, 0), 0, WALK) is not None  # at the wall
+
+
+# -- who vanishes where the source claims to see ------------------------------------------------
+
+CAMERA = (-6.0, 0.0, 2.4)
+
+
+def test_who_vanishes_in_the_open_may_be_anywhere():
+    """A vehicle that stops between the camera and somebody hides more than that place."""
+    room = space(shadows=(), viewpoints=[CAMERA], room=VIEW)
+    lost = room.start(at(1, 0), 0, WALK)
+    watch(room, lost, CAPTURES - 1)
+    assert not lost.disputed
+    end = watch(room, lost, 2000, start=(CAPTURES - 1) * PERIOD)
+    assert lost.disputed
+    assert all(may_be(lost, at(x, y)) for x in (-5.9, 5.9) for y in (-5.9, 5.9))
+    lost.update(end + PERIOD, room.free([]), [np.array([1.0, 0.0])])
+    watch(room, lost, CAPTURES, start=end + PERIOD)
+    assert not lost.anywhere
+
+
+def test_the_place_grows_from_when_the_person_was_seen():
+    room = space(shadows=(), viewpoints=[CAMERA])
+    lost = room.start(at(0, 0), 0, WALK)
+    watch(room, lost, CAPTURES)
+    reached = WALK * CAPTURES * PERIOD * 1e-9
+    assert may_be(lost, at(reached, 0))
+    assert may_be(lost, at(0, -reached))
+    assert not may_be(lost, at(reached + 2.5, 0))
+
+
+@pytest.mark.parametrize(
+    ("body", "shows"),
+    [
+        ((1.0, 0.0), True),  # that very place
+        ((1.4, 0.1), True),  # just behind it
+        ((0.85, 0.1), True),
+        ((2.5, 0.0), False),  # far behind: seen above a cart that hides who crouches
+        ((0.5, 0.0), False),  # before it: a vehicle may stand between
+        ((1.0, 0.3), False),  # beside it, past the vehicle's edge
+    ],
+)
+def test_which_body_shows_that_a_place_is_seen(body, shows):
+    place, room = np.array([1.0, 0.0]), space(shadows=(), viewpoints=[CAMERA])
+    assert room.shows(place, [np.array(body)]) is shows
+    two = space(shadows=(), viewpoints=[CAMERA, (0.0, -6.0, 2.4)])
+    is_there = bool(np.hypot(*(np.array(body) - place)) <= 0.2)
+    assert two.shows(place, [np.array(body)]) is is_there
+
+
+def test_a_body_that_walks_by_shows_nothing_of_other_places():
+    room = space(shadows=(), viewpoints=[CAMERA])
+    lost = room.start(at(1, 0), 0, WALK)
+    for k in range(1, 200):
+        body = np.array([0.2, -4.0 + 0.04 * k])  # crosses the line, before the place
+        lost.update(k * PERIOD, room.free([np.append(body, 1.0)]), [body])
+    assert lost.disputed
+
+
+def test_who_is_lost_behind_a_body_that_then_goes_is_not_gone():
+    """Nobody was seen where the lost one was, so something else hides that place."""
+    room = space(shadows=(), viewpoints=[CAMERA])
+    lost = room.start(at(1, 0), 0, WALK)
+    end = watch(room, lost, 50, at(0.3, 0))
+    assert not lost.disputed
+    watch(room, lost, 50, at(0.3, 3), start=end)
+    assert lost.disputed
+
+
+def test_a_shadow_next_to_the_place_explains_where_a_person_went():
+    room = space(viewpoints=[CAMERA])
+    lost = room.start(at(0.9, 0.0), 0, WALK)
+    watch(room, lost, 500)
+    assert not lost.disputed
+
+
+# -- through the people stage ---------------------------------------------------------------------
+
+SHAPE = standing_body()
+ALL = np.ones(len(JOINTS), bool)
+NO_FEET = np.array(["ankle" not in name and "foot" not in name for name in JOINTS])
+SEES = {"sees_free_space": True, "field_of_view": VIEW, "viewpoints": [list(CAMERA)]}
+
+
+def person(number, x, y=0.0, observed=ALL):
+    return Person(number, SHAPE + np.array([x, y, 0.0]), observed)
+
+
+def test_who_vanishes_in_the_open_stays_lost_until_seen_there_again(make_room):
+    room = make_room(latency=0, source=SEES, room=VIEW, exits=[])
+    room.see(person(1, 1.0), times=10)
+    assert len(room.see(times=200).lost) == 1
+    room.see(person(7, 3.0), times=20)  # on the same line, far behind
+    room.see(times=20)
+    assert [lost.id for lost in room.snapshot().lost] == [1, 7]
+    room.see(person(8, 1.05, observed=NO_FEET), times=20)  # seen above a cart, perhaps
+    room.see(times=20)
+    assert len(room.snapshot().lost) == 3
+    room.see(person(9, 1.05), times=20)
+    assert [lost.id for lost in room.see(times=20).lost] == [7, 9]
+
+
+def test_an_acknowledgement_ends_it_too(make_room):
+    room = make_room(latency=0, source=SEES, room=VIEW, exits=[])
+    room.see(person(1, 1.0), times=10)
+    room.see(times=200)
+    room.people.acknowledge()
+    assert room.snapshot().lost == ()

@@ -114,7 +114,7 @@ def test_more_ids_than_people_may_be_anywhere_and_are_not_kept(make_room):
     assert len(room.people._unplaced._present) == 0
 
 
-EXIT = {"polygon": [[2, -3], [9, -3], [9, 3], [2, 3]], "z_min": -1, "z_max": 3}
+EXIT = {"polygon": [[2, -3], [2.8, -3], [2.8, 3], [2, 3]], "z_min": -1, "z_max": 3}
 
 
 @pytest.mark.parametrize("captures", [7, 25, 100])

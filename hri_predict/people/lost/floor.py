@@ -1,0 +1,85 @@
+"""Where on the floor a body stands, and how it moves there: by its hips, or by both feet.
+
+The mean of all seen joints is no place on the floor: it moves by half a metre when a pallet hides
+the legs. So places and ways come from the same few joints, and only if these were seen.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from hri_predict.arrays import Floats
+from hri_predict.people.track import Track
+from hri_predict.skeleton import JOINTS
+
+_STANDS = tuple(
+    np.array([JOINTS.index(name) for name in names])
+    for names in (
+        ("l_hip", "r_hip"),
+        ("waist",),
+        ("l_hip",),
+        ("r_hip",),
+        ("l_ankle", "r_ankle"),
+        ("l_foot", "r_foot"),
+    )
+)
+"""Joints above which a body stands, the best first. One foot alone swings half a step ahead."""
+_FEET = np.array([JOINTS.index(name) for name in ("l_ankle", "l_foot", "r_ankle", "r_foot")])
+
+
+class Way(NamedTuple):
+    """How a body moved over the floor: (2,) metres, and the seconds in between."""
+
+    moved: Floats
+    seconds: float
+
+    @property
+    def speed_m_s(self) -> float:
+        """Metres per second."""
+        return float(np.linalg.norm(self.moved)) / self.seconds
+
+    def along(self, direction: Floats) -> float:
+        """The part (m/s) of the speed along a unit vector (2,)."""
+        return float(self.moved @ direction) / self.seconds
+
+
+def floor_place(track: Track) -> Floats | None:
+    """(2,) where the body stands in its newest capture; ``None``: hips and feet are hidden."""
+    seen = track.stamps == track.capture_ns
+    for joints in _STANDS:
+        if seen[joints].all():
+            place: Floats = track.positions[joints, :2].mean(axis=0)
+            return place
+    return None
+
+
+def floor_way(track: Track, span_s: float) -> Way | None:
+    """How the body moved over the floor in the last ``span_s`` before it was last seen.
+
+    The same joints at both ends; ``None``: they were not seen, or for less than half of that time.
+    """
+    stamps, positions, observed = track.history.samples()
+    recent = np.flatnonzero(stamps >= track.capture_ns - round(span_s * 1e9))
+    if len(recent) < 2:
+        return None
+    last = recent[-1]
+    for joints in _STANDS:
+        if not observed[last, joints].all():
+            continue
+        first = recent[observed[recent][:, joints].all(axis=1)][0]
+        seconds = float(stamps[last] - stamps[first]) * 1e-9
+        if seconds >= span_s / 2:
+            moved = (positions[last, joints] - positions[first, joints])[:, :2].mean(axis=0)
+            return Way(moved, seconds)
+    return None
+
+
+def standing_in(tracks: Iterable[Track], capture_ns: int) -> list[Floats]:
+    """(2,) places on the floor of the bodies that a scene shows down to an ankle or a foot."""
+    places = []
+    for track in tracks:
+        if track.capture_ns == capture_ns and (track.stamps[_FEET] == capture_ns).any():
+            place = floor_place(track)
+            places += [] if place is None else [place]
+    return places
