@@ -131,10 +131,11 @@ def build_risk(
     trackers: Sequence[RobotTracker],
     *,
     obeyed: bool = False,
+    last_latch_id: int | None = None,
 ) -> RiskEngine:
     """Build the risk stage for these robots and the forecasts of ``predictor``.
 
-    ``obeyed``: the robots are moved by its advice.
+    ``obeyed``: the robots are moved by its advice. ``last_latch_id``: see ``LatchIds``.
     """
     return RiskEngine(
         settings=config.node.risk,
@@ -150,6 +151,7 @@ def build_risk(
         doors=_doors(config),
         obeyed=obeyed,
         floor_m=config.node.people.floor_m,
+        last_latch_id=last_latch_id,
         base_dir=config.base_dir,
     )
 
@@ -268,6 +270,7 @@ def build(
     deadline: bool = True,
     prediction: Prediction | None = None,
     shadow: bool = False,
+    last_latch_id: int | None = None,
     listeners: Sequence[Listener] = (),
 ) -> Assembly:
     """Build everything, but open and start nothing.
@@ -303,7 +306,9 @@ def build(
         for settings in (config.opened_links if links is None else ())
     )
     obeyed = bool(configured) and not shadow
-    risk = build_risk(config, source, predictor, trackers, obeyed=obeyed)
+    risk = build_risk(
+        config, source, predictor, trackers, obeyed=obeyed, last_latch_id=last_latch_id
+    )
     links = tuple(links or ()) or configured or played_links(source, clock)
     everybody = frozenset(range(len(robots)))
     advised = advised_on_links(config) if configured else [everybody for _ in links]

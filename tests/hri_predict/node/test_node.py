@@ -7,6 +7,7 @@ import pytest
 
 from hri_predict.link import LinkCounters, Received
 from hri_predict.node.listeners import Listener
+from hri_predict.node.presses import QUIET_S
 from hri_predict.peers import ControllerReport
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import (
@@ -190,39 +191,79 @@ def test_a_link_that_is_down_degrades_the_node(near):
     assert tick.status.node_state is NodeState.RUNNING
 
 
-def test_an_acknowledgement_counts_once_per_id_and_link(near, monkeypatch):
-    pressed: list[int] = []
-    monkeypatch.setattr(near.node._risk, "acknowledge", pressed.append)
+def press(near, link, latch, ack):
+    link.inbox.append(Received(Acknowledge(latch, ack), near.clock.now_ns()))
+    return near.run(0.04)[-1]
+
+
+def lose(near):
+    """Lose a person for long enough to acknowledge that; return the tick that shows it."""
+    near.node._people._lost.forgotten = True
+    return near.run(QUIET_S + 1.0)[-1]
+
+
+def test_an_acknowledgement_ends_what_it_names_once(near):
     drive, monitor = heard(near)
-
-    def press(link, latch, ack):
-        link.inbox.append(Received(Acknowledge(latch, ack), near.clock.now_ns()))
-        near.run(0.04)
-
+    tick = lose(near)
+    shown = tick.advices[0].latch_id
+    assert tick.status.reason is Reason.ROOM_NOT_SEEN_EMPTY
+    assert shown
+    for latch in (0, shown + 1):  # what an old controller sends, and what is not shown
+        assert press(near, monitor, latch, 7).status.reason is Reason.ROOM_NOT_SEEN_EMPTY
+    assert near.node.acknowledges == 0
+    tick = press(near, drive, shown, 7)
+    assert tick.status.reason is Reason.NONE
+    assert tick.advices[0].latch_id == 0
     for _ in range(3):
-        press(drive, 7, 1)
-    assert pressed == [7]
-    press(drive, 7, 2)
-    press(monitor, 7, 2)  # another button
-    assert pressed == [7, 7, 7]
-    assert near.node.acknowledges == 3
+        press(near, drive, shown, 7)
+    assert near.node.acknowledges == 1
+    assert near.node.acknowledges_refused == 2
+    assert near.node.acknowledges_not_counted == {"names_nothing": 1, "not_shown": 1}
 
 
-def test_an_acknowledgement_that_is_refused_starts_nothing(near, caplog):
+def test_what_is_lost_again_has_another_number(near):
     drive, _ = heard(near)
-    drive.inbox.append(Received(Acknowledge(999, 1), near.clock.now_ns()))
-    (tick,) = near.run(0.04)
-    assert "refused" in caplog.text
-    assert tick.advices[0].level is not Level.CLEAR
+    first = lose(near).advices[0].latch_id
+    press(near, drive, first, 7)
+    tick = lose(near)
+    assert tick.advices[0].latch_id not in (0, first)
+    assert press(near, drive, first, 8).status.reason is Reason.ROOM_NOT_SEEN_EMPTY
 
 
-def test_acknowledgements_that_are_refused_in_a_flood_are_counted_and_logged_seldom(near, caplog):
+def test_acknowledges_without_end_count_for_nothing_and_are_said(near):
     drive, _ = heard(near)
-    now_ns = near.clock.now_ns()
-    drive.inbox += [Received(Acknowledge(999, 1 + i), now_ns) for i in range(1500)]
+    near.node._people._lost.forgotten = True
+    latch, reasons = 0, []
+    for ack in range(1, 60):
+        drive.inbox.append(Received(Acknowledge(latch, ack), near.clock.now_ns()))
+        tick = near.run(0.4)[-1]
+        latch = tick.advices[0].latch_id
+        reasons += tick.assessment.reasons
+    assert tick.status.reason is Reason.ROOM_NOT_SEEN_EMPTY
+    assert tick.status.node_state is NodeState.DEGRADED
+    assert Reason.ACKNOWLEDGE_REPEATED in reasons
+    assert near.node.acknowledges == 0
+    assert near.node.acknowledges_refused == 59
+    quiet = near.run(QUIET_S)[-1]
+    assert Reason.ACKNOWLEDGE_REPEATED not in quiet.assessment.reasons
+    assert press(near, drive, latch, 99).status.reason is Reason.NONE
+
+
+def test_a_tick_that_fails_releases_nothing(near, monkeypatch):
+    drive, _ = heard(near)
+    shown = lose(near).advices[0].latch_id
+    with monkeypatch.context() as patched:
+        patched.setattr(near.node._prediction, "run", None)
+        press(near, drive, shown, 7)
     near.run(0.04)
-    assert near.node.acknowledges == near.node.acknowledges_refused == 1500
-    assert caplog.text.count("of latch 999 refused") == 2
+    assert near.node.acknowledges_refused == 1
+
+
+def test_conditions_beside_the_way_are_in_status_and_notes_of_the_advice(near):
+    near.node.conditions = lambda: (Reason.STATE_UNTRUSTED,)
+    tick = near.run(0.04)[-1]
+    assert tick.status.reason is Reason.STATE_UNTRUSTED
+    assert tick.status.node_state is NodeState.DEGRADED
 
 
 def test_listeners_that_fail_are_counted_and_stop_nothing(make_workcell, caplog):
