@@ -189,7 +189,7 @@ typedef struct {
     int16_t predicted_separation_mm;
     uint16_t time_to_breach_ms;
     uint16_t age_ms;
-    uint16_t latch_id; /* to pass to hri_acknowledge; 0 if nothing is latched */
+    uint16_t latch_id; /* to pass to hri_acknowledge; 0: there is nothing to acknowledge */
     uint16_t echo;
     uint8_t body_part;
     uint8_t robot_link;
@@ -346,8 +346,10 @@ const char *hri_verdict_name(uint8_t verdict);
 uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint32_t now_ms,
                              hri_unit units[HRI_PARTS_STATE]);
 
-/* Encode an Acknowledge of the latch as one unit; return 1, or 0 if not configured. Repeat it a few
- * times with the same ack_id, not 0; use a new ack_id for the next press of the button. */
+/* A person has pressed the button: encode an Acknowledge of the latch_id that was shown then, as one
+ * unit; return 1, or 0 if not configured or if latch_id is 0, since there is nothing to acknowledge.
+ * Repeat it a few times within 1 s with the same ack_id, not 0; use a new ack_id, also after a start
+ * of yours, for the next press. Only a press counts that comes 12 s or more after the one before. */
 uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit);
 
 #ifdef __cplusplus

@@ -47,8 +47,8 @@ class Node:
 
     Counters: ``scenes_in``, ``frames_in`` (skeletons in them), ``assess_failures``,
     ``acknowledges`` (presses that count, see ``Presses``), ``acknowledges_refused`` (those of them
-    that ended nothing, and all that do not count), ``listener_failures``, ``strange_states`` (RobotStates of a robot that the link's
-    controller does not control).
+    that ended nothing, and all that do not count), ``listener_failures``, ``strange_states``
+    (RobotStates of a robot that the link's controller does not control).
 
     Attributes:
         shedding: what is left out while ticks take too long; whoever measures them tells it.
@@ -229,14 +229,16 @@ class Node:
                         tracker = self._robots[message.robot]
                         tracker.update(message, received.received_ns, link.name)
                 elif isinstance(message, Acknowledge):
-                    if self._presses.counts(link.name, robots, message, received.received_ns):
-                        self._acknowledge(message.latch_id)
+                    self._acknowledge(link.name, robots, message, received.received_ns)
 
-    def _acknowledge(self, latch_id: int) -> None:
+    def _acknowledge(
+        self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int
+    ) -> None:
         """End what the operator saw: lost people now, a latch by the facts of this tick."""
-        self.acknowledges += 1
-        self._pressed.append(latch_id)
-        self._forgotten += self._people.acknowledge()
+        if self._presses.counts(link, robots, message, at_ns):
+            self.acknowledges += 1
+            self._pressed.append(message.latch_id)
+            self._forgotten += self._people.acknowledge()
 
     def _release(self) -> None:
         """Release the latches that were acknowledged, if their causes have cleared."""

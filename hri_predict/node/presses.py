@@ -1,4 +1,4 @@
-"""Which Acknowledges count: a press of a button by a person who has seen what is to be acknowledged.
+"""Which Acknowledges count: presses of a button by a person who saw what was shown.
 
 A button that is taped down, a controller that acknowledges by itself, and a recording that is
 played again all send valid Acknowledges. They name what nobody looked at, come too soon after it
@@ -142,7 +142,7 @@ _WORDS = {
     " must name the latch id of the Advice; rebuild the controller's program if it sends 0",
     "not_shown": "the Advice does not show this latch id now",
     "too_soon": f"it came within {SHOWN_S:g} s of being shown, sooner than a person presses",
-    "replayed": f"the same one came more than {REPEATS_S:g} s before; number each press differently",
+    "replayed": f"the same one came more than {REPEATS_S:g} s before; give each press its own number",
     "no_pause": f"another came less than {QUIET_S:g} s before, or the node was started then; wait"
     " for so long, then press once",
 }

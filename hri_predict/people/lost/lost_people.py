@@ -5,7 +5,7 @@ that grows at the speed last measured (the risk stage grows it). Scenes without 
 change this. A person stops being lost only by
 
 - being seen again: see ``Roster``;
-- ``acknowledge``, of the people whom ``to_acknowledge`` counted, some time after they were last seen;
+- ``acknowledge``, some time after the person was last seen, if ``to_acknowledge`` counted them;
 - having no place left to be, if the source sees free space: see ``FreeSpace``.
 
 Time alone never ends it.

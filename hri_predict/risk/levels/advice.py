@@ -98,7 +98,7 @@ class Levels:
         )
 
     def acknowledge(self, latch_id: int) -> bool:
-        """Release the latch numbered ``latch_id`` if its cause has cleared; return whether it was."""
+        """Release the latch ``latch_id`` if its cause has cleared; return whether it was."""
         return any(machine.acknowledge(latch_id) for machine in self._machines)
 
     def remember(self) -> dict[str, Any]:
