@@ -22,8 +22,8 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #endif
 
 /* generated: begin (renew: hri-predict protocol c-header) */
-#define HRI_SCHEMA_VERSION 2u
-#define HRI_SCHEMA_HASH 0xDB28BBACu
+#define HRI_SCHEMA_VERSION 3u
+#define HRI_SCHEMA_HASH 0xC4907B67u
 #define HRI_DEFAULT_BASE_ID 0x680u
 #define HRI_LAST_NUMBER 0x5Fu
 #define HRI_MAX_ROBOTS 8u
@@ -110,6 +110,8 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #define HRI_REASON_CLOCK_DRIFT 50u
 #define HRI_REASON_CALIBRATION_DRIFT 51u
 #define HRI_REASON_LOAD_SHED 52u
+#define HRI_REASON_ACKNOWLEDGE_REPEATED 53u
+#define HRI_REASON_STATE_UNTRUSTED 54u
 #define HRI_REASON_TEACH 60u
 #define HRI_REASON_RECOVERY 61u
 #define HRI_REASON_MUTED 62u
