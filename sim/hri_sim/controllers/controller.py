@@ -194,7 +194,7 @@ class ControllerCore(Generic[U]):
         self._next_state_ns: int | None = None
         # of the newest echoes: the counter, and nanoseconds since that state was sent
         self._round_trips: deque[tuple[int, int]] = deque(maxlen=_MAX_ROUND_TRIPS)
-        self._button = Button(settings.acknowledge_after_s)
+        self._button = Button(settings.acknowledge_after_s, settings.lies)
         self._obeyed = "stop"
         self._start_ns: int | None = None
         self._report = ControllerReport(name=name, role=settings.role, robot=settings.robot or "")
@@ -286,7 +286,7 @@ class ControllerCore(Generic[U]):
             )
             units += self._codec.encode(state)
             self._report.states_sent += 1
-        if (press := self._button.press(now_ns)) is not None:
+        for press in self._button.press(now_ns):
             units += self._codec.encode(press)
         return units
 

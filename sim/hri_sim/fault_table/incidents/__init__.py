@@ -1,6 +1,7 @@
 """All incidents, grouped by what goes wrong."""
 
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incidents.acknowledges import ACKNOWLEDGES
 from hri_sim.fault_table.incidents.fast_people import FAST_PEOPLE
 from hri_sim.fault_table.incidents.latches import LATCHES
 from hri_sim.fault_table.incidents.late_scenes import LATE_SCENES
@@ -10,6 +11,7 @@ from hri_sim.fault_table.incidents.second_sender import SECOND_SENDER
 from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
 
 INCIDENTS: tuple[Incident, ...] = (
+    *ACKNOWLEDGES,
     *FAST_PEOPLE,
     *LATCHES,
     *LATE_SCENES,
