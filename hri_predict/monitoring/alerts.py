@@ -156,8 +156,12 @@ class Alerts:
                 continue
             self._states[advice.robot] = (advice.level, why, condition)
             begins = condition is not None and (was is None or was[2] is not condition)
-            reason = condition if begins and condition is not None else advice.reason
-            detail = f"{self._robots[advice.robot]}: {reason.text}" if begins else advice.detail
+            reason, detail = advice.reason, advice.detail
+            if begins and condition is not None:
+                reason = condition
+                others = [detail] if detail and condition.text not in detail else []
+                told = f"{self._robots[advice.robot]}: {condition.text}"
+                detail = "; ".join([told, f"clears when {condition.clears_when}", *others])
             self._put(
                 Alert(
                     at=self._at(),

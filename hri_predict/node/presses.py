@@ -142,7 +142,7 @@ _WORDS = {
     " must name the latch id of the Advice; rebuild the controller's program if it sends 0",
     "not_shown": "the Advice does not show this latch id now",
     "too_soon": f"it came within {SHOWN_S:g} s of being shown, sooner than a person presses",
-    "replayed": f"the same one came more than {REPEATS_S:g} s before; give each press its own number",
+    "replayed": f"it came more than {REPEATS_S:g} s ago already; give each press its own number",
     "no_pause": f"another came less than {QUIET_S:g} s before, or the node was started then; wait"
     " for so long, then press once",
 }

@@ -1,4 +1,4 @@
-"""Acknowledges that no person has pressed: somebody hides beside the robot, and then reaches out."""
+"""Acknowledges without a person who presses, while somebody hides beside the robot."""
 
 from collections.abc import Mapping
 from typing import Any
