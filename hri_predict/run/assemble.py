@@ -21,6 +21,7 @@ from hri_predict.protocol.wire import StateShape
 from hri_predict.recording.played_link import played_links
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
+from hri_predict.risk.levels.latches import random_latch_id
 from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration, calibration_for
 from hri_predict.robots.model import RobotModel, load_robot
@@ -44,6 +45,7 @@ class Assembly:
     robots: tuple[RobotModel, ...]
     trackers: tuple[RobotTracker, ...]
     node: Node
+    last_latch_id: int = 0
 
 
 def build_source(config: Config, with_faults: bool = True) -> Source:
@@ -305,6 +307,9 @@ def build(
         )
         for settings in (config.opened_links if links is None else ())
     )
+    recorded: int | None = getattr(source, "last_latch_id", None)
+    last_latch_id = random_latch_id() if last_latch_id is None else last_latch_id
+    last_latch_id = last_latch_id if recorded is None else recorded
     obeyed = bool(configured) and not shadow
     risk = build_risk(
         config, source, predictor, trackers, obeyed=obeyed, last_latch_id=last_latch_id
@@ -333,4 +338,5 @@ def build(
             predictor_index=index,
             listeners=listeners,
         ),
+        last_latch_id=last_latch_id,
     )

@@ -24,6 +24,7 @@ def write_mcap(path: Path, recording: Recording) -> Written:
         rate_hz=recording.rate_hz,
         declares_noise=recording.declares_noise,
         config=recording.config,
+        last_latch_id=recording.last_latch_id,
     )
     written = Written(len(recording.scenes), people_of(recording))
     start_ns = recording.arrival_ns[0]

@@ -36,6 +36,8 @@ class RecordingInfo:
             virtual runs have none.
         predictor: name of the predictor; ``forecast_rate_hz`` has its steps per second.
         coverage: what its zones rest on, in words; "" in recordings of older versions.
+        last_latch_id: the number before the first that an Acknowledge may name in it, so that a
+            replay gives the same; ``None`` in recordings of older versions.
     """
 
     joint_map: JointMap
@@ -49,6 +51,7 @@ class RecordingInfo:
     predictor: str = ""
     forecast_rate_hz: float = 0.0
     coverage: str = ""
+    last_latch_id: int | None = None
 
     def to_metadata(self) -> dict[str, str]:
         """As MCAP metadata: strings only."""
@@ -69,6 +72,7 @@ class RecordingInfo:
             "predictor": self.predictor,
             "forecast_rate_hz": repr(self.forecast_rate_hz),
             "coverage": self.coverage,
+            "last_latch_id": json.dumps(self.last_latch_id),
         }
 
     @classmethod
@@ -99,9 +103,15 @@ class RecordingInfo:
                 predictor=metadata.get("predictor", ""),
                 forecast_rate_hz=float(metadata.get("forecast_rate_hz", "0")),
                 coverage=metadata.get("coverage", ""),
+                last_latch_id=_number(metadata.get("last_latch_id", "null")),
             )
         except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
             raise RecordingError(f"its metadata are damaged ({error}); record it again") from error
+
+
+def _number(text: str) -> int | None:
+    number = json.loads(text)
+    return None if number is None else int(number)
 
 
 def _robots(metadata: Mapping[str, str]) -> tuple[tuple[str, tuple[str, ...]], ...]:

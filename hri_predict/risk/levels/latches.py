@@ -26,12 +26,17 @@ class LatchIds:
     """
 
     def __init__(self, last: int | None = None) -> None:
-        self.last = secrets.randbelow(MAX_LATCH_ID) if last is None else last
+        self.last = random_latch_id() if last is None else last % MAX_LATCH_ID
 
     def __call__(self) -> int:
         """A new number, never 0."""
         self.last = self.last % MAX_LATCH_ID + 1
         return self.last
+
+
+def random_latch_id() -> int:
+    """Where a run begins to number."""
+    return secrets.randbelow(MAX_LATCH_ID)
 
 
 def causes_now(snapshot: PeopleSnapshot, untrusted: Sequence[Reason]) -> list[str]:

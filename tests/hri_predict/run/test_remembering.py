@@ -7,8 +7,9 @@ import pytest
 import yaml
 
 from hri_predict.node.presses import QUIET_S
-from hri_predict.protocol.messages import Level
+from hri_predict.protocol.messages import Acknowledge, Level
 from hri_predict.protocol.reasons import Reason
+from hri_predict.recording.opening import open_recording
 from hri_predict.run import config as configuration
 from hri_predict.run.remembering import cell_of
 from hri_predict.run.session import Options, View, run
@@ -69,10 +70,7 @@ def test_a_first_start_waits_for_one_acknowledge_and_the_next_start_does_not(cel
     first = played(cell(acknowledge_after_s=AFTER_S), state, SECONDS)
     assert Reason.STATE_UNTRUSTED in first.reasons
     assert len(first.shown) == 1
-    before = [a for a in first.advices if a.latch_id == 0][:1] + [
-        a for a in first.advices if a.latch_id
-    ]
-    assert {a.level for a in before} == {Level.UNKNOWN}
+    assert {a.level for a in first.advices if a.latch_id} == {Level.UNKNOWN}
     assert first.moves
     second = played(cell(), state)
     assert Reason.STATE_UNTRUSTED not in second.reasons
@@ -100,6 +98,19 @@ def test_an_acknowledge_of_before_a_restart_ends_nothing_after_it(cell, tmp_path
     assert before.shown
     assert again.shown
     assert before.shown.isdisjoint(again.shown)  # by chance alike: once in 65,000
+
+
+def test_a_replay_numbers_as_its_recording_so_that_recorded_presses_count(cell, tmp_path):
+    path = tmp_path / "a.mcap"
+    config = cell(latch=["start"], acknowledge_after_s=AFTER_S)
+    run(config, Options(factor=None, duration_s=SECONDS, record=path))
+    recording = open_recording(path)
+    pressed = {m.message.latch_id for _, m in recording.received if type(m.message) is Acknowledge}
+    assert len(pressed) == 1
+    source = {"kind": "recording", "path": str(path), "room_from_source": {"xyz": [0, 0, 0]}}
+    again = played(config.with_source(source).without_links(), seconds=SECONDS)
+    assert again.shown == pressed
+    assert again.advices[-1].latch_id == 0
 
 
 def test_another_place_or_another_configuration_is_another_cell(cell):
