@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from hri_predict.protocol.messages import Acknowledge, Advice
 
 SHOWN_S = 1.0
-"""No person reads a display, looks into the cell and presses sooner; a reaction alone takes 0.5 s."""
+"""No person reads a display, looks into the cell and presses sooner; reacting alone takes 0.5 s."""
 QUIET_S = 12.0
 """Pause before a press that counts. Timers in controllers' programs run for up to 10 s."""
 TOGETHER_S = 0.5
