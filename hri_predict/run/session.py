@@ -31,10 +31,9 @@ from hri_predict.recording.mcap.told import counters_of
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.recording import clocks_of, info_of, place_of, record_settings
-from hri_predict.run.remembering import memory_of
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 from hri_predict.run.serving import Serving
-from hri_predict.run.starting import SlowStart, ended_by_signals
+from hri_predict.run.starting import SlowStart, ended_by_signals, memory_of
 from hri_predict.service.notify import Notifier
 from hri_predict.source import live_part
 
@@ -245,9 +244,14 @@ class _Session:
         Raises:
             ConfigError: another node uses it, or its folder cannot be used.
         """
-        options, threaded = self.options, self.options.factor is not None
-        keep = options.keep_state and threaded
-        self.memory = memory_of(self.config, assembly.node, options.state, keep, threaded)
+        threaded = self.options.factor is not None
+        self.memory = memory_of(
+            self.config,
+            assembly.node,
+            instead=self.options.state,
+            keep=self.options.keep_state and threaded,
+            threaded=threaded,
+        )
         if self.memory is not None:
             self.memory.open()
             listeners.append(self.memory)

@@ -153,8 +153,9 @@ class Levels:
             demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
         causes = causes_now(snapshot, bodies.untrusted)
         machine = self._machines[robot]
-        lost = snapshot.to_acknowledge
-        advised = machine.update(demand, snapshot.captures, snapshot.now_ns, causes, lost)
+        advised = machine.update(
+            demand, snapshot.captures, snapshot.now_ns, causes, lost=snapshot.to_acknowledge
+        )
         reason = advised.reason
         if reason is Reason.NONE and bodies.speeds.unknown.any():
             reason = Reason.SPEED_UNKNOWN

@@ -108,6 +108,7 @@ class LevelMachine:
         captures: int,
         now_ns: int,
         causes: Sequence[str] = (),
+        *,
         lost: int = 0,
     ) -> Advised:
         """Advance by one tick.

@@ -24,7 +24,7 @@ def machine(*causes, ids=None):
 def run(levels, demand=CLEAR, ticks=1, causes=(), lost=0, count=itertools.count(1)):  # noqa: B008
     for _ in range(ticks):
         capture = next(count)
-        advised = levels.update(demand, capture, capture * TICK_NS, causes, lost)
+        advised = levels.update(demand, capture, capture * TICK_NS, causes, lost=lost)
     return advised
 
 

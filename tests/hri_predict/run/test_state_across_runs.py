@@ -11,8 +11,8 @@ from hri_predict.protocol.messages import Acknowledge, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.opening import open_recording
 from hri_predict.run import config as configuration
-from hri_predict.run.remembering import cell_of
 from hri_predict.run.session import Options, View, run
+from hri_predict.run.starting import cell_of
 
 AFTER_S = QUIET_S + 1.0
 SECONDS = AFTER_S + 3.0
