@@ -22,8 +22,8 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #endif
 
 /* generated: begin (renew: hri-predict protocol c-header) */
-#define HRI_SCHEMA_VERSION 2u
-#define HRI_SCHEMA_HASH 0xBEA0FBA1u
+#define HRI_SCHEMA_VERSION 3u
+#define HRI_SCHEMA_HASH 0x83D14FA4u
 #define HRI_DEFAULT_BASE_ID 0x680u
 #define HRI_LAST_NUMBER 0x5Fu
 #define HRI_MAX_ROBOTS 8u
@@ -112,6 +112,8 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #define HRI_REASON_CLOCK_DRIFT 50u
 #define HRI_REASON_CALIBRATION_DRIFT 51u
 #define HRI_REASON_LOAD_SHED 52u
+#define HRI_REASON_ACKNOWLEDGE_REPEATED 53u
+#define HRI_REASON_STATE_UNTRUSTED 54u
 #define HRI_REASON_TEACH 60u
 #define HRI_REASON_RECOVERY 61u
 #define HRI_REASON_MUTED 62u
@@ -191,7 +193,7 @@ typedef struct {
     int16_t predicted_separation_mm;
     uint16_t time_to_breach_ms;
     uint16_t age_ms;
-    uint16_t latch_id; /* to pass to hri_acknowledge; 0 if nothing is latched */
+    uint16_t latch_id; /* to pass to hri_acknowledge; 0: there is nothing to acknowledge */
     uint16_t echo;
     uint8_t body_part;
     uint8_t robot_link;
@@ -348,8 +350,10 @@ const char *hri_verdict_name(uint8_t verdict);
 uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint32_t now_ms,
                              hri_unit units[HRI_PARTS_STATE]);
 
-/* Encode an Acknowledge of the latch as one unit; return 1, or 0 if not configured. Repeat it a few
- * times with the same ack_id, not 0; use a new ack_id for the next press of the button. */
+/* A person has pressed the button: encode an Acknowledge of the latch_id that was shown then, as one
+ * unit; return 1, or 0 if not configured or if latch_id is 0, since there is nothing to acknowledge.
+ * Repeat it a few times within 1 s with the same ack_id, not 0; use a new ack_id, also after a start
+ * of yours, for the next press. Only a press counts that comes 12 s or more after the one before. */
 uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit);
 
 #ifdef __cplusplus

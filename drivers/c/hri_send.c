@@ -194,7 +194,7 @@ uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint
 uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit)
 {
     uint8_t payload[HRI_BYTES_ACKNOWLEDGE];
-    if (!r->configured) {
+    if (!r->configured || (latch_id == 0u)) {
         return 0u;
     }
     put_u16(payload, latch_id);

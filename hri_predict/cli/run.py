@@ -229,6 +229,8 @@ def _go(
     config: Config, options: Options, as_json: bool, screens: AbstractContextManager[Feed | None]
 ) -> None:
     logs.use(config.node.log)
+    if options.factor is None:  # two runs of one configuration give the same bytes
+        options = replace(options, last_latch_id=0)
     if unused := unused_coverage(config):
         print(f"warning: {unused}", file=sys.stderr)
     real_time = options.factor is not None

@@ -14,7 +14,7 @@ from hri_predict.recording import RecordingInfo, Told
 from hri_predict.skeleton import CANONICAL, in_words
 
 STANDS_M_S = 0.01
-_LATCH = re.compile(r"latch (\d+): ([^;]*)$")
+_LATCH = re.compile(r"latch( \d+)?: ([^;]*)$")
 _CAUSES = {
     "stop": "after a stop",
     "start": "because the node was started",
@@ -267,10 +267,10 @@ def _pending(about: Situation) -> str:
 
 def _latched(about: Situation) -> str:
     match = _LATCH.search(text(about.advice.data.get("detail")))
-    number_, causes = (match[1], match[2].split(", ")) if match else ("?", [])
+    number_, causes = (match[1] or "", match[2].split(", ")) if match else (" ?", [])
     why = "; ".join(_CAUSES.get(cause.split(" (")[0], text(cause)) for cause in causes)
     return (
-        f"latch {number_} waits for an acknowledge{f', {why}' if why else ''}; "
+        f"latch{number_} waits for an acknowledge{f', {why}' if why else ''}; "
         f"before that: {_origin(about)}"
     )
 

@@ -34,6 +34,8 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.settings import Settings
 
+_CONDITIONS = (Reason.STATE_UNTRUSTED, Reason.ACKNOWLEDGE_REPEATED)
+"""What somebody must see to, though no level changes with it."""
 _WRITE_S = 1.0
 """Time to write what is queued when the node stops."""
 
@@ -102,7 +104,7 @@ class Alerts:
         self._start_ns = clock.now_ns()
         self._terminal = terminal if terminal is not None else sys.stderr
         self._threaded = threaded
-        self._states: dict[int, tuple[Level, Reason | None]] = {}
+        self._states: dict[int, tuple[Level, Reason | None, Reason | None]] = {}
         self._zones: dict[str, str] = {}
         self._remote = Remote()
         self._queue: queue.Queue[AnyAlert | None] = queue.Queue(maxsize=256)
@@ -143,17 +145,28 @@ class Alerts:
         self._thread.start()
         self._hooks.start()
 
-    def observe(self, advices: tuple[Advice, ...]) -> None:
-        """Take the advices of one tick; queue an alert for each changed level. Never blocks."""
+    def observe(self, advices: tuple[Advice, ...], reasons: Sequence[Reason] = ()) -> None:
+        """Take the advices of one tick; queue an alert for each changed level. Never blocks.
+
+        ``reasons`` are those of Status; one of ``_CONDITIONS`` is news at any level.
+        """
+        condition = next((reason for reason in reasons if reason in _CONDITIONS), None)
         for advice in advices:
             self._watch_distance(advice)
             # a new reason for unknown is news; the reason for a stop may change with every step
             why = advice.reason if advice.level in (Level.UNKNOWN, Level.FAULT) else None
             is_clear = advice.level is Level.CLEAR  # then the reason is a note
             was = self._states.get(advice.robot)
-            if was == (advice.level, why):
+            if was == (advice.level, why, condition):
                 continue
-            self._states[advice.robot] = (advice.level, why)
+            self._states[advice.robot] = (advice.level, why, condition)
+            begins = condition is not None and (was is None or was[2] is not condition)
+            reason, detail = advice.reason, advice.detail
+            if begins and condition is not None:
+                reason = condition
+                others = [detail] if detail and condition.text not in detail else []
+                told = f"{self._robots[advice.robot]}: {condition.text}"
+                detail = "; ".join([told, f"clears when {condition.clears_when}", *others])
             self._put(
                 Alert(
                     at=self._at(),
@@ -161,9 +174,9 @@ class Alerts:
                     robot=self._robots[advice.robot],
                     level=advice.level.name.lower(),
                     was=was[0].name.lower() if was is not None else "none",
-                    reason=advice.reason.text,
-                    detail=advice.detail,
-                    clears_when="" if is_clear else advice.reason.clears_when,
+                    reason=reason.text,
+                    detail=detail,
+                    clears_when="" if is_clear and not begins else reason.clears_when,
                     separation_m=advice.separation_m,
                     speed_limit_m_s=advice.speed_limit_m_s,
                 )

@@ -193,6 +193,7 @@ def summarise(
         "strange_states": node.strange_states,
         "acknowledges": node.acknowledges,
         "acknowledges_refused": node.acknowledges_refused,
+        **{f"acknowledges_{why}": n for why, n in node.acknowledges_not_counted.items()},
         "load_sheds": node.shedding.sheds,
         **{
             f"ticks_without_{kind.__name__.lower()}s": ticks

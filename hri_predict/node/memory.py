@@ -3,13 +3,16 @@
 Parts with something to remember offer ``remember``, ``recall`` and ``distrust``. Their stamps come
 from a monotonic clock, which means nothing to the next process. So the parts store how long ago
 something was (``ago_s``), and the file stores when it was written, by the wall clock. Data that
-cannot be read or dated is distrusted: each part then assumes the safe state.
+cannot be read or dated, or that are not provably what this cell wrote last, are distrusted: each
+part then assumes the safe state. So are data that are missing: whoever configures a state file
+relies on it, and a first start looks like a file that was deleted.
 
 The loop's thread only compares and hands over; a thread of its own writes. A file is replaced as a
 whole, after it has reached the disk, so a crash or a power failure leaves the old or the new one.
 """
 
 import contextlib
+import errno
 import fcntl
 import json
 import logging
@@ -25,16 +28,23 @@ from pydantic import Field
 
 from hri_predict.errors import ConfigError
 from hri_predict.node.listeners import Listener, Tick
+from hri_predict.node.marker import Mark
 from hri_predict.settings import Abbreviated
 
 log = logging.getLogger(__name__)
 
-VERSION = 1
+VERSION = 2
 LONG_AGO_S = 1e8
 """Used where the time since cannot be known: the wall clock went backwards."""
 MAX_BYTES = 1_000_000
 RETRY_S = 1.0
 """Time from a failed write to the next attempt."""
+STUCK_S = 5.0
+"""A write that takes longer counts as failed: a disk may hang without an error."""
+MISSING = (
+    "there is no state file {}: this is the first start, or the file was deleted; look whether "
+    "anybody is in the room, then acknowledge once"
+)
 _WRONG = (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 
 
@@ -76,11 +86,13 @@ class Memory(Listener):
         settings: see ``StateSettings``.
         base_dir: base of a relative path.
         parts: name -> part.
+        cell: what makes this cell another than others; data of another cell are not trusted.
         wall_s: the wall clock, seconds since the epoch.
         threaded: write in a thread; without it, each write blocks its caller.
 
     Attributes:
         written, failures: writes that did and did not reach the disk.
+        failing: the newest data have not reached the disk.
         last_error: of the newest failure.
     """
 
@@ -90,12 +102,16 @@ class Memory(Listener):
         base_dir: Path,
         parts: Mapping[str, Remembers],
         *,
+        cell: str = "",
         wall_s: Callable[[], float] = time.time,
         threaded: bool = True,
     ) -> None:
         self.path = base_dir / settings.path
         self.written = self.failures = 0
+        self.failing = False
         self.last_error: str | None = None
+        self._cell = cell
+        self._mark = Mark.new()
         self._max_age_s = settings.max_age_s
         self._parts = parts
         self._wall_s = wall_s
@@ -103,7 +119,8 @@ class Memory(Listener):
         self._lock: int | None = None
         self._kept: Any = None  # the data last handed over, without the ``ago_s``
         self._kept_at_s = 0.0
-        self._waiting: bytes | None = None  # the newest wins
+        self._waiting: dict[str, Any] | None = None  # the newest wins
+        self._waits_since_s: float | None = None
         self._wake = threading.Event()
         self._stop = False
         self._thread: threading.Thread | None = None
@@ -114,10 +131,16 @@ class Memory(Listener):
         Raises:
             ConfigError: another node uses the file, or its folder cannot be used.
         """
-        self._claim()
+        lock = self._claim()
+        mark = Mark.read(lock)
+        self._mark = mark or self._mark
         try:
             data = self._read()
-            if data is not None:
+            if data is None:
+                self._distrust(MISSING.format(self.path))
+            elif why := self._contradiction(data, mark):
+                self._distrust(f"the state file {self.path} {why}")
+            else:
                 self._recall(data)
         except _WRONG as error:
             self._distrust(f"the state file {self.path} cannot be read: {_short(error)}")
@@ -129,12 +152,15 @@ class Memory(Listener):
         """Hand over what has changed; never waits for the disk."""
         parts = {name: part.remember() for name, part in self._parts.items()}
         kept, now_s = _without_ago(parts), self._wall_s()
+        since_s = self._waits_since_s
+        self.failing |= since_s is not None and now_s - since_s > STUCK_S
         is_due = not 0 <= now_s - self._kept_at_s < self._max_age_s / 10
         if kept == self._kept and not is_due:
             return
         self._kept, self._kept_at_s = kept, now_s
-        data = {"version": VERSION, "written": now_s, "parts": parts}
-        self._waiting = json.dumps(data, allow_nan=False).encode()
+        if self._waits_since_s is None:
+            self._waits_since_s = now_s
+        self._waiting = {"version": VERSION, "cell": self._cell, "written": now_s, "parts": parts}
         if self._threaded:
             self._wake.set()
         else:
@@ -146,6 +172,8 @@ class Memory(Listener):
         self._wake.set()
         if self._thread is not None:
             self._thread.join(5.0)
+            if self._thread.is_alive():
+                return  # the disk hangs: the lock must not be closed while it is written
             self._thread = None
         if self._lock is not None:
             os.close(self._lock)
@@ -153,7 +181,7 @@ class Memory(Listener):
 
     # -- the disk ---------------------------------------------------------------------------------
 
-    def _claim(self) -> None:
+    def _claim(self) -> int:
         """Lock the file beside it; the lock ends in any case when the process ends."""
         lock = self.path.with_name(self.path.name + ".lock")
         try:
@@ -162,6 +190,7 @@ class Memory(Listener):
                 raise OSError(0, "is not a file", str(self.path))
             self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return self._lock
         except BlockingIOError:
             self.close()
             raise ConfigError(
@@ -188,6 +217,16 @@ class Memory(Listener):
         if data["version"] != VERSION:
             raise ValueError(f"version {data['version']}")
         return data
+
+    def _contradiction(self, data: dict[str, Any], mark: Mark | None) -> str:
+        """Why the data are not provably the last that this cell wrote; "" if they are."""
+        if data["cell"] != self._cell:
+            return (
+                "belongs to another cell, or robots, source or configuration have been moved since"
+            )
+        if mark is None:
+            return "has no lock file beside it that shows that it is the newest"
+        return mark.contradiction(str(data["name"]), int(data["writes"]), self.path)
 
     def _recall(self, data: dict[str, Any]) -> None:
         age_s = self._wall_s() - float(data["written"])
@@ -219,17 +258,37 @@ class Memory(Listener):
         if data is None:
             return True
         try:
-            _write_safely(self.path, data)
+            self._write(data)
         except OSError as error:
             self.failures += 1
+            self.failing = True
             self.last_error = error.strerror or str(error)
             if self.failures % 1000 == 1:
                 log.warning("the state file %s is not written: %s", self.path, self.last_error)
             return False
         self.written += 1
         if self._waiting is data:
-            self._waiting = None
+            self._waiting = self._waits_since_s = None
+            self.failing = False
         return True
+
+    def _write(self, data: dict[str, Any]) -> None:
+        """Write the file, and the mark before and after it.
+
+        Raises:
+            OSError: one of them did not reach the disk.
+        """
+        if self._lock is None:
+            raise OSError(errno.EBADF, "it is closed")
+        try:
+            self._mark = self._mark.begin(self._lock)
+        except OSError:
+            with contextlib.suppress(OSError):
+                self.path.unlink()  # no file is distrusted, but an old one would be believed
+            raise
+        own = {"name": self._mark.name, "writes": self._mark.writes}
+        _write_safely(self.path, json.dumps({**data, **own}, allow_nan=False).encode())
+        self._mark = self._mark.end(self._lock, self.path)
 
 
 def _write_safely(path: Path, data: bytes) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 from hri_predict.link import Link, Received
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Remembers
+from hri_predict.node.presses import Presses
 from hri_predict.node.publisher import Publisher
 from hri_predict.node.refused_states import RefusedStates
 from hri_predict.node.second_sender import SecondSender
@@ -46,12 +47,13 @@ class Node:
     """One node: people in, advice out.
 
     Counters: ``scenes_in``, ``frames_in`` (skeletons in them), ``assess_failures``,
-    ``acknowledges`` (each id counts once), ``acknowledges_refused`` (those of them that were
-    refused), ``listener_failures``, ``strange_states`` (RobotStates of a robot that the link's
-    controller does not control).
+    ``acknowledges`` (presses that count, see ``Presses``), ``acknowledges_refused`` (those of them
+    that ended nothing, and all that do not count), ``listener_failures``, ``strange_states``
+    (RobotStates of a robot that the link's controller does not control).
 
     Attributes:
         shedding: what is left out while ticks take too long; whoever measures them tells it.
+        conditions: reasons that parts beside the way give, for Status and as notes of the advice.
     """
 
     def __init__(
@@ -80,9 +82,12 @@ class Node:
         self._listeners = listeners
         self.shedding = Shedding()
         self._cycle = 0
-        self._last_ack: dict[str, int] = {}  # per link: the last id that was counted
+        self._presses = Presses()
+        self._pressed: list[int] = []  # latch ids, to be judged by the facts of this tick
+        self.conditions: Callable[[], Sequence[Reason]] = tuple
         self.scenes_in = self.frames_in = self.assess_failures = self.acknowledges = 0
-        self.listener_failures = self.strange_states = self.acknowledges_refused = 0
+        self.listener_failures = self.strange_states = 0
+        self._refused = self._forgotten = 0
         self.state = NodeState.STARTING
 
     def receive(self, scene: Scene, receipt_ns: int) -> None:
@@ -98,6 +103,8 @@ class Node:
         forecast: Forecast | None = None
         assessment: Assessment | None = None
         reasons: tuple[Reason, ...] = ()
+        self._refused += len(self._pressed)  # the tick before failed
+        self._pressed, self._forgotten = [], 0
         try:
             self._take_received()
             snapshot = self._people.snapshot(now_ns)
@@ -106,8 +113,9 @@ class Node:
                 reasons = (Reason.SECOND_SENDER, *snapshot.reasons)
                 snapshot = replace(snapshot, reasons=reasons)
             forecast, reason = self._prediction.run(snapshot)
-            reasons = (reason,) if reason is not None else ()
+            reasons = (*self._conditions(now_ns), *(() if reason is None else (reason,)))
             assessment = self._risk.assess(snapshot, forecast, reasons)
+            self._release()
             advices, reasons = assessment.advices, assessment.reasons
             if self.shedding.active:
                 reasons = (*reasons, Reason.LOAD_SHED)
@@ -160,18 +168,17 @@ class Node:
     @property
     def remembering(self) -> dict[str, Remembers]:
         """The parts that have something to remember across a restart; see ``memory``."""
-        return {"latches": self._risk, "people": self._people, "node": self}
+        return {"latches": self._risk, "people": self._people}
 
-    def remember(self) -> dict[str, Any]:
-        """The acknowledgements that were counted: one that is repeated for ever counts no more."""
-        return {"acknowledged": dict(self._last_ack)}
+    @property
+    def acknowledges_refused(self) -> int:
+        """Number of Acknowledges that did not count, and of presses that ended nothing."""
+        return self._refused + self._presses.refused.total()
 
-    def recall(self, data: Mapping[str, Any]) -> None:
-        """Take what ``remember`` gave in an earlier run."""
-        self._last_ack = {str(link): int(ack) for link, ack in data["acknowledged"].items()}
-
-    def distrust(self, why: str) -> None:
-        """There is nothing that would be safer."""
+    @property
+    def acknowledges_not_counted(self) -> Mapping[str, int]:
+        """Why -> number of Acknowledges that were no presses; see ``Presses``."""
+        return self._presses.refused
 
     @property
     def robot_counters(self) -> dict[str, int]:
@@ -208,6 +215,7 @@ class Node:
             messages=tuple(messages),
         )
         self._cycle += 1
+        self._presses.show(advices, now_ns)
         self._tell(lambda listener: listener.on_tick(tick))
         return tick
 
@@ -224,26 +232,33 @@ class Node:
                         tracker.update(message, received.received_ns, link.name)
                         self._refused[message.robot].look(message, received.received_ns, link.name)
                 elif isinstance(message, Acknowledge):
-                    self._acknowledge(link.name, message)
+                    self._acknowledge(link.name, robots, message, received.received_ns)
 
-    def _acknowledge(self, link: str, message: Acknowledge) -> None:
-        """Take an acknowledgement; repeats of one id on one link count once."""
-        if self._last_ack.get(link) == message.ack_id:
-            return
-        self._last_ack[link] = message.ack_id
-        self.acknowledges += 1
-        if message.latch_id == 0:
-            self._people.acknowledge()
-        elif not self._risk.acknowledge(message.latch_id):
-            if self.acknowledges_refused % 1000 == 0:  # a controller must not fill the log
+    def _acknowledge(
+        self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int
+    ) -> None:
+        """End what the operator saw: lost people now, a latch by the facts of this tick."""
+        if self._presses.counts(link, robots, message, at_ns):
+            self.acknowledges += 1
+            self._pressed.append(message.latch_id)
+            self._forgotten += self._people.acknowledge()
+
+    def _release(self) -> None:
+        """Release the latches that were acknowledged, if their causes have cleared."""
+        pressed, self._pressed = self._pressed, []
+        for latch_id in pressed:
+            if not self._risk.acknowledge(latch_id) and not self._forgotten:
                 log.warning(
-                    "link %s: acknowledge of latch %d refused (%d refused before): its cause has "
-                    "not cleared, or no stop is latched under this id",
-                    link,
-                    message.latch_id,
-                    self.acknowledges_refused,
+                    "acknowledge of latch %d refused (%d refused before): its cause has come back, "
+                    "or something was added to it since",
+                    latch_id,
+                    self._refused,
                 )
-            self.acknowledges_refused += 1
+                self._refused += 1
+
+    def _conditions(self, now_ns: int) -> tuple[Reason, ...]:
+        held = (Reason.ACKNOWLEDGE_REPEATED,) if self._presses.are_held(now_ns) else ()
+        return (*held, *self.conditions())
 
     def _state_of(
         self,

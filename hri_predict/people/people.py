@@ -287,11 +287,17 @@ class People(RemembersLost):
 
     # -- out --------------------------------------------------------------------------------------
 
-    def acknowledge(self) -> None:
-        """Forget lost people on an operator's word, except those seen shortly before."""
+    def acknowledge(self) -> int:
+        """Forget, on an operator's word, the lost people whom the newest snapshot counted.
+
+        Returns:
+            how many they were.
+        """
         with self._lock:
+            forgotten = self._lost.acknowledge()
             self._counters["acknowledged"] += 1
-            self._counters["forgotten"] += self._lost.acknowledge(self._now_ns)
+            self._counters["forgotten"] += forgotten
+            return forgotten
 
     def snapshot(self, now_ns: int) -> PeopleSnapshot:
         """Return all people at ``now_ns`` (node's clock), and the faults of the input."""
@@ -299,7 +305,7 @@ class People(RemembersLost):
             self._now_ns = max(self._now_ns, now_ns)
             self._take_recalled(now_ns)
             tracks = [(t.id, t.history, t.capture_ns) for t in self._tracks.values()]
-            lost = self._lost.snapshot()
+            lost, to_acknowledge = self._lost.snapshot(), self._lost.to_acknowledge(now_ns)
             reasons = self._reasons(now_ns)
             counters = {**self._gate.counts(), **self._counters}
             clock = self._gate.alignment.estimate()
@@ -329,6 +335,7 @@ class People(RemembersLost):
             captures=captures,
             counters=counters,
             clock=clock,
+            to_acknowledge=to_acknowledge,
             recent=recent_captures([ring for _, ring, _ in tracks], joints),
         )
         return with_inferred(snapshot, self._inference, self._rate_hz)
@@ -356,7 +363,8 @@ class People(RemembersLost):
             (Reason.TOO_MANY_PEOPLE in unplaced, Reason.TOO_MANY_PEOPLE),
             (stale and not silent and self._gate.alignment.late, Reason.CLOCK_DRIFT),
             (stale and not silent, Reason.INPUT_STALE),
-            (self._lost.forgotten, Reason.ROOM_NOT_SEEN_EMPTY),
+            (self._lost.distrusted, Reason.STATE_UNTRUSTED),
+            (self._lost.forgotten and not self._lost.distrusted, Reason.ROOM_NOT_SEEN_EMPTY),
         ]
         return tuple(reason for holds, reason in found if holds)
 

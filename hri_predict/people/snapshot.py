@@ -101,6 +101,8 @@ class PeopleSnapshot:
         counters: scenes and bodies dropped, repeated, out of order, ... since the start.
         clock: the estimate of the source's clock; ``None`` if there is none.
         recent: newest captures of the tracked people; ``None``: only the history is known.
+        to_acknowledge: counts the sets of lost people that an acknowledgement may end now; a set
+            that grows counts again. 0: there is none.
         inferred: which joints are inferred; they count as observed in the fields above where all
             that they rest on was. ``None``: none is. Ask ``measured`` where only the truth counts.
     """
@@ -119,6 +121,7 @@ class PeopleSnapshot:
     counters: Mapping[str, int]
     clock: ClockEstimate | None = None
     recent: RecentCaptures | None = None
+    to_acknowledge: int = 0
     inferred: Inferred | None = None
 
     @property

@@ -33,7 +33,7 @@ from hri_predict.protocol.messages import (
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.robot_state import ROBOT_STATE
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 MAX_ITEMS = 255  # of a Zone or Pose, over all its frames
 
 
@@ -93,7 +93,7 @@ _RANGE = (
     Field(signal="TOTAL", bits=8, text="number of items of this person and step"),
     Field(signal="COUNT", bits=8, text="number of items in this frame"),
 )
-_LATCH_ID = "id of the latched stop, 0 if none"
+_LATCH_ID = "number of what an Acknowledge would end now; 0: there is nothing to acknowledge"
 
 DEFINITIONS: tuple[Definition, ...] = (
     Definition(
@@ -198,19 +198,19 @@ DEFINITIONS: tuple[Definition, ...] = (
     Definition(
         type=Acknowledge,
         number=0x41,
-        text="a person has acknowledged a latched stop",
+        text="a person has acknowledged what the Advice showed",
         sender="controller",
         cycle_ms=0,
         fields=(
             Field(
                 signal="LATCH_ID",
                 bits=16,
-                text="id of the latched stop; 0 acknowledges a lost person",
+                text="LATCH_ID of the Advice that the person saw; 0 acknowledges nothing",
             ),
             Field(
                 signal="ACK_ID",
                 bits=32,
-                text="number chosen by the sender, not 0; repeats count once",
+                text="number chosen by the sender for each press, not 0; repeats count once",
             ),
         ),
     ),

@@ -75,7 +75,8 @@ class Advice:
     Attributes:
         robot: the robot's index in the configuration.
         level, reason: the request, and the reason for it.
-        latch_id: id of the latched stop, 0 if none.
+        latch_id: number of what an Acknowledge would end now, a latch or lost people; it never
+            repeats. 0: there is nothing to acknowledge.
         separation_m: smallest distance between a body and the robot now, less mode deductions.
         predicted_separation_m: smallest distance by the time the robot can have stopped.
         time_to_breach_s: time until the separation may be violated; 0 if it already is.
@@ -195,9 +196,9 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """A person acknowledges the latched stop ``latch_id`` (0: a lost person).
+    """A person acknowledges what the Advice showed as ``latch_id``; 0 acknowledges nothing.
 
-    The sender chooses ``ack_id``, not 0; repeats of one number count once.
+    The sender chooses ``ack_id`` for each press, not 0; repeats of one number count once.
     """
 
     latch_id: int

@@ -54,6 +54,8 @@ class Reason(IntEnum):
     CLOCK_DRIFT = 50
     CALIBRATION_DRIFT = 51
     LOAD_SHED = 52
+    ACKNOWLEDGE_REPEATED = 53
+    STATE_UNTRUSTED = 54
     TEACH = 60
     RECOVERY = 61
     MUTED = 62
@@ -95,11 +97,12 @@ _TEXT = {
     ),
     Reason.PERSON_LOST: (
         "a person vanished and may still be here",
-        "the person is seen again or seen not to be there, or an Acknowledge arrives",
+        "the person is seen again or seen not to be there, or an Acknowledge of the advised latch "
+        "id arrives",
     ),
     Reason.LATCHED: (
         "motion must wait for an acknowledgement",
-        "its cause clears, and then an Acknowledge with its latch id arrives",
+        "its cause clears, and then an Acknowledge of the advised latch id arrives",
     ),
     Reason.RELEASE_PENDING: (
         "the robot is released step by step",
@@ -133,7 +136,7 @@ _TEXT = {
     Reason.ROOM_NOT_SEEN_EMPTY: (
         "somebody vanished whom the node did not track or could not keep, or nobody knows who did: "
         "somebody may be anywhere",
-        "an Acknowledge arrives",
+        "an Acknowledge of the advised latch id arrives",
     ),
     Reason.TOO_MANY_PEOPLE: (
         "more people are present than the node can follow",
@@ -226,6 +229,16 @@ _TEXT = {
     Reason.LOAD_SHED: (
         "the node's cycles take too long: poses, and then zones, are not sent; the advice is whole",
         "cycles have been short enough for at least 5 s",
+    ),
+    Reason.ACKNOWLEDGE_REPEATED: (
+        "Acknowledges come again and again, from a button that is held down or from a controller "
+        "that acknowledges by itself: none of them counts",
+        "no Acknowledge has come for 12 s; then one press counts again",
+    ),
+    Reason.STATE_UNTRUSTED: (
+        "the state file is missing, damaged, old or of another cell, or cannot be written: what "
+        "was latched and who was lost may be forgotten",
+        "an Acknowledge of the advised latch id arrives, and the state file can be written",
     ),
     Reason.SECOND_SENDER: (
         "somebody else sends with this node's ids",

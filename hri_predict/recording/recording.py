@@ -47,6 +47,7 @@ class Recording:
         note: something the user should know, such as where a cut file was cut; "" if nothing.
         floor_m: height of the floor in the file; the reader took it off all heights.
         config: text of the recording node's configuration; "mcap" only.
+        last_latch_id: see ``RecordingInfo``; "mcap" only.
         utc_ns: (N,) the arrivals in UTC, nanoseconds since 1970; empty if that is not known.
         in_room: whether the scenes are in the room's frame already; "mcap" only, and not one that
             was converted from a motion file.
@@ -63,6 +64,7 @@ class Recording:
     note: str = ""
     floor_m: float = 0.0
     config: str = ""
+    last_latch_id: int | None = None
     utc_ns: Sequence[int] = ()
     in_room: bool = False
 

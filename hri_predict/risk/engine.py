@@ -71,6 +71,7 @@ class RiskEngine:
         obeyed: whether the robots are moved by this advice, so that it can be seen whether they do
             as advised. Not so in shadow mode, and where a recording tells what robots did.
         floor_m: height of the floor.
+        last_latch_id: see ``LatchIds``.
         base_dir: base of relative paths in ``settings``.
 
     Raises:
@@ -94,6 +95,7 @@ class RiskEngine:
         doors: Mapping[str, Region] | None = None,
         obeyed: bool = False,
         floor_m: float = 0.0,
+        last_latch_id: int | None = None,
         base_dir: Path | None = None,
     ) -> None:
         self._settings = settings
@@ -154,6 +156,7 @@ class RiskEngine:
             named=named,
             horizon_s=horizon_s,
             segment_index=self._builder.segment_index,
+            last_latch_id=last_latch_id,
         )
 
     def warm_up(self) -> None:
@@ -276,7 +279,7 @@ class RiskEngine:
         return dict(counts)
 
     def acknowledge(self, latch_id: int) -> bool:
-        """Release the latched stop ``latch_id`` if its cause has cleared. Return whether it was."""
+        """See ``Levels.acknowledge``."""
         return self._levels.acknowledge(latch_id)
 
     def remember(self) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from hri_predict.protocol.wire import StateShape
 from hri_predict.recording.played_link import played_links
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
+from hri_predict.risk.levels.latches import random_latch_id
 from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration, calibration_for
 from hri_predict.robots.model import RobotModel, load_robot
@@ -45,6 +46,7 @@ class Assembly:
     robots: tuple[RobotModel, ...]
     trackers: tuple[RobotTracker, ...]
     node: Node
+    last_latch_id: int = 0
 
 
 def build_source(config: Config, with_faults: bool = True) -> Source:
@@ -132,10 +134,11 @@ def build_risk(
     trackers: Sequence[RobotTracker],
     *,
     obeyed: bool = False,
+    last_latch_id: int | None = None,
 ) -> RiskEngine:
     """Build the risk stage for these robots and the forecasts of ``predictor``.
 
-    ``obeyed``: the robots are moved by its advice.
+    ``obeyed``: the robots are moved by its advice. ``last_latch_id``: see ``LatchIds``.
     """
     return RiskEngine(
         settings=config.node.risk,
@@ -151,6 +154,7 @@ def build_risk(
         doors=_doors(config),
         obeyed=obeyed,
         floor_m=config.node.people.floor_m,
+        last_latch_id=last_latch_id,
         base_dir=config.base_dir,
     )
 
@@ -269,6 +273,7 @@ def build(
     deadline: bool = True,
     prediction: Prediction | None = None,
     shadow: bool = False,
+    last_latch_id: int | None = None,
     listeners: Sequence[Listener] = (),
 ) -> Assembly:
     """Build everything, but open and start nothing.
@@ -304,8 +309,13 @@ def build(
         )
         for settings in (config.opened_links if links is None else ())
     )
+    recorded: int | None = getattr(source, "last_latch_id", None)
+    last_latch_id = random_latch_id() if last_latch_id is None else last_latch_id
+    last_latch_id = last_latch_id if recorded is None else recorded
     obeyed = bool(configured) and not shadow
-    risk = build_risk(config, source, predictor, trackers, obeyed=obeyed)
+    risk = build_risk(
+        config, source, predictor, trackers, obeyed=obeyed, last_latch_id=last_latch_id
+    )
     links = tuple(links or ()) or configured or played_links(source, clock)
     everybody = frozenset(range(len(robots)))
     advised = advised_on_links(config) if configured else [everybody for _ in links]
@@ -330,4 +340,5 @@ def build(
             predictor_index=index,
             listeners=listeners,
         ),
+        last_latch_id=last_latch_id,
     )

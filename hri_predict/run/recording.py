@@ -93,6 +93,7 @@ def info_of(config: Config, source: Source, assembly: Assembly) -> RecordingInfo
         predictor=config.predictor.name,
         forecast_rate_hz=config.predictor.rate_hz,
         coverage=zones_text(config),
+        last_latch_id=assembly.last_latch_id,
     )
 
 

@@ -19,7 +19,7 @@ from hri_predict.monitoring.pace import Pace
 from hri_predict.monitoring.source_report import source_report
 from hri_predict.monitoring.summary import LevelCounter, Summary, summarise
 from hri_predict.node.listeners import Listener, Tick
-from hri_predict.node.memory import Memory, StateSettings
+from hri_predict.node.memory import Memory
 from hri_predict.peers import Cell, ControllerReport
 from hri_predict.predictors.runner import Prediction
 from hri_predict.recording import Recorder, RecordingInfo
@@ -33,7 +33,7 @@ from hri_predict.run.config import Config
 from hri_predict.run.recording import clocks_of, info_of, place_of, record_settings
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 from hri_predict.run.serving import Serving
-from hri_predict.run.starting import SlowStart, ended_by_signals
+from hri_predict.run.starting import SlowStart, ended_by_signals, memory_of
 from hri_predict.service.notify import Notifier
 from hri_predict.source import live_part
 
@@ -60,6 +60,8 @@ class Options:
         shadow: send *unknown* on the links whatever the advice is.
         keep_state: use the state file of the configuration (``state``), in real time only.
         state: use this state file instead, at any speed.
+        last_latch_id: what is to be acknowledged is numbered from the next one on; ``None``: from a
+            random number, so that an Acknowledge of another run names nothing.
         view: shows each tick; the loop's thread calls it, so it must be quick.
         notifier: who wants to know how the node is (systemd), in real time only.
         reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP ends the node.
@@ -73,6 +75,7 @@ class Options:
     shadow: bool = False
     keep_state: bool = False
     state: Path | None = None
+    last_latch_id: int | None = None
     view: View | None = None
     notifier: Notifier | None = None
     reread: Callable[[], Config] | None = None
@@ -83,7 +86,8 @@ class _AlertListener(Listener):
         self._alerts = alerts
 
     def on_tick(self, tick: Tick) -> None:
-        self._alerts.observe(tick.advices)
+        reasons = () if tick.assessment is None else tick.assessment.reasons
+        self._alerts.observe(tick.advices, reasons)
         if tick.assessment is not None:
             self._alerts.observe_zones(tick.assessment.named_zones)
 
@@ -171,6 +175,7 @@ class _Session:
             deadline=not virtual,
             prediction=self.prediction,
             shadow=self.options.shadow,
+            last_latch_id=self.options.last_latch_id,
             listeners=listeners,
             **ends,
         )
@@ -239,21 +244,17 @@ class _Session:
         Raises:
             ConfigError: another node uses it, or its folder cannot be used.
         """
-        options, settings = self.options, self.config.node.state
-        if options.state is not None:
-            settings = StateSettings(path=str(options.state.absolute()))
-        elif options.factor is None or not options.keep_state:
-            settings = None
-        if settings is None:
-            return
-        self.memory = Memory(
-            settings,
-            self.config.base_dir,
-            assembly.node.remembering,
-            threaded=options.factor is not None,
+        threaded = self.options.factor is not None
+        self.memory = memory_of(
+            self.config,
+            assembly.node,
+            instead=self.options.state,
+            keep=self.options.keep_state and threaded,
+            threaded=threaded,
         )
-        self.memory.open()
-        listeners.append(self.memory)
+        if self.memory is not None:
+            self.memory.open()
+            listeners.append(self.memory)
 
     def run_real_time(self, stop: threading.Event) -> Summary:
         self.prediction = assemble.build_prediction(self.config)  # gets ready beside what follows

@@ -71,6 +71,8 @@ class Figures(Listener):
                 "load_sheds": self._node.shedding.sheds,
                 "source_failures": self._pace.source_failures,
             }
+            for why, count in self._node.acknowledges_not_counted.items():
+                own[f"acknowledges_{why}"] = count
             self._events = {**self._node.robot_counters, **people, **self._others(), **own}
 
     def health(self) -> tuple[bool, dict[str, Any]]:

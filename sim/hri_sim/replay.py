@@ -175,6 +175,11 @@ class RecordingSource:
             for link, r in self.recording.received
         ]
 
+    @property
+    def last_latch_id(self) -> int | None:
+        """See ``RecordingInfo``: recorded Acknowledges name what this run shows, too."""
+        return self.recording.last_latch_id
+
     def truth(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
         """Return the true people: id -> ((21, 3) canonical joints in the room, (21,) known).
 

@@ -33,7 +33,7 @@ from hri_predict.cli.check.evidence import evidence_facts, evidence_line, eviden
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
-from hri_predict.cli.check.lost import lost_notes
+from hri_predict.cli.check.lost import first_start_note, lost_notes
 from hri_predict.cli.check.machine.realtime import look
 from hri_predict.cli.check.machine.realtime import show as show_machine
 from hri_predict.cli.check.modes import mode_notes
@@ -238,6 +238,7 @@ def examine(config: Config) -> dict[str, Any]:
             *(f"alerts: {note}" for hook in alerts for note in hook["notes"]),
             *_gravity_note(config, assembly.source.joint_map),
             *lost_notes(config, needed, source.rate_hz),
+            *first_start_note(config),
             *_radius_note(risk),
             *base_notes(config.node.robots),
             *place_notes(config, assembly.robots),

@@ -52,6 +52,18 @@ def lost_notes(
     return notes
 
 
+def first_start_note(config: Config) -> list[str]:
+    """A line that the next start needs an Acknowledge, because there is no state file yet."""
+    settings = config.node.state
+    if settings is None or (path := config.base_dir / settings.path).exists():
+        return []
+    return [
+        f"state: {path} does not exist yet, so the first start waits for one Acknowledge "
+        f"(STATE_UNTRUSTED): look whether anybody is in the room, then press once, 12 s or more "
+        f"after the start; if no controller can send an Acknowledge, leave state out"
+    ]
+
+
 def _listed(ends: list[str]) -> str:
     """Such as "a, b or c"."""
     *first, last = ends

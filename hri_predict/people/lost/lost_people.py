@@ -5,7 +5,7 @@ that grows at the speed last measured (the risk stage grows it). Scenes without 
 change this. A person stops being lost only by
 
 - being seen again: see ``Roster``;
-- ``acknowledge``, some time after the person was last seen;
+- ``acknowledge``, some time after the person was last seen, if ``to_acknowledge`` counted them;
 - having no place left to be, if the source sees free space, and a body was seen again where the
   person was last seen: see ``free_space``.
 
@@ -80,6 +80,7 @@ class LostPeople:
         people: the lost people.
         forgotten: more people were lost than are kept, or it is unknown who was lost: somebody may
             be anywhere, until an acknowledgement.
+        distrusted: it is unknown who was lost, because the state file cannot be trusted.
     """
 
     def __init__(self, settings: PeopleSettings, space: FreeSpace | None) -> None:
@@ -88,8 +89,10 @@ class LostPeople:
         self._space = space
         self._most = settings.max_people
         self._settled_ns = round(settings.acknowledge_after_s * 1e9)
-        self.forgotten = False
+        self.forgotten = self.distrusted = False
         self._dropped_ns: int | None = None  # when the last dropped person was last seen
+        self._asked: frozenset[Lost | None] = frozenset()  # whom an acknowledgement may end
+        self._sets = 0
 
     def add(self, track: Track) -> None:
         """Add a lost person. Beyond ``max_people`` the oldest place is dropped, and that person
@@ -186,16 +189,33 @@ class LostPeople:
             for lost in self.people
         )
 
-    def acknowledge(self, now_ns: int) -> int:
-        """Forget people on an operator's word that they are gone; return how many.
+    def to_acknowledge(self, now_ns: int) -> int:
+        """Number of the set of people whom an acknowledgement may end now; 0 if there is none.
 
-        People who were seen too recently stay lost: the operator may not have meant them.
+        People who were seen too recently are not in it: the operator may not mean them. A set that
+        gains anybody gets the next number, because the operator may not have heard of them.
         """
-        before = len(self.people)
-        self.people = [p for p in self.people if now_ns - p.capture_ns <= self._settled_ns]
-        if self._dropped_ns is None or now_ns - self._dropped_ns > self._settled_ns:
-            self.forgotten, self._dropped_ns = False, None
-        return before - len(self.people)
+        settled_ns = now_ns - self._settled_ns
+        asked: set[Lost | None] = {p for p in self.people if p.capture_ns < settled_ns}
+        if self.forgotten and (self._dropped_ns is None or self._dropped_ns < settled_ns):
+            asked.add(None)
+        self._sets += not asked <= self._asked
+        self._asked = frozenset(asked)
+        return self._sets if asked else 0
+
+    def acknowledge(self) -> int:
+        """Forget those whom ``to_acknowledge`` counted last; return how many.
+
+        An operator says that they are gone.
+        """
+        before, asked = len(self.people), self._asked
+        self.people = [p for p in self.people if p not in asked]
+        forgets = None in asked and self.forgotten
+        if forgets:
+            self.forgotten = self.distrusted = False
+            self._dropped_ns = None
+        self._asked = frozenset()
+        return before - len(self.people) + forgets
 
     def keep(self, lost: Lost) -> None:
         """Add a lost person; see ``add``."""
@@ -214,6 +234,7 @@ class LostPeople:
         for capture_ns in last_seen_ns:
             self.forgotten = True
             self._dropped_ns = max(self._dropped_ns or capture_ns, capture_ns)
+            self._asked -= {None}
 
 
 def match_places(distance: Floats, radii: Floats) -> dict[int, int]:

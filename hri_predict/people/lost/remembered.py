@@ -46,7 +46,8 @@ class RemembersLost:
     def distrust(self, why: str) -> None:
         """It is unknown who was lost: somebody may be anywhere, until an acknowledgement."""
         with self._lock:
-            self._lost.forgotten |= not self._has_recalled
+            if not self._has_recalled:
+                self._lost.forgotten = self._lost.distrusted = True
 
     def _take_recalled(self, now_ns: int) -> None:
         recalled, self._recalled = self._recalled, []

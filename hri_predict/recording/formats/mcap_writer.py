@@ -26,6 +26,7 @@ def write_mcap(path: Path, recording: Recording) -> Written:
         declares_noise=recording.declares_noise,
         config=recording.config,
         in_room=recording.in_room,
+        last_latch_id=recording.last_latch_id,
     )
     written = Written(len(recording.scenes), people_of(recording))
     start_ns = recording.arrival_ns[0]

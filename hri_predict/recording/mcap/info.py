@@ -38,6 +38,8 @@ class RecordingInfo:
         in_room: whether the scenes are in the room's frame; false in what ``convert`` makes of a
             motion file, which is in that file's own.
         coverage: what its zones rest on, in words; "" in recordings of older versions.
+        last_latch_id: the number before the first that an Acknowledge may name in it, so that a
+            replay gives the same; ``None`` in recordings of older versions.
     """
 
     joint_map: JointMap
@@ -52,6 +54,7 @@ class RecordingInfo:
     forecast_rate_hz: float = 0.0
     coverage: str = ""
     in_room: bool = True
+    last_latch_id: int | None = None
 
     def to_metadata(self) -> dict[str, str]:
         """As MCAP metadata: strings only."""
@@ -72,6 +75,7 @@ class RecordingInfo:
             "predictor": self.predictor,
             "forecast_rate_hz": repr(self.forecast_rate_hz),
             "coverage": self.coverage,
+            "last_latch_id": json.dumps(self.last_latch_id),
         } | ({} if self.in_room else {"in_room": "false"})
 
     @classmethod
@@ -103,9 +107,15 @@ class RecordingInfo:
                 forecast_rate_hz=float(metadata.get("forecast_rate_hz", "0")),
                 coverage=metadata.get("coverage", ""),
                 in_room=metadata.get("in_room") != "false",
+                last_latch_id=_number(metadata.get("last_latch_id", "null")),
             )
         except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
             raise RecordingError(f"its metadata are damaged ({error}); record it again") from error
+
+
+def _number(text: str) -> int | None:
+    number = json.loads(text)
+    return None if number is None else int(number)
 
 
 def _robots(metadata: Mapping[str, str]) -> tuple[tuple[str, tuple[str, ...]], ...]:

@@ -94,6 +94,7 @@ def read_mcap(path: Path) -> Recording:
         received=received,
         note=note,
         config=info.config,
+        last_latch_id=info.last_latch_id,
         utc_ns=utc if info.has_utc else (),
         in_room=info.in_room,
     )

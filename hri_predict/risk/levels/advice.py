@@ -45,6 +45,7 @@ class Levels:
         named: the user's zones.
         horizon_s: the advice leaves out a breach that is more than this time ahead.
         segment_index: index in the skeleton of each of the zones' segments.
+        last_latch_id: see ``LatchIds``.
     """
 
     def __init__(
@@ -55,14 +56,15 @@ class Levels:
         named: Sequence[NamedZone],
         horizon_s: float,
         segment_index: Ints,
+        last_latch_id: int | None = None,
     ) -> None:
         self._robots = robots
         self._named = named
         self._horizon_s = horizon_s
         self._segment_index = segment_index
         self._settings = settings
-        self._ids = LatchIds()
-        self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, self._ids) for r in robots)
+        ids = LatchIds(last_latch_id)
+        self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, ids) for r in robots)
         self._modes = tuple(Modes(r.robot.modes, r.name, r.max_speed_m_s) for r in robots)
         self._note = ""  # about the data that an earlier run left
         for machine in self._machines:
@@ -97,18 +99,18 @@ class Levels:
         )
 
     def acknowledge(self, latch_id: int) -> bool:
-        """Release the latched stop ``latch_id`` if its cause has cleared. Return whether it was."""
+        """Release the latch ``latch_id`` if its cause has cleared; return whether it was."""
         return any(machine.acknowledge(latch_id) for machine in self._machines)
 
     def remember(self) -> dict[str, Any]:
         """The latches, and the muted time that has not recovered, for a restart of the node."""
         times = self._muted_times().items()
         muted = {name: time.used_s for name, time in times if time.used_s}
-        return {**remembered(self._by_name(), self._ids), **({"muted_s": muted} if muted else {})}
+        return {**remembered(self._by_name()), **({"muted_s": muted} if muted else {})}
 
     def recall(self, data: Mapping[str, Any]) -> None:
         """Take what an earlier run left; see ``latches.recall``."""
-        recall(self._by_name(), self._ids, data)
+        recall(self._by_name(), data)
         muted, times = data.get("muted_s", {}), self._muted_times()
         for name in times.keys() & muted.keys():
             times[name].recall(muted[name])
@@ -164,7 +166,9 @@ class Levels:
             demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
         causes = causes_now(snapshot, bodies.untrusted)
         machine = self._machines[robot]
-        advised = machine.update(demand, snapshot.captures, snapshot.now_ns, causes)
+        advised = machine.update(
+            demand, snapshot.captures, snapshot.now_ns, causes, lost=snapshot.to_acknowledge
+        )
         reason = advised.reason
         if reason is Reason.NONE and bodies.speeds.unknown.any():
             reason = Reason.SPEED_UNKNOWN
@@ -241,11 +245,12 @@ class Levels:
         return people.breach_s
 
     def _latched(self, advised: Advised) -> str:
-        """The causes of a latch, in words; empty without one."""
-        if not advised.latch_id:
-            return ""
+        """What is to be acknowledged, and the causes of a latch, in words; empty without any."""
+        number = f" {advised.latch_id}" if advised.latch_id else ""
+        if not advised.causes:
+            return f"; lost people to acknowledge:{number}" if number else ""
         note = f" ({self._note})" if self._note else ""
-        return f"; latch {advised.latch_id}: {', '.join(advised.causes)}{note}"
+        return f"; latch{number}: {', '.join(advised.causes)}{note}"
 
 
 def asked_of(

@@ -1,5 +1,6 @@
 """Causes of a latch besides a stop, and what a restarted node must know of latches."""
 
+import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,16 +13,30 @@ MAX_LATCH_ID = 65_000
 _BLIND = frozenset((Reason.SOURCE_BLIND, Reason.INPUT_STALE, Reason.INPUT_FROZEN))
 
 
-class LatchIds:
-    """Gives each latch its own id, over all robots and restarts."""
+_MAY_BE_LOST = frozenset((Reason.ROOM_NOT_SEEN_EMPTY, Reason.STATE_UNTRUSTED))
 
-    def __init__(self) -> None:
-        self.last = 0
+
+class LatchIds:
+    """Numbers what is to be acknowledged: each number once, over all robots.
+
+    Each run begins at a random number, so that an Acknowledge of an earlier run names nothing.
+
+    Args:
+        last: the number before the first; ``None``: a random one.
+    """
+
+    def __init__(self, last: int | None = None) -> None:
+        self.last = random_latch_id() if last is None else last % MAX_LATCH_ID
 
     def __call__(self) -> int:
-        """A new id, never 0."""
+        """A new number, never 0."""
         self.last = self.last % MAX_LATCH_ID + 1
         return self.last
+
+
+def random_latch_id() -> int:
+    """Where a run begins to number."""
+    return secrets.randbelow(MAX_LATCH_ID)
 
 
 def causes_now(snapshot: PeopleSnapshot, untrusted: Sequence[Reason]) -> list[str]:
@@ -33,20 +48,17 @@ def causes_now(snapshot: PeopleSnapshot, untrusted: Sequence[Reason]) -> list[st
     causes = []
     if snapshot.captures and not _BLIND.isdisjoint(untrusted):
         causes.append("blind")
-    if snapshot.lost or Reason.ROOM_NOT_SEEN_EMPTY in untrusted:
+    if snapshot.lost or not _MAY_BE_LOST.isdisjoint(untrusted):
         causes.append("lost")
     return causes
 
 
-def remembered(machines: Mapping[str, LevelMachine], ids: LatchIds) -> dict[str, Any]:
-    """The latches of all robots, by name, and the last id given."""
-    return {
-        "last_id": ids.last,
-        "robots": {name: machine.remember() for name, machine in machines.items()},
-    }
+def remembered(machines: Mapping[str, LevelMachine]) -> dict[str, Any]:
+    """The latches of all robots, by name."""
+    return {"robots": {name: machine.remember() for name, machine in machines.items()}}
 
 
-def recall(machines: Mapping[str, LevelMachine], ids: LatchIds, data: Mapping[str, Any]) -> None:
+def recall(machines: Mapping[str, LevelMachine], data: Mapping[str, Any]) -> None:
     """Take the latches that an earlier run left, and latch for ``restart``.
 
     A robot that this configuration does not have is left out.
@@ -54,10 +66,6 @@ def recall(machines: Mapping[str, LevelMachine], ids: LatchIds, data: Mapping[st
     Raises:
         KeyError, TypeError, ValueError: ``data`` does not come from ``remembered``.
     """
-    last = int(data["last_id"])
-    if not 0 <= last <= MAX_LATCH_ID:
-        raise ValueError(f"latch id {last}")
-    ids.last = last
     for name, latch in data["robots"].items():
         if name in machines:
             machines[name].recall(latch)

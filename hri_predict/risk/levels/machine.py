@@ -6,6 +6,9 @@ captures, and the speed limit rises at a limited rate. A latch also needs an ack
 acknowledgement alone starts nothing. The causes of a latch are configured (``risk.latch``), and
 every cause that has set it since the last acknowledgement is named.
 
+A number says what an acknowledgement would end now: the latch, lost people, or both. Whatever comes
+to it later gets a new number, because the operator who presses has not seen that.
+
 A stop also removes its own cause: a person who is too close for a moving robot is not too close for
 a standing one. So a stop is released only if the new speed can last: if the permitted speed falls
 while captures are counted, it must be enough for the same number of further captures.
@@ -27,7 +30,10 @@ _MAX_STEP_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Advised:
-    """What is advised: level, reason, speed limit, id of the latch (0: none) and its causes."""
+    """What is advised: level, reason, speed limit, what is to be acknowledged, causes of the latch.
+
+    ``latch_id`` is 0 while an acknowledgement would end nothing.
+    """
 
     level: Level
     reason: Reason
@@ -44,7 +50,7 @@ class LevelMachine:
     Args:
         settings: band, counts, rates.
         max_speed_m_s: the robot's highest speed.
-        next_latch_id: gives a new id for a latched stop, never 0.
+        next_latch_id: gives a new number of what is to be acknowledged, never 0.
     """
 
     def __init__(
@@ -57,6 +63,8 @@ class LevelMachine:
         self._limit = 0.0
         self._latch_id = 0
         self._causes: tuple[str, ...] = ()
+        self._lost = 0  # the set of lost people that an acknowledgement would end; 0: none
+        self._has_grown = False  # since the number was given
         self._cause_cleared = False
         self._agreed = 0
         self._counted_from = 0.0  # the permitted speed when counting began
@@ -66,8 +74,8 @@ class LevelMachine:
 
     @property
     def latch_id(self) -> int:
-        """Id of the latched stop; 0 if none is latched."""
-        return self._latch_id
+        """Number of what an acknowledgement would end now; 0 if it would end nothing."""
+        return self._latch_id if self._lost or self._cause_cleared else 0
 
     def reset(self) -> None:
         """Forget everything that supports a release, after a failed tick; a latch stays."""
@@ -82,23 +90,26 @@ class LevelMachine:
         if cause not in self._settings.latch or cause in self._causes:
             return
         self._causes += (cause,)
-        if not self._latch_id:
-            self._latch_id = self._next_latch_id()
+        self._has_grown = True
 
     def remember(self) -> dict[str, Any]:
         """The data that must survive the node: the latch."""
-        return {"latch_id": self._latch_id, "causes": list(self._causes)}
+        return {"causes": list(self._causes)}
 
     def recall(self, data: Mapping[str, Any]) -> None:
         """Take the latch that an earlier run left; ``data`` as from ``remember``."""
-        if not data["latch_id"]:
-            return
-        self._latch_id = int(data["latch_id"])
         causes = [str(cause) for cause in data["causes"]]
         self._causes = tuple(dict.fromkeys([*causes, *self._causes]))
+        self._has_grown = True
 
     def update(
-        self, demand: Demand, captures: int, now_ns: int, causes: Sequence[str] = ()
+        self,
+        demand: Demand,
+        captures: int,
+        now_ns: int,
+        causes: Sequence[str] = (),
+        *,
+        lost: int = 0,
     ) -> Advised:
         """Advance by one tick.
 
@@ -107,6 +118,7 @@ class LevelMachine:
             captures: number of distinct captures so far.
             now_ns: the tick's time.
             causes: present causes of a latch, besides a stop.
+            lost: as ``PeopleSnapshot.to_acknowledge``.
         """
         seconds = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
@@ -115,32 +127,46 @@ class LevelMachine:
         lasting = any(cause in self._causes for cause in causes)
         self._cause_cleared = severity(demand.release) < severity(Level.STOP) and not lasting
         again = self._first_sight.update(demand, self._level, self._limit, captures)
-        if again is not None and not self._latch_id:
+        if again is not None and not self._causes:
             self._level, self._limit = again
             self._agreed = 0
         pending = self._advance(demand, captures)
         self._last_capture = captures
         self._move_limit(demand, min(max(seconds, 0.0), _MAX_STEP_S))
         reason = pending or demand.reason
-        return Advised(self._level, reason, self._limit, self._latch_id, self._causes)
+        self._renumber(lost)
+        return Advised(self._level, reason, self._limit, self.latch_id, self._causes)
 
     def acknowledge(self, latch_id: int) -> bool:
-        """Release the latch if ``latch_id`` is the present one and its cause has cleared.
+        """Release the latch if ``latch_id`` is the present number and its cause has cleared.
 
-        The captures that a release needs count from here on.
+        The number is used up: what remains gets a new one. The captures that a release needs count
+        from here on.
         """
-        if latch_id == 0 or latch_id != self._latch_id or not self._cause_cleared:
+        if latch_id == 0 or latch_id != self._latch_id:
             return False
-        self._latch_id = 0
+        self._has_grown = True
+        if not self._causes or not self._cause_cleared:
+            return False
         self._causes = ()
         self._agreed = 0
         return True
+
+    def _renumber(self, lost: int) -> None:
+        """Give a new number to what has grown."""
+        self._has_grown |= lost not in (0, self._lost)
+        self._lost = lost
+        if not self._causes and not lost:
+            self._latch_id = 0
+        elif self._has_grown or not self._latch_id:
+            self._latch_id = self._next_latch_id()
+            self._has_grown = False
 
     def _advance(self, demand: Demand, captures: int) -> Reason | None:
         """Change the level. Return why it is severer than the demand; ``None`` if it is not."""
         if demand.level is Level.STOP:
             self.latch("stop")
-        if self._latch_id and severity(demand.level) < severity(Level.STOP):
+        if self._causes and severity(demand.level) < severity(Level.STOP):
             self._agreed = 0
             self._level = Level.STOP
             return Reason.LATCHED

@@ -45,7 +45,7 @@ function draw() {
       const limit = r.limit_m_s === null ? 0 : r.limit_m_s;
       const nearest = r.separation_m === null ? "" : ", nearest " + r.separation_m.toFixed(2) + " m";
       facts.push(fact(r.name, limit.toFixed(2) + " m/s allowed" + nearest));
-      if (r.latch) facts.push(fact("latched stop", "acknowledge it at the cell"));
+      if (r.latch) facts.push(fact("to acknowledge", "look around, then press once at the cell"));
     }
   }
   byId("facts").replaceChildren(...facts);

@@ -29,7 +29,6 @@ from hri_predict.arrays import Floats
 from hri_predict.link import LinkCounters, LinkSettings
 from hri_predict.peers import ControllerReport
 from hri_predict.protocol.messages import (
-    Acknowledge,
     Advice,
     Level,
     Message,
@@ -42,6 +41,7 @@ from hri_predict.protocol.reception import FORGET_S, SchemaGate
 from hri_predict.robots.mobile_base import COORDINATES
 from hri_predict.settings import Settings
 from hri_sim.controllers.arm import base_of
+from hri_sim.controllers.button import Button
 from hri_sim.controllers.lies import LieSettings
 from hri_sim.controllers.requests import RequestSettings
 from hri_sim.controllers.tools import NOTHING, Mounted, ToolChange
@@ -113,7 +113,8 @@ class ControllerSettings(Settings):
     acknowledge_after_s: float | None = Field(
         None,
         gt=0,
-        description="press the button this long after a stop has latched; default: never",
+        description="press the button this long after there is something to acknowledge; again 15 s"
+        " after the last press; default: never",
     )
 
     def resolved(self, link: LinkSettings) -> "ControllerSettings":
@@ -193,7 +194,7 @@ class ControllerCore(Generic[U]):
         self._next_state_ns: int | None = None
         # of the newest echoes: the counter, and nanoseconds since that state was sent
         self._round_trips: deque[tuple[int, int]] = deque(maxlen=_MAX_ROUND_TRIPS)
-        self._latch: tuple[int, int] | None = None  # id, when to press the button
+        self._button = Button(settings.acknowledge_after_s, settings.lies)
         self._obeyed = "stop"
         self._start_ns: int | None = None
         self._report = ControllerReport(name=name, role=settings.role, robot=settings.robot or "")
@@ -285,11 +286,8 @@ class ControllerCore(Generic[U]):
             )
             units += self._codec.encode(state)
             self._report.states_sent += 1
-        if self._latch is not None and now_ns >= self._latch[1]:
-            self._report.acknowledges_sent += 1
-            press = 1 + (self._report.acknowledges_sent - 1) % 255  # never 0
-            units += self._codec.encode(Acknowledge(self._latch[0], press))
-            self._arm_button(self._latch[0], now_ns)
+        for press in self._button.press(now_ns):
+            units += self._codec.encode(press)
         return units
 
     def write_failed(self) -> None:
@@ -303,6 +301,7 @@ class ControllerCore(Generic[U]):
         report.counter_errors = counters.counter_errors
         report.malformed = counters.malformed
         report.incomplete = counters.incomplete
+        report.acknowledges_sent = self._button.presses
         if self._round_trips:
             times_ns = [time_ns for _, time_ns in self._round_trips]
             report.round_trip_p50_s = float(np.median(times_ns)) * 1e-9
@@ -335,10 +334,7 @@ class ControllerCore(Generic[U]):
         self._heard = _Heard(now_ns, self._age_bound(advice, now_ns), limit, advice.level)
         permit = Permit(limit, advice.level.name.lower(), advice.mode)
         self._pending.append((now_ns + self._reaction_ns, permit))
-        if advice.latch_id == 0:
-            self._latch = None
-        elif self._latch is None or self._latch[0] != advice.latch_id:
-            self._arm_button(advice.latch_id, now_ns)
+        self._button.show(advice.latch_id, now_ns)
 
     def _age_bound(self, advice: Advice, now_ns: int) -> float | None:
         """Return the greatest age of the advice's input at receipt; ``None`` without a bound."""
@@ -352,10 +348,6 @@ class ControllerCore(Generic[U]):
         link_ns = now_ns - self._sent_ns[-1 - behind]
         self._round_trips.append((advice.echo, link_ns))
         return None if advice.age_s is None else advice.age_s + link_ns * 1e-9
-
-    def _arm_button(self, latch_id: int, now_ns: int) -> None:
-        after_s = self._settings.acknowledge_after_s
-        self._latch = None if after_s is None else (latch_id, now_ns + int(after_s * 1e9))
 
     # -- the watchdogs ----------------------------------------------------------------------------
 

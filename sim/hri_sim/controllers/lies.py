@@ -16,18 +16,39 @@ class LieSettings(Settings):
     """One entry of ``lies`` in a link's ``simulate:`` block."""
 
     kind: Literal[
-        "flip", "zero", "degrees", "jump", "hold", "freeze", "stand", "runs", "brakes_late"
+        "flip",
+        "zero",
+        "degrees",
+        "jump",
+        "hold",
+        "freeze",
+        "stand",
+        "runs",
+        "brakes_late",
+        "acknowledges",
     ] = Field(
         description="of the velocities in RobotState: flip, zero, degrees; of the positions: jump,"
         " hold (the first stay, velocities are true); of both: freeze (the first stay), stand (the"
         " first positions stay, velocities are 0); of the motion: runs (at full speed, whatever"
-        " speed above 0 is permitted), brakes_late"
+        " speed above 0 is permitted), brakes_late; acknowledges: by itself, as with a button that"
+        " is held down"
     )
     start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
     jump_rad: float = Field(1.0, description="of jump: added to the first joint")
     factor: float = Field(
         3.0, ge=1, le=100, description="of brakes_late: how many times longer it takes to stop"
+    )
+    period_s: float = Field(
+        1.0, gt=0, le=60, description="of acknowledges: time from one to the next"
+    )
+    ids: int = Field(
+        255, ge=1, le=65_535, description="of acknowledges: how many numbers it gives them, in turn"
+    )
+    names: Literal["shown", "first", "nothing"] = Field(
+        "shown",
+        description="of acknowledges: the latch id that is shown now, the first that was ever"
+        " shown, or 0",
     )
 
 

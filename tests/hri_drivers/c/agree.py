@@ -305,7 +305,7 @@ def controller_to_node(driver: str, messages: int, rng: np.random.Generator) -> 
         wanted: list[tuple[type, dict[str, int]]] = []
         for _ in range(messages):
             if rng.random() < 0.2:
-                latch, ack = int(rng.integers(65536)), int(rng.integers(1 << 32))
+                latch, ack = int(rng.integers(1, 65536)), int(rng.integers(1 << 32))
                 lines.append(f"ack {latch} {ack}")
                 wanted.append((Acknowledge, {"LATCH_ID": latch, "ACK_ID": ack}))
                 continue

@@ -1,4 +1,4 @@
-"""Controllers and nodes of protocol versions 1 and 2 do not take each other's word."""
+"""Controllers and nodes of different protocol versions do not take each other's word."""
 
 import re
 import shutil
@@ -17,22 +17,30 @@ from hri_predict.protocol.serial import SerialReceiver
 from tests.hri_drivers.c.agree import units
 from tests.hri_drivers.c.test_rule import LINKS, Line
 
-VERSION_1 = Schema(1, 0xD680A301)  # the last one of that version
+OLD = [Schema(1, 0xD680A301), Schema(2, 0xDB28BBAC)]  # the last ones of these versions
 C = Path(__file__).resolve().parents[3] / "drivers" / "c"
 
 
+@pytest.fixture(scope="module", params=OLD, ids=lambda schema: f"version {schema.version}")
+def old_schema(request: pytest.FixtureRequest) -> Schema:
+    """What an old version's Schema says."""
+    old: Schema = request.param
+    return old
+
+
 @pytest.fixture(scope="module")
-def driver_of_version_1(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The driver with the library, built for version 1: what it demands of a Schema."""
+def old_driver(tmp_path_factory: pytest.TempPathFactory, old_schema: Schema) -> Path:
+    """The driver with the library, built for an old version: what it demands of a Schema."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler (cc) here")
-    folder = tmp_path_factory.mktemp("version_1")
+    folder = tmp_path_factory.mktemp("old")
     for path in (*C.glob("*.[ch]"), Path(__file__).with_name("driver.c")):
         shutil.copy(path, folder)
     header = folder / "hri_predict.h"
     text = header.read_text(encoding="ascii")
-    text, versions = re.subn(r"(#define HRI_SCHEMA_VERSION ).*", r"\g<1>1u", text)
-    text, hashes = re.subn(r"(#define HRI_SCHEMA_HASH ).*", r"\g<1>0xD680A301u", text)
+    version, number = f"{old_schema.version}u", f"0x{old_schema.hash:08X}u"
+    text, versions = re.subn(r"(#define HRI_SCHEMA_VERSION ).*", rf"\g<1>{version}", text)
+    text, hashes = re.subn(r"(#define HRI_SCHEMA_HASH ).*", rf"\g<1>{number}", text)
     assert (versions, hashes) == (1, 1)
     header.write_text(text, encoding="ascii")
     program = folder / "driver"
@@ -42,20 +50,20 @@ def driver_of_version_1(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("link", LINKS)
-def test_a_controller_of_version_1_says_that_it_heard_another_schema(
-    driver_of_version_1: Path, link: str
+def test_a_controller_of_an_old_version_says_that_it_heard_another_schema(
+    old_driver: Path, old_schema: Schema, link: str
 ) -> None:
-    one = Line(driver_of_version_1, link).started().ask().wait(20).state().advise().ask()
+    one = Line(old_driver, link).started().ask().wait(20).state().advise().ask()
     assert one.answers() == [(0, "other schema")] * 2
-    assert Line(driver_of_version_1, link).say(VERSION_1).state().advise().answer()[0] > 0
+    assert Line(old_driver, link).say(old_schema).state().advise().answer()[0] > 0
 
 
 @pytest.mark.parametrize("link", LINKS)
-def test_a_controller_of_version_2_stops_under_a_node_of_version_1(
-    build: Callable[..., Path], link: str
+def test_a_controller_stops_under_a_node_of_an_old_version(
+    build: Callable[..., Path], old_schema: Schema, link: str
 ) -> None:
     program = build(Path(__file__).with_name("driver.c"))
-    one = Line(program, link).say(OURS).state().advise().ask().say(VERSION_1).advise().ask()
+    one = Line(program, link).say(OURS).state().advise().ask().say(old_schema).advise().ask()
     assert one.answers() == [(900, "advice"), (0, "other schema")]
 
 

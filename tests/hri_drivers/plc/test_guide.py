@@ -3,8 +3,9 @@
 import re
 from pathlib import Path
 
-from hri_predict.protocol.can import CanReceiver
-from hri_predict.protocol.messages import Acknowledge, RobotState
+from hri_predict.protocol.can import CanReceiver, CanSender
+from hri_predict.protocol.messages import Acknowledge, Advice, Level, RobotState
+from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
 from tests.hri_drivers.plc.conftest import SOURCES
@@ -21,8 +22,12 @@ def printed(name: str) -> Unit:
 
 
 def test_the_program_for_can_sends_state_and_acknowledge() -> None:
-    cell = printed("CELL_CAN")
-    cell(NowMs=1000, StateDue=True, Pressed=True)
+    cell, node = printed("CELL_CAN"), CanSender(False)
+    latched = Advice(robot=0, level=Level.STOP, reason=Reason.LATCHED, latch_id=700)
+    for frame in (*node.encode(OURS), *node.encode(latched)):
+        data = [*frame.data]
+        cell(NewFrame=True, Id=frame.arbitration_id, Length=8, Data=data, NowMs=990, FirstPress=50)
+    cell(NewFrame=False, NowMs=1000, StateDue=True, Pressed=True)
     receiver, heard = CanReceiver(False), []
     for name in ("StateFrames", "PressFrames"):
         v = cell.variables[name].variables
@@ -30,7 +35,14 @@ def test_the_program_for_can_sends_state_and_acknowledge() -> None:
             data = bytes(v["Frames"][8 * i : 8 * i + 8])
             heard += receiver.feed(CanFrame(v["Ids"][i], data, False))
     assert [type(m) for m in heard] == [RobotState, Acknowledge]
+    assert heard[1] == Acknowledge(700, 51)
     assert cell.variables["PermittedSpeed"] == 0
+
+
+def test_the_program_for_can_acknowledges_nothing_where_nothing_is_shown() -> None:
+    cell = printed("CELL_CAN")
+    cell(NowMs=1000, StateDue=True, Pressed=True)
+    assert cell.variables["PressFrames"].variables["FrameCount"] == 0
 
 
 def test_the_program_for_tcp_begins_each_connection_and_hears_the_schema() -> None:

@@ -83,7 +83,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "latched stop": Cause(
         story=_story(7.0, faults=("vanish@3.5+1",), settings={"risk": {"latch": ["lost"]}}),
-        at_s=6.5, says=("latch 1", "acknowledge", "person 1"), marks=("latch",),
+        at_s=6.5, says=("latch", "acknowledge", "person 1"), marks=("latch",),
     ),
     "named zone": Cause(
         story=_story(settings={"zones": [{"name": "bench", "polygon": _BENCH, "level": "stop"}]}),

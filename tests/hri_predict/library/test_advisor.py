@@ -89,7 +89,12 @@ def test_somebody_who_vanishes_is_lost_until_he_is_acknowledged():
     cell.now += 5000 * MS  # long enough for an operator to mean it
     tick = cell.step(None)
     assert [person.id for person in tick.snapshot.lost] == [1]
+    shown = tick.advices[0].latch_id
+    cell.now += 12_000 * MS  # the pause before a press
     cell.advisor.advise(None, [Acknowledge(0, 1)], now_ns=cell.now + MS)
+    assert cell.step(None).snapshot.lost  # 0 acknowledges nothing
+    cell.now += 12_000 * MS
+    cell.advisor.advise(None, [Acknowledge(shown, 2)], now_ns=cell.now + MS)
     assert cell.step(None).snapshot.lost == ()
 
 

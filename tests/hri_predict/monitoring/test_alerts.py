@@ -65,6 +65,19 @@ def test_where_nothing_is_near_nothing_has_to_clear(tmp_path):
     assert out.getvalue() == "[    0.00 s] none -> clear: arm: nothing is near\n"
 
 
+@pytest.mark.parametrize("reason", [Reason.STATE_UNTRUSTED, Reason.ACKNOWLEDGE_REPEATED])
+def test_a_condition_that_changes_no_level_is_news_once_and_so_is_its_end(tmp_path, reason):
+    out, alerts = on_terminal(tmp_path)
+    stop = (advice(Level.STOP, reason=Reason.PERSON_LOST),)
+    for reasons in ((), (Reason.LOAD_SHED,), (reason,), (reason, Reason.LOAD_SHED), (), ()):
+        alerts.observe(stop, reasons)
+    alerts.stop()
+    begun, held, ended = out.getvalue().splitlines()
+    assert reason.text in held
+    assert reason.clears_when in held
+    assert reason.text not in begun + ended
+
+
 def test_another_reason_for_unknown_is_news_another_for_stop_is_not(tmp_path):
     out, alerts = on_terminal(tmp_path)
     for level, reason in [

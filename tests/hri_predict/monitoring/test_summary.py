@@ -120,6 +120,7 @@ def summary_of(ticks_ms=(1.0, 2.0, 30.0), checked=None, levels=((C,), (S,), (X,)
         strange_states=0,
         acknowledges=0,
         acknowledges_refused=0,
+        acknowledges_not_counted={},
         robot_counters={},
         shedding=SimpleNamespace(sheds=0, without={}),
         state=NodeState.STOPPING,

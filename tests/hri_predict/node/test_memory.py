@@ -1,16 +1,23 @@
 """The state file: what survives, and every way in which it cannot be trusted."""
 
+import contextlib
+import itertools
 import json
 import os
+import shutil
 from typing import cast
 
 import pytest
 
 from hri_predict.errors import ConfigError
 from hri_predict.node.listeners import Tick
-from hri_predict.node.memory import LONG_AGO_S, Memory, StateSettings
+from hri_predict.node.memory import LONG_AGO_S, STUCK_S, Memory, StateSettings
 
 TICK = cast(Tick, None)  # the memory looks at its parts alone
+
+
+OWN = b'{"version": 2, "cell": "here", "name": "n", "writes": 1, '
+"""The head of a state file that its lock file vouches for."""
 
 
 class Part:
@@ -32,13 +39,14 @@ class Part:
 class Node:
     """One run of a node on a state file, with its own wall clock."""
 
-    def __init__(self, folder, now_s=1000.0, data=None, **settings):
+    def __init__(self, folder, now_s=1000.0, data=None, cell="here", **settings):
         self.now_s = now_s
         self.part = Part(data)
         self.memory = Memory(
             StateSettings(path="state.json", **settings),
             folder,
             {"part": self.part},
+            cell=cell,
             wall_s=lambda: self.now_s,
             threaded=False,
         )
@@ -59,10 +67,162 @@ def test_what_was_known_is_known_again(tmp_path):
     assert later.part.why is None
 
 
-def test_a_first_run_recalls_nothing_and_leaves_a_file(tmp_path):
+def test_a_first_run_is_distrusted_in_one_line_and_leaves_a_file(tmp_path, caplog):
     first = Node(tmp_path).run()
-    assert (first.part.recalled, first.part.why) == (None, None)
-    assert (tmp_path / "state.json").exists()
+    assert first.part.recalled is None
+    assert "first start" in first.part.why
+    assert "acknowledge once" in first.part.why
+    assert len(caplog.records) == 1
+    assert "\n" not in caplog.records[0].getMessage()
+    assert Node(tmp_path, 1060.0).run().part.why is None
+
+
+def runs(folder, *latches):
+    """One run after another on the state file, each with its own data."""
+    for i, latch in enumerate(latches):
+        Node(folder, 1000.0 + 60.0 * i, data={"latch": latch}).run()
+
+
+def distrusted(folder, now_s=2000.0, **other):
+    """Why the next run does not believe the state file; it must not recall it, either."""
+    later = Node(folder, now_s, **other).run()
+    assert later.part.recalled is None
+    return later.part.why
+
+
+def test_a_deleted_file_is_not_a_first_start_that_knows_nothing_of_lost_people(tmp_path):
+    runs(tmp_path, 1)
+    (tmp_path / "state.json").unlink()
+    assert "deleted" in distrusted(tmp_path)
+
+
+def test_a_folder_that_was_deleted_is_distrusted(tmp_path):
+    folder = tmp_path / "state"
+    runs(folder, 1)
+    shutil.rmtree(folder)
+    assert "deleted" in distrusted(folder)
+
+
+@pytest.mark.parametrize("keeps_times", [True, False])
+def test_a_file_from_a_backup_is_recognised(tmp_path, keeps_times):
+    state, backup = tmp_path / "state.json", tmp_path / "backup.json"
+    runs(tmp_path, 1)
+    (shutil.copy2 if keeps_times else shutil.copy)(state, backup)
+    runs(tmp_path, 2)
+    os.replace(backup, state)
+    assert "older than the last one: write 1 of 2" in distrusted(tmp_path)
+
+
+def test_a_folder_from_a_backup_is_recognised(tmp_path):
+    folder, backup = tmp_path / "state", tmp_path / "backup"
+    runs(folder, 1)
+    shutil.copytree(folder, backup)
+    runs(folder, 2)
+    shutil.rmtree(folder)
+    shutil.copytree(backup, folder)
+    assert "was put there" in distrusted(folder)
+
+
+def test_a_file_without_its_lock_file_proves_nothing(tmp_path):
+    runs(tmp_path, 1)
+    (tmp_path / "state.json.lock").unlink()
+    assert "no lock file" in distrusted(tmp_path)
+
+
+def test_a_lock_file_that_is_older_than_the_file_proves_nothing(tmp_path):
+    lock = tmp_path / "state.json.lock"
+    runs(tmp_path, 1)
+    old = lock.read_bytes()
+    runs(tmp_path, 2)
+    lock.write_bytes(old)
+    assert "newer than its lock file" in distrusted(tmp_path)
+
+
+def test_the_file_of_another_cell_is_recognised(tmp_path):
+    here, there = tmp_path / "here", tmp_path / "there"
+    runs(here, 1)
+    Node(there, cell="there").run()
+    for name in ("state.json", "state.json.lock"):
+        shutil.copy(there / name, here / name)
+    assert "another cell" in distrusted(here)
+    runs(here, 1)
+    assert "another cell" in distrusted(here, cell="there")  # the same file for two cells
+    runs(there, 1)
+    shutil.copy(there / "state.json", here / "state.json")  # of a cell that looks like this one
+    assert "another cell" in distrusted(here, cell="there")
+
+
+def test_what_the_disk_had_no_room_for_is_missed_at_the_next_start(tmp_path, monkeypatch):
+    runs(tmp_path, 1)
+    node = Node(tmp_path, 1060.0, data={"latch": 1})
+    node.memory.open()
+    node.memory.on_tick(TICK)
+    assert not node.memory.failing
+    node.part.data = {"latch": 2}
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", full)
+        node.memory.on_tick(TICK)
+        node.memory.close()
+    assert node.memory.failing
+    assert "older than the last one" in distrusted(tmp_path)
+
+
+def test_where_not_even_the_mark_can_be_written_no_old_file_stays(tmp_path, monkeypatch):
+    runs(tmp_path, 1)
+    node = Node(tmp_path, 1060.0, data={"latch": 1})
+    node.memory.open()
+    node.memory.on_tick(TICK)
+    node.part.data = {"latch": 2}
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "pwrite", full)
+        node.memory.on_tick(TICK)
+        node.memory.close()
+    assert node.memory.failing
+    assert "deleted" in distrusted(tmp_path)
+
+
+def test_a_kill_at_any_moment_of_a_write_leaves_the_last_word_or_distrust(tmp_path, monkeypatch):
+    """Whatever the disk did last before the kill: no older word is believed."""
+    calls = ["pwrite", "fsync", "replace"]
+    for at, call in itertools.product(range(1, 4), calls):
+        folder = tmp_path / f"{call}{at}"
+        runs(folder, 1)
+        node = Node(folder, 1060.0, data={"latch": 2})
+        node.memory.open()
+        counts = itertools.count(1)
+        real = getattr(os, call)
+
+        def killed(*args, real=real, counts=counts, at=at):
+            if next(counts) == at:
+                raise KeyboardInterrupt
+            return real(*args)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(os, call, killed)
+            with contextlib.suppress(KeyboardInterrupt):
+                node.memory.on_tick(TICK)
+        node.memory.close()
+        later = Node(folder, 2000.0).run().part
+        assert later.recalled == {"latch": 2} or later.why or (call, at) == ("pwrite", 1), (
+            call,
+            at,
+        )
+
+
+def test_a_write_that_hangs_is_told(tmp_path):
+    node = Node(tmp_path)
+    node.memory.open()
+    node.memory._threaded = True  # whose thread never comes to write
+    node.memory.on_tick(TICK)
+    assert not node.memory.failing
+    node.now_s += STUCK_S + 1.0
+    node.memory.on_tick(TICK)
+    assert node.memory.failing
+    node.memory.close()
+
+
+def full(*_):
+    raise OSError(28, "No space left on device")
 
 
 def test_the_time_in_between_counts(tmp_path):
@@ -101,20 +261,23 @@ def test_an_old_file_is_not_trusted_but_one_of_a_node_that_ran_on_is(tmp_path):
         b"{",
         b"[]",
         b"\xff\xfe",
-        b'{"version": 2, "written": 1000, "parts": {}}',
         b'{"version": 1, "written": 1000, "parts": {}}',
-        b'{"version": 1, "written": "x", "parts": {"part": {"latch": 1}}}',
-        b'{"version": 1, "written": NaN, "parts": {"part": {"latch": 1}}}',
-        b'{"version": 1, "written": -Infinity, "parts": {"part": {"latch": 1}}}',
-        b'{"version": 1, "written": 1000, "parts": {"part": {"latch": "x"}}}',
-        b'{"version": 1, "written": 1000, "parts": {"part": [1]}}',
-        b'{"version": 1, "written": 1' + b"0" * 400 + b', "parts": {"part": {"latch": 1}}}',
+        b'{"version": 3, "written": 1000, "parts": {}}',
+        OWN + b'"parts": {"part": {"latch": 1}}}',
+        OWN + b'"written": 1000, "parts": {}}',
+        OWN + b'"written": "x", "parts": {"part": {"latch": 1}}}',
+        OWN + b'"written": NaN, "parts": {"part": {"latch": 1}}}',
+        OWN + b'"written": -Infinity, "parts": {"part": {"latch": 1}}}',
+        OWN + b'"written": 1000, "parts": {"part": {"latch": "x"}}}',
+        OWN + b'"written": 1000, "parts": {"part": [1]}}',
+        OWN + b'"written": 1' + b"0" * 400 + b', "parts": {"part": {"latch": 1}}}',
         b"[" * 100_000,
         b" " * 2_000_000,
     ],
 )
 def test_what_cannot_be_read_is_not_trusted(tmp_path, content, caplog):
     (tmp_path / "state.json").write_bytes(content)
+    (tmp_path / "state.json.lock").write_bytes(b'{"name": "n", "writes": 1, "changed_ns": null}')
     node = Node(tmp_path).run()
     assert "cannot be read" in node.part.why
     assert len(caplog.records) == 1
@@ -140,9 +303,6 @@ def test_a_path_that_is_no_file_is_refused(tmp_path):
 def test_a_full_disk_is_counted_and_tried_again(tmp_path, monkeypatch, caplog):
     node = Node(tmp_path)
     node.memory.open()
-
-    def full(_fd):
-        raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patched:
         patched.setattr(os, "fsync", full)

@@ -10,7 +10,6 @@ from hri_predict.node.listeners import Listener
 from hri_predict.peers import ControllerReport
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import (
-    Acknowledge,
     Advice,
     Level,
     NodeState,
@@ -190,39 +189,11 @@ def test_a_link_that_is_down_degrades_the_node(near):
     assert tick.status.node_state is NodeState.RUNNING
 
 
-def test_an_acknowledgement_counts_once_per_id_and_link(near, monkeypatch):
-    pressed: list[int] = []
-    monkeypatch.setattr(near.node._risk, "acknowledge", pressed.append)
-    drive, monitor = heard(near)
-
-    def press(link, latch, ack):
-        link.inbox.append(Received(Acknowledge(latch, ack), near.clock.now_ns()))
-        near.run(0.04)
-
-    for _ in range(3):
-        press(drive, 7, 1)
-    assert pressed == [7]
-    press(drive, 7, 2)
-    press(monitor, 7, 2)  # another button
-    assert pressed == [7, 7, 7]
-    assert near.node.acknowledges == 3
-
-
-def test_an_acknowledgement_that_is_refused_starts_nothing(near, caplog):
-    drive, _ = heard(near)
-    drive.inbox.append(Received(Acknowledge(999, 1), near.clock.now_ns()))
-    (tick,) = near.run(0.04)
-    assert "refused" in caplog.text
-    assert tick.advices[0].level is not Level.CLEAR
-
-
-def test_acknowledgements_that_are_refused_in_a_flood_are_counted_and_logged_seldom(near, caplog):
-    drive, _ = heard(near)
-    now_ns = near.clock.now_ns()
-    drive.inbox += [Received(Acknowledge(999, 1 + i), now_ns) for i in range(1500)]
-    near.run(0.04)
-    assert near.node.acknowledges == near.node.acknowledges_refused == 1500
-    assert caplog.text.count("of latch 999 refused") == 2
+def test_conditions_beside_the_way_are_in_status_and_notes_of_the_advice(near):
+    near.node.conditions = lambda: (Reason.STATE_UNTRUSTED,)
+    tick = near.run(0.04)[-1]
+    assert tick.status.reason is Reason.STATE_UNTRUSTED
+    assert tick.status.node_state is NodeState.DEGRADED
 
 
 def test_listeners_that_fail_are_counted_and_stop_nothing(make_workcell, caplog):

@@ -45,7 +45,7 @@ def test_a_receiver_of_version_1_stays_closed_and_says_why(monkeypatch: pytest.M
     gate = after(OURS)
     assert not gate.open
     assert gate.why == (
-        f"heard Schema of version 2, hash {SCHEMA_HASH:#010x}; "
+        f"heard Schema of version {SCHEMA_VERSION}, hash {SCHEMA_HASH:#010x}; "
         "this is built for version 1, hash 0xd680a301"
     )
 

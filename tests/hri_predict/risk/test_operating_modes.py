@@ -112,12 +112,11 @@ def test_a_latched_stop_stays_latched_in_every_mode() -> None:
     latching = QUICK.model_copy(update={"latch": ["stop"]})
     one = Cell(latching, robot=robot(teach={}, muting={"max_s": 60}))
     one.turn = 0.0
-    latch_id = one.settle(NEAR_M, ticks=TICKS).latch_id
-    assert latch_id
+    assert one.settle(NEAR_M, ticks=TICKS).detail.endswith("; latch: stop")
     for asked in (TEACH, MUTE):
         advice = one.settle(NEAR_M, ticks=TICKS, **asked)
         assert (advice.level, advice.reason) == (Level.STOP, Reason.LATCHED)
-    assert one.engine.acknowledge(latch_id)
+    assert one.engine.acknowledge(advice.latch_id)
     assert one.settle(NEAR_M, ticks=TICKS, **MUTE).level is Level.WARN
 
 

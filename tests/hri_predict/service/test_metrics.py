@@ -35,6 +35,7 @@ class Counting:
 
     assess_failures = listener_failures = acknowledges_refused = 0
     acknowledges = 3
+    acknowledges_not_counted: dict[str, int] = {}
     robot_counters = {"robot_stale": 2}
     name, connected = 'line "1"\\', True
 

@@ -325,9 +325,12 @@ def test_slowdowns_and_stops_are_counted_as_transitions():
     assert kinds == ["clear", "slow", "clear", "slow", "stop", "slow", "stop", "clear"]
 
 
-def test_the_button_is_pressed_once_for_a_latched_stop_and_again_while_it_stays():
+def test_the_button_is_pressed_once_for_what_is_shown_and_after_a_pause_while_it_stays():
     pair = running(acknowledge_after_s=0.5)
     pair.run(1200, replace(GOOD, level=Level.STOP, latch_id=7))
+    presses = [m for _, m in pair.heard if isinstance(m, Acknowledge)]
+    assert [p.latch_id for p in presses] == [7]
+    pair.run(15_000, replace(GOOD, level=Level.STOP, latch_id=7))
     presses = [m for _, m in pair.heard if isinstance(m, Acknowledge)]
     assert [p.latch_id for p in presses] == [7, 7]
     assert len({p.ack_id for p in presses}) == 2

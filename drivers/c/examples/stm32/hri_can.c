@@ -181,7 +181,7 @@ void hri_press(uint32_t press_id)
 {
     ack_id = press_id;
     latch_id = hri.message.advice.latch_id;
-    ack_left = HRI_ACK_REPEATS;
+    ack_left = (latch_id != 0u) ? HRI_ACK_REPEATS : 0u; /* 0: there is nothing to acknowledge */
 }
 
 /* A state is due, or an acknowledge after one that has left. What has not left is too old. */

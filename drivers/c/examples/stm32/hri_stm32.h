@@ -22,8 +22,9 @@ bool hri_start(uint16_t first_state_counter);
 /* Take what came, send what is due; return the permitted speed in mm/s, 0: stop. */
 uint16_t hri_cycle(void);
 
-/* A person has pressed the button: acknowledge the latch of the newest Advice. press_id: a new one
- * for each press, not 0. */
+/* A person has pressed the button: acknowledge what the newest Advice shows, if it shows anything.
+ * Call it once, when the button goes down. press_id: a new one for each press, also after a start,
+ * not 0. */
 void hri_press(uint32_t press_id);
 
 #endif

@@ -72,7 +72,7 @@ void hri_press(uint32_t press_id)
 {
     ack_id = press_id;
     latch_id = hri.message.advice.latch_id;
-    ack_left = HRI_ACK_REPEATS;
+    ack_left = (latch_id != 0u) ? HRI_ACK_REPEATS : 0u; /* 0: there is nothing to acknowledge */
 }
 
 /* The first bytes after a start begin with 0: they end whatever the node has in its buffer. */

@@ -1,6 +1,7 @@
 """All incidents, grouped by what goes wrong."""
 
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incidents.acknowledges import ACKNOWLEDGES
 from hri_sim.fault_table.incidents.exits import EXITS
 from hri_sim.fault_table.incidents.fast_people import FAST_PEOPLE
 from hri_sim.fault_table.incidents.latches import LATCHES
@@ -13,6 +14,7 @@ from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
 
 INCIDENTS: tuple[Incident, ...] = (
     *EXITS,
+    *ACKNOWLEDGES,
     *FAST_PEOPLE,
     *LATCHES,
     *LATE_SCENES,

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from hri_predict.cli.check.check import examine
+from hri_predict.node.memory import StateSettings
 from hri_sim.baseline_demo import baseline_demo
 
 FLOOR = {"polygon": [[-6, -6], [6, -6], [6, 6], [-6, 6]]}
@@ -48,3 +49,19 @@ def test_three_ends_are_listed_as_one_says_them():
     source = config.source.model_dump() | {"keeps_ids": True}
     notes = examine(config.with_source(source))["notes"]
     assert any("until an Acknowledge, an exit or the same id ends it" in note for note in notes)
+
+
+def test_a_first_start_with_a_state_file_waits_for_one_acknowledge(tmp_path):
+    config = baseline_demo()
+    path = tmp_path / "state.json"
+    node = config.node.model_copy(update={"state": StateSettings(path=str(path))})
+    config = replace(config, node=node)
+
+    def said():
+        return [note for note in examine(config)["notes"] if note.startswith("state:")]
+
+    (note,) = said()
+    assert str(path) in note
+    assert "one Acknowledge" in note
+    path.write_text("{}")
+    assert said() == []

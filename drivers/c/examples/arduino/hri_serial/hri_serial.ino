@@ -57,7 +57,7 @@ void loop()
     if (down && !pressed) {
         press_id = press_id + 1 != 0 ? press_id + 1 : 1; /* never 0 */
         latch_id = receiver.message.advice.latch_id;
-        ack_left = 3;
+        ack_left = latch_id != 0 ? 3 : 0; /* 0: there is nothing to acknowledge */
     }
     pressed = down;
     if (now - state_ms >= STATE_PERIOD_MS) {

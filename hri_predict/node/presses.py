@@ -1,0 +1,148 @@
+"""Which Acknowledges count: presses of a button by a person who saw what was shown.
+
+A button that is taped down, a controller that acknowledges by itself, and a recording that is
+played again all send valid Acknowledges. They name what nobody looked at, come too soon after it
+was shown, or come without a pause. So an Acknowledge counts if
+
+- it names the ``latch_id`` that this link is shown now, and has been shown for ``SHOWN_S``;
+- no other Acknowledge has come on this link for ``QUIET_S``, since the node's start at least: the
+  button was seen released. Those for several robots within ``TOGETHER_S`` are one press.
+
+One that comes again within ``REPEATS_S`` is the same message, and is left out; later it is a replay
+and never counts.
+"""
+
+import logging
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from hri_predict.protocol.messages import Acknowledge, Advice
+
+SHOWN_S = 1.0
+"""No person reads a display, looks into the cell and presses sooner; reacting alone takes 0.5 s."""
+QUIET_S = 12.0
+"""Pause before a press that counts. Timers in controllers' programs run for up to 10 s."""
+TOGETHER_S = 0.5
+"""A controller sends the presses of one button for several robots within a few of its cycles."""
+REPEATS_S = 2.0
+"""A controller sends one Acknowledge several times, in case that a frame is lost."""
+HELD_AT = 3
+"""Acknowledges in a row, each too soon after the one before, that are a fault: a person who presses
+twice by mistake makes one."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class _Line:
+    """What has come on one link.
+
+    Attributes:
+        heard_ns: when the newest Acknowledge came, repeats left out; at first, the node's start.
+        pressed_ns: when the newest press began: an Acknowledge after a pause.
+        in_a_row: number of Acknowledges since then, not those that belong to the press.
+        seen: (latch id, ack id) -> when it came first, of the newest.
+    """
+
+    heard_ns: int
+    pressed_ns: int | None = None
+    in_a_row: int = 0
+    seen: dict[tuple[int, int], int] = field(default_factory=dict)
+
+
+_MOST_SEEN = 64
+
+
+class Presses:
+    """Judges the Acknowledges of all links.
+
+    Attributes:
+        refused: why -> number of Acknowledges that did not count.
+    """
+
+    def __init__(self) -> None:
+        self.refused: Counter[str] = Counter()
+        self._lines: dict[str, _Line] = {}
+        self._start_ns: int | None = None
+        self._shown: dict[int, tuple[int, int]] = {}  # robot -> its latch id, and since when
+
+    def show(self, advices: Sequence[Advice], now_ns: int) -> None:
+        """Note what the operators are shown from now on."""
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        for advice in advices:
+            if self._shown.get(advice.robot, (0, 0))[0] != advice.latch_id:
+                self._shown[advice.robot] = (advice.latch_id, now_ns)
+
+    def counts(self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int) -> bool:
+        """Whether an Acknowledge is a press that counts.
+
+        Args:
+            link: name of the link that it came on.
+            robots: indices of the robots that are advised on this link.
+            message: the Acknowledge.
+            at_ns: when it was received.
+        """
+        start_ns = at_ns if self._start_ns is None else self._start_ns
+        line = self._lines.setdefault(link, _Line(start_ns))
+        pair = (message.latch_id, message.ack_id)
+        first_ns = line.seen.get(pair)
+        if first_ns is not None and at_ns - first_ns <= REPEATS_S * 1e9:
+            return False  # the same message again
+        why = self._why_not(line, robots, message.latch_id, at_ns)
+        if first_ns is not None:
+            why = why or "replayed"
+        line.seen.setdefault(pair, at_ns)
+        if len(line.seen) > _MOST_SEEN:
+            del line.seen[next(iter(line.seen))]
+        if why:
+            self._refuse(link, message, why)
+        return not why
+
+    def are_held(self, now_ns: int) -> bool:
+        """Whether Acknowledges come again and again on any link."""
+        return any(
+            line.in_a_row >= HELD_AT and now_ns - line.heard_ns < QUIET_S * 1e9
+            for line in self._lines.values()
+        )
+
+    def _why_not(self, line: _Line, robots: frozenset[int], latch_id: int, at_ns: int) -> str:
+        """Why an Acknowledge that is no repeat does not count; "" if it does."""
+        after_pause = at_ns - line.heard_ns >= QUIET_S * 1e9
+        line.heard_ns = at_ns
+        if after_pause:
+            line.pressed_ns, line.in_a_row = at_ns, 0
+        together = line.pressed_ns is not None and at_ns - line.pressed_ns <= TOGETHER_S * 1e9
+        if not together:
+            line.in_a_row += 1
+        if latch_id == 0:
+            return "names_nothing"
+        since_ns = [s for r, (n, s) in self._shown.items() if r in robots and n == latch_id]
+        if not since_ns:
+            return "not_shown"
+        if at_ns - min(since_ns) < SHOWN_S * 1e9:
+            return "too_soon"
+        return "" if together else "no_pause"
+
+    def _refuse(self, link: str, message: Acknowledge, why: str) -> None:
+        if self.refused[why] % 1000 == 0:  # a controller must not fill the log
+            log.warning(
+                "link %s: Acknowledge of latch id %d does not count: %s (%d before)",
+                link,
+                message.latch_id,
+                _WORDS[why],
+                self.refused[why],
+            )
+        self.refused[why] += 1
+
+
+_WORDS = {
+    "names_nothing": "since protocol version 3 latch id 0 acknowledges nothing, and the Acknowledge"
+    " must name the latch id of the Advice; rebuild the controller's program if it sends 0",
+    "not_shown": "the Advice does not show this latch id now",
+    "too_soon": f"it came within {SHOWN_S:g} s of being shown, sooner than a person presses",
+    "replayed": f"it came more than {REPEATS_S:g} s ago already; give each press its own number",
+    "no_pause": f"another came less than {QUIET_S:g} s before, or the node was started then; wait"
+    " for so long, then press once",
+}
