@@ -18,8 +18,8 @@ STEP_S = 0.36
 KEEP_S = 1.0
 SAME_ID_M_S2 = 10.0
 """Greatest acceleration of a trunk that is seen all the while: a fall, a runner's sharp turn."""
-FOUND_M_S2 = 3.0
-"""Greatest acceleration of a person out of view: from standing to walking within half a second."""
+FOUND_M_S2 = 2.0
+"""Greatest acceleration of a person out of view: from standing to walking in a step."""
 SEEN_SLACK_M = 0.18
 """Error of a way that was seen throughout: noise, a part of the body that moves by itself."""
 FOUND_SLACK_M = 0.06

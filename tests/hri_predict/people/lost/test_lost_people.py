@@ -199,7 +199,7 @@ def test_an_id_that_comes_back_soon_is_that_person(make_room):
     room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
     room.see(times=9)  # 0.4 s
-    snapshot = room.see(body(1, 0.5))
+    snapshot = room.see(body(1, 0.2))
     assert snapshot.lost == ()
     assert snapshot.counters["found"] == 1
 
