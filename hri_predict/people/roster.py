@@ -137,17 +137,10 @@ class Roster:
         slip = track.trail.slip()
         if slip is not None:
             self.counters["slipped"] += 1
-            self._cut(track, *slip, capture_ns)
-
-    def _cut(self, track: Track, last_ns: int, first_ns: int, capture_ns: int) -> None:
-        """Split a track into that of a person seen up to ``last_ns``, and that of another."""
-        earlier = self._part(track, NEVER, last_ns)
-        later = self._part(track, first_ns, track.capture_ns)
-        later.present_ns, later.rival = track.present_ns, track.rival
-        if self.tracks.get(track.id) is track:
+            later = self._part(track, slip[1], track.capture_ns)
+            later.present_ns, later.rival = track.present_ns, track.rival
             self.tracks[track.id] = later
-        earlier.id = track.id
-        self._vanish(earlier, capture_ns)
+            self._vanish(self._part(track, NEVER, slip[0]), capture_ns)
 
     def _part(self, track: Track, begin_ns: int, end_ns: int) -> Track:
         return track.part(begin_ns, end_ns, self._history(), self._doors.follow)
@@ -380,11 +373,9 @@ class Roster:
         return True
 
     def _vanish(self, track: Track, capture_ns: int) -> None:
-        found_ns, trail = track.trail.found_ns, track.trail
-        if found_ns is not None and not trail.is_near and not self._keeps_ids:
-            last_ns = trail.before(found_ns)
-            if last_ns is not None:  # who was found may have been somebody else
-                self.lost.add(self._part(track, NEVER, last_ns))
+        doubted_ns = None if self._keeps_ids else track.trail.doubted_ns()
+        if doubted_ns is not None:  # who was found may have been somebody else
+            self.lost.add(self._part(track, NEVER, doubted_ns))
         rival, track.rival = track.rival, None
         if self._doors.has_left(track):
             self.counters["left_by_exit"] += 1

@@ -229,6 +229,8 @@ class Track:
         """
         stamps, positions, observed = self.history.samples()
         chosen = np.flatnonzero((stamps >= begin_ns) & (stamps <= end_ns))
+        if not len(chosen):  # older than what is kept
+            chosen = np.array([0])
         part: Track | None = None
         for i in chosen:
             body, capture_ns = Body(self.id, positions[i], observed[i]), int(stamps[i])

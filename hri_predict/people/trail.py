@@ -66,9 +66,11 @@ class Trail:
         if self.found_ns is None or not is_near:
             self.found_ns, self.is_near = capture_ns, is_near
 
-    def before(self, capture_ns: int) -> int | None:
-        """The newest capture before this one; ``None`` if it is not known any more."""
-        return max((ns for ns in self._stamps if ns < capture_ns), default=None)
+    def doubted_ns(self) -> int | None:
+        """The last capture before the body was found, if it may not be the same body."""
+        if self.found_ns is None or self.is_near:
+            return None
+        return max((ns for ns in self._stamps if ns < self.found_ns), default=None)
 
     @property
     def travelled(self) -> Floats:

@@ -2,6 +2,7 @@
 
 from hri_sim.fault_table.incident import Incident
 from hri_sim.fault_table.incidents.fast_people import FAST_PEOPLE
+from hri_sim.fault_table.incidents.identity import IDENTITY
 from hri_sim.fault_table.incidents.latches import LATCHES
 from hri_sim.fault_table.incidents.late_scenes import LATE_SCENES
 from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
@@ -11,6 +12,7 @@ from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
 
 INCIDENTS: tuple[Incident, ...] = (
     *FAST_PEOPLE,
+    *IDENTITY,
     *LATCHES,
     *LATE_SCENES,
     *LOST_PEOPLE,
