@@ -1,11 +1,12 @@
 """Present and lost people: people come, change their ids, vanish, and are seen again.
 
 A body that appears may be a person who vanished. It takes over that person's track only a short
-time later (``found_within_s``), within the distance that the person could have moved, and not where
-people enter. Otherwise both exist. This also holds for an id that was absent, and an id that moves
-farther than its person can is somebody else's now, unless the source keeps its ids: then an id that
-comes back is that person, at any time. Two bodies cannot be in one place. So if an id changes while
-its body stays in place, it is the same body, at any place in the room.
+time later (``found_within_s``), where that person's motion leads, and not where people enter.
+Otherwise both exist. This also holds for an id that was absent, and an id that moves as its person
+cannot is somebody else's now, unless the source keeps its ids: then an id that comes back is that
+person, at any time. Two bodies cannot be in one place. So if an id changes while its body stays in
+place, it is the same body, at any place in the room. A track whose motion turns out to be that of
+two people is cut in two, and the first one is lost; see ``Trail``.
 """
 
 from collections import Counter

@@ -126,7 +126,9 @@ class Track:
     doorstep: Floats | None = None
     trail: Trail = field(default_factory=Trail)
     stray_ns: int = NEVER
-    _places: Floats = field(default_factory=lambda: np.zeros((1, 2)))  # of the trail, for each joint
+    _places: Floats = field(
+        default_factory=lambda: np.zeros((1, 2))
+    )  # of the trail, for each joint
 
     @classmethod
     def start(cls, body: Body, history: RingBuffer, capture_ns: int, now_ns: int) -> "Track":
