@@ -308,8 +308,8 @@ class FaultySource:
             return tuple(replace(p, id=fault.to) if p.id == fault.person else p for p in people)
         if isinstance(fault, Alternate):
             is_other = (self.injected[fault.kind] - 1) // fault.captures % 2 == 1
-            hidden = fault.person if is_other else fault.other
-            seen = tuple(p for p in people if p.id != hidden)
+            missing = fault.person if is_other else fault.other
+            seen = tuple(p for p in people if p.id != missing)
             return tuple(replace(p, id=fault.person) if p.id == fault.other else p for p in seen)
         if isinstance(fault, Teleport):
             return tuple(
