@@ -60,6 +60,8 @@ class Trail:
             self._stamps.popleft()
             self._places.popleft()
             self._loose.popleft()
+        if self.found_ns is not None and self.found_ns < self._stamps[0]:
+            self.found_ns = None  # too long ago to be compared
 
     def find(self, capture_ns: int, is_near: bool) -> None:
         """Note that the body is found again at this capture, which comes next."""
@@ -108,22 +110,16 @@ class Trail:
         last = int(np.searchsorted(seconds, -SPAN_S, side="right")) - 1
         if last < 1:
             return None
-        found = self._found_at(last)
-        if found is not None:
+        if self.found_ns is not None and self.found_ns <= self._stamps[last]:
+            # the capture is missing if the history refused it
+            found = next((i for i, ns in enumerate(self._stamps) if ns == self.found_ns), 0)
             self.found_ns = None
-            if self._torn(seconds, places, np.array([found - 1]), found, is_found=True):
+            if found and self._torn(seconds, places, np.array([found - 1]), found, is_found=True):
                 return self._stamps[found - 1], self._stamps[found]
         earliest = max(1, int(np.searchsorted(seconds, seconds[last] - STEP_S)))
         starts = np.arange(last - 1, earliest - 1, -1)
         torn = self._torn(seconds, places, starts, last, is_found=False)
         return (self._stamps[torn[0]], self._stamps[last]) if torn else None
-
-    def _found_at(self, last: int) -> int | None:
-        """Index of the capture at which the body was found, if it is not newer than ``last``."""
-        if self.found_ns is None or self.found_ns > self._stamps[last]:
-            return None
-        index = next((i for i, ns in enumerate(self._stamps) if ns == self.found_ns), 0)
-        return index or None
 
     def _torn(
         self, seconds: Floats, places: Floats, starts: Ints, end: int, *, is_found: bool
