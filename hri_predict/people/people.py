@@ -252,7 +252,7 @@ class People(RemembersLost):
             self._push(
                 track=track, body=body, believed=believed, capture_ns=capture_ns, now_ns=now_ns
             )
-            self._roster.drop_rival(rival)
+            self._roster.drop_rival(track, rival)
             return None
         self._refuse("impossible_captures")
         track.present_ns = capture_ns
@@ -260,7 +260,7 @@ class People(RemembersLost):
         agrees = rival.believable(body, capture_ns, self._limits) if rival else None
         if rival is None or agrees is None:
             track.rival = self._roster.start(body, capture_ns, now_ns)
-            self._roster.drop_rival(rival)
+            self._roster.drop_rival(track, rival)
             return None
         self._push(track=rival, body=body, believed=agrees, capture_ns=capture_ns, now_ns=now_ns)
         if rival.captures < self._settings.reaccept_captures:

@@ -1,11 +1,12 @@
 """Present and lost people: people come, change their ids, vanish, and are seen again.
 
 A body that appears may be a person who vanished. It takes over that person's track only a short
-time later (``found_within_s``), within the distance that the person could have moved, and not where
-people enter. Otherwise both exist. This also holds for an id that was absent, and an id that moves
-farther than its person can is somebody else's now, unless the source keeps its ids: then an id that
-comes back is that person, at any time. Two bodies cannot be in one place. So if an id changes while
-its body stays in place, it is the same body, at any place in the room.
+time later (``found_within_s``), where that person's motion leads, and not where people enter.
+Otherwise both exist. This also holds for an id that was absent, and an id that moves as its person
+cannot is somebody else's now, unless the source keeps its ids: then an id that comes back is that
+person, at any time. Two bodies cannot be in one place. So if an id changes while its body stays in
+place, it is the same body, at any place in the room. A track whose motion turns out to be that of
+two people is cut in two, and the first one is lost; see ``Trail``.
 """
 
 from collections import Counter
@@ -18,10 +19,12 @@ from hri_predict.people.lost.doors import Doors
 from hri_predict.people.lost.lost_people import Lost, LostPeople, match_places
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.settings import PeopleSettings
-from hri_predict.people.track import Body, MotionLimits, Track
+from hri_predict.people.track import FOUND_M, Body, MotionLimits, Track
 
 PLACE_SLACK_M = 0.5
-"""How far a body may be from where its motion leads: noise, and a sudden step."""
+"""One capture that is off by less than this is noise of a body, unless it happens again soon."""
+STRAY_NS = 2_000_000_000
+"""Noise of this size is rarer than this; a body that is seen twice in this time is somebody."""
 SAME_PLACE_M = 0.25
 """Nobody else can be nearer than this to where a body was a moment ago."""
 TAKEN_NS = 3_000_000_000
@@ -88,6 +91,8 @@ class Roster:
         result = track.take(body, believed, capture_ns, now_ns)
         if result is PushResult.ACCEPTED:
             self._doors.follow(track)
+            if self.tracks.get(track.id) is track and not self._keeps_ids:
+                self._part_ways(track, capture_ns)
         return result
 
     def continues(self, track: Track, body: Body, capture_ns: int) -> bool:
@@ -97,24 +102,49 @@ class Roster:
         absent_ns = max(capture_ns - track.capture_ns, 0)
         if track.rival is not None:  # refused for long enough, any jump would be a possible motion
             absent_ns = min(absent_ns, self._gap_ns)
-        beyond_m = track.apart(body) - PLACE_SLACK_M
-        seconds = absent_ns * 1e-9
-        if beyond_m <= self._settings.lost_speed_m_s * seconds:
-            return True
-        return beyond_m <= self.lost.speed_of(track) * seconds
+        astray_m, most_m = track.astray(body, absent_ns * 1e-9, same_id=True)
+        return astray_m <= most_m
 
-    def drop_rival(self, rival: Track | None) -> None:
+    def drop_rival(self, track: Track, rival: Track | None) -> None:
         """Somebody stood where an id had jumped to before it came back: that person is lost.
 
-        A single capture there is a glitch. Somebody known may have been mistaken for the id.
+        A single capture nearby, once in a while, is noise. Somebody known may have been mistaken
+        for the id.
         """
-        if rival is None or self._keeps_ids or rival.captures < 2:
+        if rival is None or self._keeps_ids:
             return
-        known: list[Track | Lost] = [*self.tracks.values(), *self.lost.people]
-        if any(np.linalg.norm(p.centroid - rival.centroid) < PLACE_SLACK_M for p in known):
+        body = rival.body
+        apart_m = float(np.linalg.norm(track.step(body)[0]))
+        if apart_m < SAME_PLACE_M:  # the same body, with wrong limbs
+            return
+        stray_ns, track.stray_ns = track.stray_ns, rival.capture_ns
+        is_single = rival.captures == 1 and rival.capture_ns - stray_ns > STRAY_NS
+        if is_single and apart_m < PLACE_SLACK_M:
+            self.counters["strays"] += 1
+            return
+        others = [t for t in self.tracks.values() if t is not track]
+        if any(other.apart(body) < SAME_PLACE_M for other in others):
+            return
+        for lost in [p for p in self.lost.people if p.apart(body) < PLACE_SLACK_M]:
+            if lost.id == rival.id and lost.track is not None and lost.track.captures == 1:
+                self.lost.remove(lost)  # the same stray, seen again
+                continue
             return
         self.counters["vanished"] += 1
         self.lost.add(rival)
+
+    def _part_ways(self, track: Track, capture_ns: int) -> None:
+        """Where a track slid from one person to another, the first one is lost."""
+        slip = track.trail.slip()
+        if slip is not None:
+            self.counters["slipped"] += 1
+            later = self._part(track, slip[1], track.capture_ns)
+            later.present_ns, later.rival = track.present_ns, track.rival
+            self.tracks[track.id] = later
+            self._vanish(self._part(track, NEVER, slip[0]), capture_ns)
+
+    def _part(self, track: Track, begin_ns: int, end_ns: int) -> Track:
+        return track.part(begin_ns, end_ns, self._history(), self._doors.follow)
 
     def begin(
         self,
@@ -253,10 +283,10 @@ class Roster:
         unseen: Container[int],
     ) -> dict[int, int]:
         """Index of start -> index of the place where that person was last seen."""
-        apart = np.array([[place.apart(body) for place in places] for body, _ in starts])
-        radii = np.array(
-            [[self._radius(b, risen, p, capture_ns) for p in places] for b, risen in starts]
-        )
+        fits = np.array(
+            [[self._fit(body, risen, p, capture_ns) for p in places] for body, risen in starts]
+        ).reshape(len(starts), len(places), 2)
+        apart, radii = fits[..., 0], fits[..., 1].copy()
         for v, place in enumerate(places):
             if place.id in unseen:  # who is still reported without a joint is somewhere
                 seconds = max(capture_ns - place.capture_ns, 0) * 1e-9
@@ -275,25 +305,32 @@ class Roster:
         for lost in [each for each in self.lost.people if each.id == number]:
             self._forget(lost)
 
-    def _radius(
+    def _fit(
         self, body: Body, risen: Track | None, place: Track | Lost, capture_ns: int
-    ) -> float:
-        """How far (m) the person lost at ``place`` may have moved to be ``body``; -1: not them."""
+    ) -> tuple[float, float]:
+        """How far (m) ``body`` is from where the person seen at ``place`` may be, and how far it
+        may be from there; -1: it is not that person."""
         # An id that jumped has been where it is since its first capture there.
         since_ns = (capture_ns if risen is None else risen.began_ns) - place.capture_ns
         seconds = max(since_ns, 0) * 1e-9
         is_lost = isinstance(place, Lost)
-        speed = place.speed_m_s if isinstance(place, Lost) else self.lost.speed_of(place)
-        if body.id == place.id and (self._keeps_ids or (risen is not None and not is_lost)):
+        if self._keeps_ids and body.id == place.id:
+            speed = place.speed_m_s if isinstance(place, Lost) else self.lost.speed_of(place)
             fastest = self._settings.max_body_speed_m_s if risen is None else speed
-            return PLACE_SLACK_M + fastest * seconds
-        if since_ns > self._found_ns or (isinstance(place, Lost) and place.track is None):
-            return -1.0
-        if self._doors.is_entrance(body.centroid):
-            return -1.0 if is_lost else SAME_PLACE_M + self._settings.lost_speed_m_s * seconds
+            return place.apart(body), PLACE_SLACK_M + fastest * seconds
         track = place.track if isinstance(place, Lost) else place
-        assert track is not None
-        return SAME_PLACE_M + self.lost.found_speed_of(track) * seconds
+        # two bodies that were, or could have been, seen at the same time are two people
+        if track is None or not 0 < since_ns <= self._found_ns:
+            return 0.0, -1.0
+        astray_m, most_m = track.astray(
+            body,
+            seconds,
+            same_id=risen is not None and not is_lost and body.id == place.id,
+            since=None if risen is None else risen.trail,
+        )
+        if self._doors.is_entrance(body.centroid):
+            most_m = -1.0 if is_lost else min(most_m, SAME_PLACE_M)
+        return astray_m, most_m
 
     def _forget(self, place: Track | Lost) -> bool:
         """Drop ``place``, whose body is found; return whether that body was already lost."""
@@ -318,6 +355,9 @@ class Roster:
         if track is not None and believed is not None:
             self.counters["inherited"] += 1
             track.resumed_ns = capture_ns
+            seconds = max(capture_ns - track.capture_ns, 0) * 1e-9
+            astray_m, _ = track.astray(body, seconds, same_id=False)
+            track.trail.find(capture_ns, astray_m <= track.trail.slack_m(FOUND_M))
             self.push(
                 track=track, body=body, believed=believed, capture_ns=capture_ns, now_ns=now_ns
             )
@@ -334,6 +374,9 @@ class Roster:
         return True
 
     def _vanish(self, track: Track, capture_ns: int) -> None:
+        doubted_ns = None if self._keeps_ids else track.trail.doubted_ns()
+        if doubted_ns is not None:  # who was found may have been somebody else
+            self.lost.add(self._part(track, NEVER, doubted_ns))
         rival, track.rival = track.rival, None
         if self._doors.has_left(track):
             self.counters["left_by_exit"] += 1

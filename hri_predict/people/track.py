@@ -1,6 +1,7 @@
 """One tracked body: its history, and the check whether a new capture of it can be true."""
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,6 +9,8 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats, Stamps
 from hri_predict.people.lost.passage import Passage
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
+from hri_predict.people.trail import FOUND_M_S2, SAME_ID_M_S2, Trail
+from hri_predict.skeleton import CANONICAL
 
 _STRETCH_M = 0.75
 """Beyond ``_PARTS_M``: a hand and a foot of one stretched body are a metre apart on the floor."""
@@ -15,6 +18,26 @@ _PARTS_M = 0.25
 """On the floor, the means of two parts of one body may be so far apart."""
 _WHOLE_BODY_JOINTS = 4
 """With this many common joints, their mean describes the body and not one fast hand."""
+_TRUNK = np.array(
+    [
+        CANONICAL.index(name)
+        for name in ("waist", "torso", "neck", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
+    ]
+)
+_TRUNK_JOINTS = 3
+"""With this many joints of the trunk, they describe the body, and limbs that swing do not."""
+_LIMBS_M = 0.15
+"""Besides noise: limbs move by themselves, where no trunk is seen."""
+_REMEMBERED_M = 0.1
+"""Besides noise: limbs move while only other parts of the body are seen."""
+SAME_ID_M = 0.25
+"""Noise of a body, from capture to capture; two people are hardly ever nearer to each other."""
+FOUND_M = 0.12
+"""Noise of a body that is found, or has another id: another person would be farther off."""
+_UNMEASURED_M_S = 6.0
+"""Greatest speed of a body that has been seen only once, from one capture to the next."""
+_UNMEASURED_FOUND_M_S = 1.6
+"""The same of a body that is found: ISO 13855 walking speed."""
 _PICTURES = 8
 """A frozen source repeats at most so many pictures."""
 _GLITCHES = 0.25
@@ -81,6 +104,8 @@ class Track:
         began_at: (3,) the mean of the joints seen in it.
         resumed_ns: since when it is tracked under its present id, without an absence.
         passage: how far it got on its way through an exit.
+        trail: the way of the body in the last second.
+        stray_ns: the last time that a single capture under this id was elsewhere.
     """
 
     id: int
@@ -97,6 +122,11 @@ class Track:
     began_at: Floats = field(default_factory=lambda: np.zeros(3))
     resumed_ns: int = NEVER
     passage: Passage = field(default_factory=Passage)
+    trail: Trail = field(default_factory=Trail)
+    stray_ns: int = NEVER
+    _places: Floats = field(
+        default_factory=lambda: np.zeros((1, 2))
+    )  # of the trail, for each joint
 
     @classmethod
     def start(cls, body: Body, history: RingBuffer, capture_ns: int, now_ns: int) -> "Track":
@@ -110,9 +140,15 @@ class Track:
             began_ns=capture_ns,
             resumed_ns=capture_ns,
             began_at=body.centroid,
+            _places=np.zeros((joints, 2)),
         )
         track.take(body, body.observed, capture_ns, now_ns)
         return track
+
+    @property
+    def body(self) -> Body:
+        """The newest capture."""
+        return Body(self.id, self.positions, self.stamps == self.capture_ns)
 
     @property
     def centroid(self) -> Floats:
@@ -134,6 +170,81 @@ class Track:
             moved = np.median(body.positions[common] - self.positions[common], axis=0)
             return float(np.linalg.norm(moved))
         return max(0.0, float(np.linalg.norm((body.centroid - self.centroid)[:2])) - _PARTS_M)
+
+    def step(self, body: Body) -> tuple[Floats, float]:
+        """How far the trunk moved over the floor to become ``body``.
+
+        If too few joints were seen in both, each joint is expected where it was last seen, moved on
+        as the body moved since. Parts that were never seen before are somewhere near the others.
+
+        Returns:
+            (2,) metres, and its possible error besides noise, m.
+        """
+        fresh = body.observed & (self.stamps == self.capture_ns)
+        if np.count_nonzero(fresh) >= _WHOLE_BODY_JOINTS:
+            return _median(body.positions - self.positions, fresh)
+        known = body.observed & (self.stamps != NEVER)
+        if np.count_nonzero(known) >= _WHOLE_BODY_JOINTS:
+            onward = self.trail.place - self._places
+            step, loose_m = _median(body.positions - self.positions, known, onward)
+            return step, max(loose_m, _REMEMBERED_M)
+        apart = (body.centroid - self.centroid)[:2]
+        floor_m = float(np.linalg.norm(apart))
+        return apart * (max(floor_m - _PARTS_M, 0.0) / max(floor_m, 1e-9)), _REMEMBERED_M
+
+    def astray(
+        self, body: Body, seconds: float, *, same_id: bool, since: Trail | None = None
+    ) -> tuple[float, float]:
+        """How far ``body`` is from where this body's speed leads it in ``seconds``.
+
+        Args:
+            same_id: ``body`` has the id of this one: noise explains more.
+            since: the way of ``body`` since it appeared; ``None``: it just did.
+
+        Returns:
+            metres; and how many noise and acceleration explain.
+        """
+        step, loose_m = self.step(body)
+        if since is not None:
+            step = step - since.travelled
+        loose_m += self.trail.slack_m(SAME_ID_M if same_id else FOUND_M)
+        velocity = self.trail.velocity()
+        if velocity is None:
+            fastest = _UNMEASURED_M_S if same_id else _UNMEASURED_FOUND_M_S
+            return float(np.linalg.norm(step)), loose_m + fastest * seconds
+        by_acceleration_m = 0.5 * (SAME_ID_M_S2 if same_id else FOUND_M_S2) * seconds**2
+        return float(np.linalg.norm(step - velocity * seconds)), loose_m + by_acceleration_m
+
+    def part(
+        self,
+        begin_ns: int,
+        end_ns: int,
+        history: RingBuffer,
+        follow: Callable[["Track"], None],
+    ) -> "Track":
+        """A new track of this body's captures from ``begin_ns`` to ``end_ns``, both included.
+
+        Args:
+            follow: called after each capture.
+        """
+        stamps, positions, observed = self.history.samples()
+        chosen = np.flatnonzero((stamps >= begin_ns) & (stamps <= end_ns))
+        if not len(chosen):  # older than what is kept
+            chosen = np.array([0])
+        part: Track | None = None
+        for i in chosen:
+            body, capture_ns = Body(self.id, positions[i], observed[i]), int(stamps[i])
+            if part is None:
+                part = Track.start(body, history, capture_ns, capture_ns)
+                part.passage.in_room = self.passage.in_room and begin_ns == NEVER
+            else:
+                part.take(body, body.observed, capture_ns, capture_ns)
+            follow(part)
+        assert part is not None
+        older = (part.stamps == NEVER) & (self.stamps != NEVER) & (self.stamps < part.began_ns)
+        older &= self.stamps >= begin_ns
+        part.positions[older], part.stamps[older] = self.positions[older], self.stamps[older]
+        return part
 
     def moved(self, span_s: float) -> tuple[Floats, float]:
         """How far the body moved in the last ``span_s`` before it was last seen.
@@ -179,6 +290,10 @@ class Track:
         result = self.history.push(capture_ns, body.positions, believed, now_ns)
         self.present_ns = max(self.present_ns, capture_ns)
         if result is PushResult.ACCEPTED:
+            is_first = self.capture_ns == NEVER
+            taken = Body(body.id, body.positions, believed)
+            self.trail.add(capture_ns, *((np.zeros(2), 0.0) if is_first else self.step(taken)))
+            self._places[believed] = self.trail.place
             self.id = body.id
             self.capture_ns = capture_ns
             self.positions[believed] = body.positions[believed]
@@ -223,3 +338,16 @@ class Track:
             elapsed = np.minimum(elapsed, max(limits.period_ns, limits.refused_ns))
         seconds: Floats = elapsed * 1e-9
         return seconds
+
+
+def _median(moved: Floats, seen: Bools, less: Floats | None = None) -> tuple[Floats, float]:
+    """(2,) the median of ``moved`` (J, 3), ``less`` (J, 2), over the floor, and its error, m.
+
+    Over the trunk's joints, or over all that are seen if these are few.
+    """
+    trunk = _TRUNK[seen[_TRUNK]]
+    chosen = trunk if len(trunk) >= _TRUNK_JOINTS else np.flatnonzero(seen)
+    over_floor = moved[chosen, :2] if less is None else moved[chosen, :2] - less[chosen]
+    ordered = np.sort(over_floor, axis=0)  # on so few numbers much faster than np.median
+    middle = 0.5 * (ordered[(len(chosen) - 1) // 2] + ordered[len(chosen) // 2])
+    return middle, 0.0 if chosen is trunk else _LIMBS_M

@@ -98,6 +98,14 @@ class Rename(FaultSettings):
     to: int = Field(2000, ge=0, le=65535, description="the new id")
 
 
+class Alternate(FaultSettings):
+    """The ids ``person`` and ``other`` become one, ``person``, which shows each of them in turn."""
+
+    person: int = Field(1, description="person with this id")
+    other: int = Field(2, description="the other one, who gets that id")
+    captures: int = Field(1, ge=1, le=1000, description="number of captures of each, in turn")
+
+
 class Occlude(FaultSettings):
     """People are seen by ``cameras`` alone: boxes ([x, y, x, y, height]) and bodies hide them.
 
@@ -158,6 +166,7 @@ SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
     "rotate": Rotate,
     "mirror": Mirror,
     "identity_swap": IdentitySwap,
+    "alternate": Alternate,
     "occlude": Occlude,
     "rename": Rename,
     "vanish": Vanish,
@@ -297,6 +306,11 @@ class FaultySource:
             return tuple(p for p in people if fault.person not in (None, p.id))
         if isinstance(fault, Rename):
             return tuple(replace(p, id=fault.to) if p.id == fault.person else p for p in people)
+        if isinstance(fault, Alternate):
+            is_other = (self.injected[fault.kind] - 1) // fault.captures % 2 == 1
+            missing = fault.person if is_other else fault.other
+            seen = tuple(p for p in people if p.id != missing)
+            return tuple(replace(p, id=fault.person) if p.id == fault.other else p for p in seen)
         if isinstance(fault, Teleport):
             return tuple(
                 replace(p, positions=p.positions + np.asarray(fault.offset))

@@ -61,7 +61,7 @@ def test_who_was_absent_from_scenes_is_no_such_person(make_room):
 
 
 def test_after_a_short_outage_an_id_goes_on_where_its_person_can_be(make_room):
-    for x, lost in ((0.4, []), (1.5, [0.0])):
+    for x, lost in ((0.15, []), (0.6, [0.0]), (1.5, [0.0])):
         room = make_room()
         room.see(body(1, 0.0), times=10)
         room.now += 300_000_000

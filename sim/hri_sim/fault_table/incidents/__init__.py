@@ -4,6 +4,7 @@ from hri_sim.fault_table.incident import Incident
 from hri_sim.fault_table.incidents.acknowledges import ACKNOWLEDGES
 from hri_sim.fault_table.incidents.exits import EXITS
 from hri_sim.fault_table.incidents.fast_people import FAST_PEOPLE
+from hri_sim.fault_table.incidents.identity import IDENTITY
 from hri_sim.fault_table.incidents.latches import LATCHES
 from hri_sim.fault_table.incidents.late_scenes import LATE_SCENES
 from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
@@ -16,6 +17,7 @@ INCIDENTS: tuple[Incident, ...] = (
     *EXITS,
     *ACKNOWLEDGES,
     *FAST_PEOPLE,
+    *IDENTITY,
     *LATCHES,
     *LATE_SCENES,
     *LOST_PEOPLE,
