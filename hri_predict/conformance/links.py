@@ -1,7 +1,6 @@
 """What the contract asks of a link; see ``hri_predict.link``.
 
-The link is made with a wire in memory in place of its device. What a controller would send is made
-by a second link of the same kind.
+The link has a wire in memory instead of a device. A second one of its kind plays the controller.
 """
 
 import math
@@ -136,8 +135,8 @@ def never_blocks_in_post(part: LinkPart) -> str:
         link.post(status(cycle))
         link.take()
         taken.append(time.perf_counter() - began)
-    link.stop()
-    link.stop()
+    for _ in range(2):
+        link.stop()
     demand(not wire.is_open, "stop leaves its device open")
     return f"{MANY} messages: {demand_soon(taken, 'post')}"
 
@@ -225,21 +224,20 @@ def does_not_hear_itself(part: LinkPart) -> str:
     wire.incoming.extend(units_from(link, wire, part.clock, status(1)))
     part.run(link, 0.04)
     demand(link.take() == [] and _refused(link.counters) > 0, "its own Status is not counted")
-    alone = link.foreign_ns is None and link.counters.foreign == 0
-    demand(alone, "its own Status is taken for a second sender's")
+    demand(link.counters.foreign == 0, "its own Status is taken for a second sender's")
     return "Status heard back: counted"
 
 
 def tells_a_second_sender(part: LinkPart) -> str:
     """What another sends with this node's ids is counted, with its time, and not handed on."""
     link, wire = part.make()
-    for cycle in (2, 3):  # one frame may be a damaged one, whose CRC is right by chance
+    for cycle in (2, 3):  # the CRC of one may be right by chance
         wire.incoming.extend(part.units(status(cycle)))
         part.run(link, 0.04)
-    counted = link.take() == [] and link.counters.foreign > 0
-    counted &= link.foreign_ns == part.clock.now_ns()
+    nothing, at_ns, foreign = link.take() == [], link.foreign_ns, link.counters.foreign
+    counted = nothing and foreign > 0 and at_ns == part.clock.now_ns()
     demand(counted, "another node's Status is not counted as foreign, with its time")
-    return f"Status of another node: {link.counters.foreign} counted"
+    return f"Status of another node: {foreign} counted"
 
 
 def finds_messages_in_a_stream(part: LinkPart) -> str:

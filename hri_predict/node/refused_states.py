@@ -68,11 +68,13 @@ def why_refused(state: RobotState, model: RobotModel) -> str:
     fastest = model.velocity_max[offset:].tolist()
     units = list(model.units[offset:])
     ranges = list(zip(low, high, strict=True))
-    if (line := _outside("", state.positions, ranges, names, units)) is not None:
+    if (line := _outside("", state.positions, ranges, names=names, units=units)) is not None:
         return line
     speeds = [(-most, most) for most in fastest]
     per_s = [f"{unit}/s" for unit in units]
-    if (line := _outside("the velocity of ", state.velocities, speeds, names, per_s)) is not None:
+    if (
+        line := _outside("the velocity of ", state.velocities, speeds, names=names, units=per_s)
+    ) is not None:
         return line
     return "the base's pose or velocity is outside its limits"
 
@@ -81,6 +83,7 @@ def _outside(
     what: str,
     values: Sequence[float | None],
     ranges: Sequence[tuple[float, float]],
+    *,
     names: Sequence[str],
     units: Sequence[str],
 ) -> str | None:

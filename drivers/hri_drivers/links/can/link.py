@@ -168,7 +168,7 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
         robots: Sequence[int] = (0,),
         shapes: Sequence[StateShape] = (),
     ) -> None:
-        demand_packages(settings)
+        demand_packages(settings.name, settings.interface)
         super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
         device = _device(self._transport)
         if isinstance(device, CanTransport):

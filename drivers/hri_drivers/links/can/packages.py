@@ -6,15 +6,11 @@ import sys
 from collections.abc import Iterable
 from ctypes.util import find_library
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
 
 import can
 from can.interfaces import BACKENDS
 
 from hri_predict.errors import LinkError
-
-if TYPE_CHECKING:
-    from hri_drivers.links.can.settings import CanLinkSettings
 
 _KERNEL = "or use interface socketcan: Linux has a driver for these adapters"
 _WINDOWS = "which there is for Windows alone; choose another interface"
@@ -38,14 +34,17 @@ _NEEDS = {
 """Driver, library or package of each interface that python-can does not bring itself."""
 
 
-def demand_packages(settings: "CanLinkSettings") -> None:
+def demand_packages(name: str, interface: str) -> None:
     """Refuse a link whose interface lacks a package or library here.
+
+    Args:
+        name: the link's name.
+        interface: python-can's name.
 
     Raises:
         LinkError: names the link, what is missing and the remedy.
     """
-    interface = settings.interface
-    where = f"link '{settings.name}': CAN interface {interface}"
+    where = f"link '{name}': CAN interface {interface}"
     # python-can imports this one lazily: it would be missed only when the bus opens
     if interface == "udp_multicast" and find_spec("msgpack") is None:
         raise LinkError(f"{where} needs msgpack; install it with: pip install 'hri-predict[udp]'")

@@ -7,7 +7,6 @@ import pytest
 
 from hri_drivers.links.can.opening import open_limit_s, remedy
 from hri_drivers.links.can.packages import demand_packages
-from hri_drivers.links.can.settings import CanLinkSettings
 from hri_predict.errors import LinkError
 
 
@@ -44,7 +43,7 @@ def test_a_missing_library_is_found_before_a_start(monkeypatch, interface, said,
     monkeypatch.setattr("hri_drivers.links.can.packages.find_library", lambda name: None)
     monkeypatch.setattr("ctypes.cdll.LoadLibrary", absent)
     with pytest.raises(LinkError, match=f"link 'drive': .*{said}"):
-        demand_packages(CanLinkSettings(name="drive", interface=interface, channel="0"))
+        demand_packages("drive", interface)
     assert capfd.readouterr() == ("", "")  # python-can's own lines stay away
 
 

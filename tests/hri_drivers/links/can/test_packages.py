@@ -24,7 +24,7 @@ def test_without_msgpack_one_line_names_the_extra(monkeypatch):
         "link 'drive': CAN interface udp_multicast needs msgpack; install it with: "
         "pip install 'hri-predict[udp]'"
     )
-    demand_packages(link("virtual"))  # who does not need it does not miss it
+    demand_packages("drive", "virtual")  # who does not need it does not miss it
 
 
 def test_an_interface_without_its_driver_is_told_in_one_line(monkeypatch):
@@ -35,10 +35,10 @@ def test_an_interface_without_its_driver_is_told_in_one_line(monkeypatch):
 
 @pytest.mark.parametrize("interface", ["socketcan", "slcan", "virtual", "socketcand"])
 def test_what_python_can_brings_itself_is_there(interface):
-    demand_packages(link(interface))
+    demand_packages("drive", interface)
 
 
 def test_a_driver_that_cannot_be_imported_is_told_in_one_line(monkeypatch):
     monkeypatch.setitem(BACKENDS, "pcan", ("no_such_driver_anywhere", "Bus"))
     with pytest.raises(LinkError, match="no_such_driver_anywhere"):
-        demand_packages(link("pcan"))
+        demand_packages("drive", "pcan")
