@@ -30,14 +30,15 @@ class Arm:
 
     def __init__(self, phase_s: float = 1.2, rate: float = 1.0) -> None:
         self.tracker = RobotTracker(SETTINGS, MODEL)
-        self.phase_s, self.rate = phase_s, rate
+        self.phase_s, self.rate, self.before = phase_s, rate, rate
         self.now_ns, self.counter = 10**9, 0
         self.true: tuple[Any, Any]
 
     def send(self, lie: Any = None, jitter_ns: int = 0) -> RobotNow:
         """One state, and where the robot is at its receipt."""
         self.now_ns += round(PERIOD_S * 1e9)
-        self.phase_s += self.rate * PERIOD_S
+        self.phase_s += (self.rate + self.before) / 2 * PERIOD_S
+        self.before = self.rate
         self.true = PATH.at_phase(self.phase_s, self.rate)
         q, qd = self.true if lie is None else lie(*self.true)
         q, qd = np.round(np.asarray(q) * 4000) / 4000, np.round(np.asarray(qd) * 1000) / 1000
