@@ -36,7 +36,7 @@ def refused(path, *bodies):
 
 @pytest.mark.parametrize("unit", ["mm", "cm", "inch", "ft"])
 def test_a_file_in_another_unit_is_refused_by_its_name(tmp_path, unit):
-    text = refused(tmp_path / "a.csv", (BODY - [2.0, 0.3, 0.9]) / METRES_PER_UNIT[unit])
+    text = refused(tmp_path / "a.csv", (BODY - [1.6, 0.1, 0.9]) / METRES_PER_UNIT[unit])
     assert f"--units {unit}" in text
     assert "\n" not in text
 
