@@ -169,15 +169,6 @@ def test_teleport_moves_whom_it_names():
         np.testing.assert_allclose(two.positions[0], np.full(3, 100.0 + scene.sequence) + moved)
 
 
-def test_alternate_shows_two_people_in_turn_under_one_id():
-    scenes = [s for _, s in heard(window("alternate", person=10, other=11, captures=2))]
-    assert [len(s.people) for s in scenes] == [2] * 25 + [1] * 25 + [2] * 50
-    assert {s.people[0].id for s in scenes} == {10}
-    # the second person of scene k stands at 100 + k
-    shown = [s.people[0].positions[0, 0] - k for k, s in enumerate(scenes)]
-    assert shown[25:33] == [0.0, 0.0, 100.0, 100.0, 0.0, 0.0, 100.0, 100.0]
-
-
 def test_identity_swap():
     scenes = [s for _, s in heard(window("identity_swap"))]
     assert [p.id for p in scenes[24].people] == [10, 11]
