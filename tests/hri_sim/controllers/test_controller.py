@@ -361,3 +361,15 @@ def test_unresolved_settings_are_refused():
             codec=make_codec("serial"),
             full_speed_m_s=1.0,
         )
+
+
+def test_a_controller_that_acknowledges_by_itself_names_what_is_shown_or_was():
+    lie = {"kind": "acknowledges", "period_s": 0.1, "ids": 2}
+    for names, named in (("shown", 8), ("first", 7), ("nothing", 0)):
+        pair = running(lies=[lie | {"names": names}])
+        pair.run(300, replace(GOOD, level=Level.STOP, latch_id=7))
+        pair.run(300, replace(GOOD, level=Level.STOP, latch_id=8))
+        presses = [m for _, m in pair.heard if isinstance(m, Acknowledge)]
+        assert len(presses) >= 6
+        assert presses[-1].latch_id == named
+        assert {p.ack_id for p in presses} == {1, 2}
