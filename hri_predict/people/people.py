@@ -67,6 +67,7 @@ class People(RemembersLost):
         self.stale_ns = round(source_settings.stale_after_s(rate_hz_source) * 1e9)
         self._settings = settings
         self._joint_map = joint_map
+        self._origin: Floats = np.asarray(source_settings.room_from_source.xyz, np.float64)
         self._inference = Inference(joint_map.mapped)
         self._declares_noise = declares_noise
         self._steps = history_steps
@@ -181,7 +182,7 @@ class People(RemembersLost):
     def _refuse_second(self, person: Person, first: Body | None, capture_ns: int) -> None:
         """Refuse another body of an id: it is somebody else, unless it is the same body again."""
         self._refuse("duplicate_ids")
-        body = canonical_body(person, self._joint_map).body
+        body = canonical_body(person, self._joint_map, self._origin).body
         if body is not None and (first is None or _apart(body, first) > SAME_PLACE_M):
             self._unplaced.note(Why.SECOND_BODY, person.id, capture_ns)
 
@@ -199,7 +200,7 @@ class People(RemembersLost):
                     self._counters["people_in_refused_scenes"] += 1
                     self._unplaced.note(Why.REFUSED_SCENE, person.id, capture_ns)
                 continue
-            body = canonical_body(person, self._joint_map).body
+            body = canonical_body(person, self._joint_map, self._origin).body
             if body is not None and np.linalg.norm(body.centroid - track.centroid) > ELSEWHERE_M:
                 self._counters["people_in_refused_scenes"] += 1
                 self._unplaced.note(Why.REFUSED_ELSEWHERE, person.id, capture_ns)
@@ -221,8 +222,9 @@ class People(RemembersLost):
 
     def _body(self, person: Person) -> Body | None:
         """Return the person's canonical joints; ``None`` if no joint is usable."""
-        body, trouble, unusable = canonical_body(person, self._joint_map)
+        body, trouble, unusable, unseen = canonical_body(person, self._joint_map, self._origin)
         self._counters["unusable_joints"] += unusable
+        self._counters["unseen_joints"] += unseen
         if trouble is not None:
             self._refuse(trouble)
         return body
