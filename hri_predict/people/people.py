@@ -10,6 +10,7 @@ from hri_predict.errors import ConfigError
 from hri_predict.joint_map import JointMap
 from hri_predict.people.body.canonical import canonical_body
 from hri_predict.people.body.inferred import Inference
+from hri_predict.people.body.made_up import MadeUpWatch, Sign
 from hri_predict.people.body.posture_watch import PostureWatch
 from hri_predict.people.clock.scene_gate import SceneGate
 from hri_predict.people.inferring import with_inferred
@@ -98,6 +99,9 @@ class People(RemembersLost):
         self._tracks, self._lost = self._roster.tracks, self._roster.lost
         self._counters: Counter[str] = self._roster.counters
         self._posture = PostureWatch(settings, source_settings.field_of_view)
+        self._made_up = MadeUpWatch(self._origin, round(period_s * 1e9))
+        self._signs: set[Sign] = set()
+        self._hip_centred: set[int] = set()
         self._now_ns = NEVER
         self._receipt_ns: int | None = None
         self._newest_good_ns: int | None = None
@@ -130,6 +134,7 @@ class People(RemembersLost):
         self._blind = not scene.sees_room
         self._counters["blind_scenes"] += self._blind
         self._impossible = self._misplaced = self._coasts = False
+        self._signs.clear()
         frozen = False
         starts: list[Appearing] = []
         seen: dict[int, Body | None] = {}
@@ -149,6 +154,7 @@ class People(RemembersLost):
             if (wrong := self._posture.judge(body, capture_ns)) is not None:
                 self._counters[wrong.value] += 1
                 self._misplaced = True  # still tracked, because somebody is there
+            self._note_made_up(body, capture_ns)
             if track is None:
                 starts.append((body, None))
             elif self._is_repeat(track, body, capture_ns):
@@ -168,12 +174,21 @@ class People(RemembersLost):
         self._impossible |= any(track.rival is not None for track in self._tracks.values())
         self._counters["unjudged_bodies"] = self._posture.unjudged
         bad = self._impossible or self._misplaced or frozen or self._coasts or bool(self._unplaced)
+        bad |= bool(self._signs)
         if scene.sees_room and not bad:
             self._newest_good_ns = capture_ns
             self._captures += 1
         here = [track.centroid for track in self._tracks.values()]
         is_whole = scene.sees_room and not bad and not nowhere
         self._counters["seen_free"] += self._lost.see(capture_ns, here, is_whole)
+
+    def _note_made_up(self, body: Body, capture_ns: int) -> None:
+        if self._settings.posture_unchecked is not None:
+            return  # bodies of any shape and gait
+        sign = self._made_up.judge(body, capture_ns, body.id in self._hip_centred)
+        if sign is not None:
+            self._counters[sign.value] += 1
+            self._signs.add(sign)
 
     def _refuse(self, why: str) -> None:
         self._counters[why] += 1
@@ -222,7 +237,9 @@ class People(RemembersLost):
 
     def _body(self, person: Person) -> Body | None:
         """Return the person's canonical joints; ``None`` if no joint is usable."""
-        body, trouble, unusable, unseen = canonical_body(person, self._joint_map, self._origin)
+        found = canonical_body(person, self._joint_map, self._origin)
+        body, trouble, unusable, unseen, hip_centred = found
+        (self._hip_centred.add if hip_centred else self._hip_centred.discard)(person.id)
         self._counters["unusable_joints"] += unusable
         self._counters["unseen_joints"] += unseen
         if trouble is not None:
@@ -231,7 +248,7 @@ class People(RemembersLost):
 
     def _is_repeat(self, track: Track, body: Body, capture_ns: int) -> bool:
         """Return whether a source that declares noise sent identical joints again."""
-        if not (self._declares_noise and body.fingerprint in track.fingerprints):
+        if not (self._declares_noise and track.has_shown(body)):
             return False
         track.present_ns = capture_ns
         track.repeats += 1
@@ -346,6 +363,8 @@ class People(RemembersLost):
             (stale and silent, Reason.INPUT_STALE),
             (self._blind, Reason.SOURCE_BLIND),
             (frozen and not silent, Reason.INPUT_FROZEN),
+            (Sign.RELATIVE in self._signs, Reason.INPUT_RELATIVE),
+            (bool(self._signs - {Sign.RELATIVE}), Reason.INPUT_REPEATS),
             (self._gate.alignment.jumped, Reason.CLOCK_JUMP),
             (self._impossible or Reason.INPUT_IMPOSSIBLE in unplaced, Reason.INPUT_IMPOSSIBLE),
             (self._misplaced, Reason.BODY_NOT_UPRIGHT),

@@ -33,13 +33,11 @@ def _first_person(recording: Recording) -> tuple[Floats, Floats, Bools]:
     """Stamps (n,) s, canonical joints (n, J, 3) and (n, J) of the first person in the recording."""
     number = next((p.id for scene in recording.scenes for p in scene.people), None)
     seen = [(s.stamp_ns, p) for s in recording.scenes for p in s.people if p.id == number]
-    bodies = [recording.joint_map.map(p.positions, p.observed) for _, p in seen]
-    joints = len(recording.joint_map.mapped)
-    return (
-        np.array([stamp * 1e-9 for stamp, _ in seen]),
-        np.array([b for b, _ in bodies], np.float64).reshape(-1, joints, 3),
-        np.array([o for _, o in bodies], np.bool_).reshape(-1, joints),
-    )
+    stamps = np.array([stamp * 1e-9 for stamp, _ in seen])
+    if not seen:
+        return stamps, np.zeros((0, 0, 3)), np.zeros((0, 0), np.bool_)
+    raw = np.stack([p.positions for _, p in seen]), np.stack([p.observed for _, p in seen])
+    return stamps, *recording.joint_map.map(*raw)
 
 
 def _relative(stamps: Floats, positions: Floats, observed: Bools, origin: Floats) -> bool:

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats
-from hri_predict.people.body.unseen import at_origin, out_of_reach
+from hri_predict.people.body.unseen import at_origin, contradicts, out_of_reach
 from hri_predict.recording.recording import Recording, noted
 from hri_predict.scene import Person
 
 SYNTHETIC = ("cmu", "assembly", "mcap")
 """Kinds in which nothing is lost: layouts of the data pack, and what this node recorded, whose
 scenes are in the room."""
+_AT_ONCE = 500
 
 
 def without_unseen(recording: Recording) -> Recording:
@@ -25,16 +26,30 @@ def without_unseen(recording: Recording) -> Recording:
     origin = np.array([0.0, 0.0, -recording.floor_m])
     single = _single(recording)
     counts = np.zeros(2, int)
-    scenes = []
-    for scene in recording.scenes:
-        people = tuple(_cleared(recording, p, origin, single, counts) for p in scene.people)
-        same = all(new is old for new, old in zip(people, scene.people, strict=True))
-        scenes.append(scene if same else replace(scene, people=people))
+    scenes = list(recording.scenes)
+    for k in _suspect(recording, origin):
+        people = tuple(_cleared(recording, p, origin, single, counts) for p in scenes[k].people)
+        scenes[k] = replace(scenes[k], people=people)
     if not counts.any():
         return recording
     texts = ("at exactly 0, 0, 0", "farther from the body than bones can be")
     found = [f"{n} {text}" for n, text in zip(counts, texts, strict=True) if n]
     return noted(replace(recording, scenes=scenes), f"joints taken as not seen: {', '.join(found)}")
+
+
+def _suspect(recording: Recording, origin: Floats) -> list[int]:
+    """Indices of the scenes with a joint at the origin, or with two that are too far apart."""
+    rows = [(k, person) for k, scene in enumerate(recording.scenes) for person in scene.people]
+    found = set()
+    for start in range(0, len(rows), _AT_ONCE):
+        part = rows[start : start + _AT_ONCE]
+        positions = np.stack([person.positions for _, person in part])
+        observed = np.stack([person.observed for _, person in part])
+        zero = observed & at_origin(positions, origin)
+        joints, seen = recording.joint_map.map(positions, observed & ~zero)
+        wrong = zero.any(axis=1) | contradicts(joints, seen)
+        found.update(part[n][0] for n in np.flatnonzero(wrong))
+    return sorted(found)
 
 
 def _cleared(

@@ -10,8 +10,8 @@ from hri_predict.arrays import Bools, Floats
 from hri_predict.skeleton import CANONICAL
 
 SLACK_M = 0.15
-"""Two joints may be farther apart than the longest bones between them by this: noise, and rigs whose
-joints are not the survey's landmarks. The largest excess of any recording was 0.04 m."""
+"""Two joints may be farther apart than the longest bones between them by this: noise, and rigs
+whose joints are not the survey's landmarks. The largest excess of any recording was 0.04 m."""
 MISNAMED = 0.3
 """If more than this share of a whole body contradicts itself, its joints have other names than the
 map says: that tells nothing about where the body is."""
@@ -25,6 +25,14 @@ def at_origin(positions: Floats, origin: Floats) -> Bools:
     """Return (...,) which joints (..., 3) are exactly at their source's origin (3,)."""
     there: Bools = (positions == origin).all(axis=-1)
     return there
+
+
+def contradicts(positions: Floats, observed: Bools) -> Bools:
+    """Return (n,) in which of many bodies (n, J, 3), (n, J) two joints are too far apart."""
+    apart2: Floats = ((positions[:, :, None] - positions[:, None]) ** 2).sum(axis=-1)
+    both = observed[:, :, None] & observed[:, None]
+    found: Bools = (both & (apart2 > _MOST_APART_2)).any(axis=(1, 2))
+    return found
 
 
 def out_of_reach(positions: Floats, observed: Bools) -> Bools:
@@ -43,12 +51,12 @@ def out_of_reach(positions: Floats, observed: Bools) -> Bools:
     seen = positions[where]
     between = seen[:, None] - seen[None]
     apart2 = np.einsum("ijk,ijk->ij", between, between)
-    contradicts = apart2 > _MOST_APART_2[np.ix_(where, where)]
-    while contradicts.any():
-        counts = contradicts.sum(axis=1)
+    too_far = apart2 > _MOST_APART_2[np.ix_(where, where)]
+    while too_far.any():
+        counts = too_far.sum(axis=1)
         worst = counts == counts.max()
         wrong[where[worst]] = True
-        contradicts[worst] = False
-        contradicts[:, worst] = False
+        too_far[worst] = False
+        too_far[:, worst] = False
     misnamed = len(where) >= WHOLE_BODY_JOINTS and wrong.sum() > MISNAMED * len(where)
     return np.zeros_like(wrong) if misnamed else wrong

@@ -9,7 +9,9 @@ from hri_predict.risk.levels.machine import LevelMachine
 
 MAX_LATCH_ID = 65_000
 """Latch ids wrap here: they are 16 bits on the wire."""
-_BLIND = frozenset((Reason.SOURCE_BLIND, Reason.INPUT_STALE, Reason.INPUT_FROZEN))
+_BLIND = frozenset(
+    (Reason.SOURCE_BLIND, Reason.INPUT_STALE, Reason.INPUT_FROZEN, Reason.INPUT_REPEATS)
+)
 
 
 class LatchIds:
