@@ -99,7 +99,7 @@ class People(RemembersLost):
         self._tracks, self._lost = self._roster.tracks, self._roster.lost
         self._counters: Counter[str] = self._roster.counters
         self._posture = PostureWatch(settings, source_settings.field_of_view)
-        self._made_up = MadeUpWatch(self._origin, round(period_s * 1e9))
+        self._made_up = MadeUpWatch(settings, self._origin, round(period_s * 1e9))
         self._signs: set[Sign] = set()
         self._hip_centred: set[int] = set()
         self._now_ns = NEVER
@@ -183,8 +183,6 @@ class People(RemembersLost):
         self._counters["seen_free"] += self._lost.see(capture_ns, here, is_whole)
 
     def _note_made_up(self, body: Body, capture_ns: int) -> None:
-        if self._settings.posture_unchecked is not None:
-            return  # bodies of any shape and gait
         sign = self._made_up.judge(body, capture_ns, body.id in self._hip_centred)
         if sign is not None:
             self._counters[sign.value] += 1
@@ -237,11 +235,10 @@ class People(RemembersLost):
 
     def _body(self, person: Person) -> Body | None:
         """Return the person's canonical joints; ``None`` if no joint is usable."""
-        found = canonical_body(person, self._joint_map, self._origin)
-        body, trouble, unusable, unseen, hip_centred = found
+        mapped = canonical_body(person, self._joint_map, self._origin)
+        body, trouble, unusable, unseen, hip_centred = mapped
         (self._hip_centred.add if hip_centred else self._hip_centred.discard)(person.id)
-        self._counters["unusable_joints"] += unusable
-        self._counters["unseen_joints"] += unseen
+        self._counters.update(unusable_joints=unusable, unseen_joints=unseen)
         if trouble is not None:
             self._refuse(trouble)
         return body

@@ -1,4 +1,4 @@
-"""Recognises bodies that a tracker makes up: it froze, coasts, repeats what it sent, or is hip-based.
+"""Recognises bodies that a tracker makes up: it froze, coasts, repeats, or knows no place.
 
 A tracker that lost a person may go on sending one: the last skeleton with fresh noise, the last
 motion carried on, the last second again. What gives it away is what no body does:
@@ -22,6 +22,7 @@ import numpy as np
 from hri_predict.arrays import Bools, Floats
 from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.people.ring_buffer import NEVER
+from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
 from hri_predict.skeleton import JOINTS
 
@@ -54,9 +55,7 @@ a slow shift of weight over planted feet does that too."""
 JUMP_M_S2 = 40.0
 FORGET_NS = 5_000_000_000
 INHERIT_M = 0.5
-_LEGS = [
-    JOINTS.index(f"{side}_{name}") for side in "lr" for name in ("knee", "ankle", "foot")
-]
+_LEGS = [JOINTS.index(f"{side}_{name}") for side in "lr" for name in ("knee", "ankle", "foot")]
 
 
 class Sign(Enum):
@@ -103,11 +102,13 @@ class MadeUpWatch:
     """The signs in the bodies of one source. One thread only.
 
     Args:
+        settings: bodies whose posture is not checked have any shape and gait, and are not judged.
         origin: (3,) of the source, in the room.
         period_ns: the source's nominal time between captures.
     """
 
-    def __init__(self, origin: Floats, period_ns: int) -> None:
+    def __init__(self, settings: PeopleSettings, origin: Floats, period_ns: int) -> None:
+        self._on = settings.posture_unchecked is None
         self._origin = origin
         self._period_s = period_ns * 1e-9
         self._freeze = max(5, round(FREEZE_S / self._period_s) + 1)
@@ -121,6 +122,8 @@ class MadeUpWatch:
             capture_ns: rises from call to call.
             hip_centred: its waist was sent at exactly the source's origin.
         """
+        if not self._on:
+            return None
         record = self._record(body, capture_ns)
         record.stamps.append(capture_ns)
         record.positions.append(body.positions)
@@ -185,7 +188,7 @@ class MadeUpWatch:
     def _froze(self, record: _Record) -> bool:
         """Whether all joints stopped from one capture to the next, ``_freeze`` captures ago."""
         count = self._freeze
-        if len(record.stamps) < count + 3:
+        if len(record.stamps) < count + 3 or not self._is_still(record):
             return False
         stamps, joints, always = record.last(count + 3)
         if always.sum() < STILL_JOINTS:
@@ -195,6 +198,14 @@ class MadeUpWatch:
         if noise2 > MOST_NOISE_M**2 or _variance(after) > WHITE * noise2 + STILL_M**2:
             return False
         return _stops_dead(stamps, joints, after.mean(axis=0), float(np.sqrt(noise2)), count)
+
+    def _is_still(self, record: _Record) -> bool:
+        """Whether the body is where it was, by a quick look at both ends of the span."""
+        common = record.observed[-1] & record.observed[-self._freeze]
+        if not common.any():
+            return False
+        moved = (record.positions[-1] - record.positions[-self._freeze])[common]
+        return float((moved**2).mean()) < 3 * MOST_NOISE_M**2
 
     def _coasts(self, record: _Record) -> bool:
         """Whether the body moves without a change of shape, or every joint keeps its velocity."""

@@ -7,6 +7,7 @@ from hri_sim.fault_table.incidents.late_scenes import LATE_SCENES
 from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
 from hri_sim.fault_table.incidents.robot_lies import ROBOT_LIES
 from hri_sim.fault_table.incidents.second_sender import SECOND_SENDER
+from hri_sim.fault_table.incidents.tracker_lies import TRACKER_LIES
 from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
 
 INCIDENTS: tuple[Incident, ...] = (
@@ -16,5 +17,6 @@ INCIDENTS: tuple[Incident, ...] = (
     *LOST_PEOPLE,
     *ROBOT_LIES,
     *SECOND_SENDER,
+    *TRACKER_LIES,
     *WRONG_AXES,
 )
