@@ -49,9 +49,11 @@ LEAST_M_S = 0.12
 TURNING_M = 0.02
 """By this a joint's step may differ from the one before it: a foot at 18 m/s2 at 30 Hz. A quarter
 of the joints may do more."""
-COASTED_M, LINEAR_M = 0.1, 0.25
-"""Least way in ``COAST_S`` of a body that glides, and of one whose joints each keep their velocity:
-a slow shift of weight over planted feet does that too."""
+COASTED_M = 0.1
+"""Least way in ``COAST_S`` of a body that glides."""
+LINEAR_S, LINEAR_M = 1.0, 0.6
+"""For how long, and over what way, joints that each keep their velocity are followed: nearly a step
+of somebody who walks. A slow shift of weight over planted feet is shorter."""
 JUMP_M_S2 = 40.0
 FORGET_NS = 5_000_000_000
 INHERIT_M = 0.5
@@ -219,18 +221,27 @@ class MadeUpWatch:
         way_m = float(np.linalg.norm((ends[1] - ends[0])[common].mean(axis=0)))
         if way_m < COASTED_M:
             return False
-        stamps, joints, always = record.last(count)
+        _, joints, always = record.last(count)
         if always.sum() < COAST_JOINTS or always[_LEGS].sum() < 2:
             return False
         shape = joints - joints.mean(axis=1, keepdims=True)
-        if _is_noise(shape, RIGID_M):
+        if _is_noise(shape, RIGID_M) and _is_noise(
+            shape[:, np.isin(np.flatnonzero(always), _LEGS)], RIGID_M
+        ):
             return True
-        if way_m < LINEAR_M:
+        return way_m > LINEAR_M * COAST_S / LINEAR_S and self._keeps_velocities(record)
+
+    def _keeps_velocities(self, record: _Record) -> bool:
+        """Whether each joint of the legs kept its velocity for a step or more."""
+        count = record.within(LINEAR_S)
+        stamps, joints, always = record.last(count)
+        legs = joints[:, np.isin(np.flatnonzero(always), _LEGS)]
+        way_m = np.linalg.norm((joints[-1] - joints[0]).mean(axis=0))
+        if stamps[0] > -0.8 * LINEAR_S or way_m < LINEAR_M or legs.shape[1] < 2:
             return False
         centred = stamps - stamps.mean()
-        slope = np.tensordot(centred, joints, axes=1) / (centred @ centred)
-        rest = joints - centred[:, None, None] * slope
-        return _is_noise(rest, RIGID_M)
+        slope = np.tensordot(centred, legs, axes=1) / (centred @ centred)
+        return _is_noise(legs - centred[:, None, None] * slope, RIGID_M)
 
     def _loops(self, record: _Record) -> bool:
         """Whether captures come again with noise, and the body jumps in between."""

@@ -46,7 +46,7 @@ def first(shown, noise_m, seconds=7.0):
 
 
 @NOISES
-@pytest.mark.parametrize("speed", [0.9, 1.4, 2.0])
+@pytest.mark.parametrize("speed", [0.6, 0.9, 1.4, 2.0])
 def test_who_walks_or_stands_is_believed(noise_m, speed):
     assert first(lambda t, k: walker(t, speed), noise_m) == (None, None)
 
@@ -76,7 +76,7 @@ def test_a_body_whose_joints_each_go_on_is_recognised():
     step = walker(3.2) - walker(3.2 - 1 / RATE_HZ)
     t, sign = first(lambda t, k: walker(min(t, 3.2)) + step * RATE_HZ * max(t - 3.2, 0.0), 0.004)
     assert sign is Sign.COASTING
-    assert 3.2 < t < 3.85
+    assert 3.2 < t < 4.35
 
 
 @NOISES

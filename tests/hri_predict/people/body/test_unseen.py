@@ -18,7 +18,7 @@ def test_only_a_joint_at_exactly_the_origin_is_there():
     origin = np.array([-3.2, 1.2, 1.1])
     body = BODY.copy()
     body[ARM[1]] = origin
-    body[ARM[2]] = origin + [1e-9, 0, 0]
+    body[ARM[2]] = origin + np.array([1e-9, 0.0, 0.0])
     assert np.flatnonzero(at_origin(body, origin)).tolist() == [ARM[1]]
 
 
