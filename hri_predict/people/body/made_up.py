@@ -33,7 +33,7 @@ LONGEST_LOOP = 62
 FREEZE_S, COAST_S, RELATIVE_S = 0.17, 0.5, 2.0
 AWAKE_S, LOOP_S = 0.5, 2.5
 """For how long limbs must have moved since the newest sign; after a loop, since its jump."""
-STILL_JOINTS, COAST_JOINTS = 6, 8
+STILL_JOINTS, COAST_JOINTS = 8, 8
 MOST_NOISE_M = 0.02
 """Standard deviation per axis above which nothing is said."""
 LOOP_NOISE_M = 0.012
