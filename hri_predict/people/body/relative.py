@@ -47,7 +47,7 @@ def hips_are_origin(positions: Floats, observed: Bools, origin: Floats) -> bool:
         origin: (3,) of the source.
     """
     always = observed.all(axis=0)
-    if hips_of(positions[0], always) is None:
+    if not len(positions) or hips_of(positions[0], always) is None:
         return False
     hips = positions[:, _HIPS].mean(axis=1) if always[_HIPS].all() else positions[:, _WAIST]
     sway = np.sqrt(hips.var(axis=0))
