@@ -139,7 +139,9 @@ class MadeUpWatch:
             return Sign.RELATIVE
         found = self._sign(record)
         if found is not None:
-            record.sign, record.sign_ns = found, capture_ns
+            if record.sign is None or found is Sign.LOOPED:
+                record.sign = found
+            record.sign_ns = capture_ns
         elif record.sign is not None and self._awake(record):
             record.sign = None
         return record.sign

@@ -27,14 +27,6 @@ _LEGS = [
 ]
 
 
-def hips_of(positions: Floats, observed: Bools) -> Floats | None:
-    """Return (3,) the middle of the hips of one body (J, 3), (J,); ``None`` if it is not seen."""
-    if observed[_HIPS].all():
-        middle: Floats = positions[_HIPS].mean(axis=0)
-        return middle
-    return positions[_WAIST] if observed[_WAIST] else None
-
-
 def hips_are_origin(positions: Floats, observed: Bools, origin: Floats) -> bool:
     """Whether the hips of a body are the origin of its coordinates.
 
@@ -46,10 +38,18 @@ def hips_are_origin(positions: Floats, observed: Bools, origin: Floats) -> bool:
         observed: (n, J).
         origin: (3,) of the source.
     """
-    always = observed.all(axis=0)
-    if not len(positions) or hips_of(positions[0], always) is None:
+    if not len(positions):
         return False
-    hips = positions[:, _HIPS].mean(axis=1) if always[_HIPS].all() else positions[:, _WAIST]
+    always = observed.all(axis=0)
+    middles = []
+    if always[_WAIST]:
+        middles.append(positions[:, _WAIST])
+    if always[_HIPS].all():
+        middles.append(positions[:, _HIPS].mean(axis=1))
+    return any(_is_origin(hips, positions, always, origin) for hips in middles)
+
+
+def _is_origin(hips: Floats, positions: Floats, always: Bools, origin: Floats) -> bool:
     sway = np.sqrt(hips.var(axis=0))
     beside = np.abs(hips.mean(axis=0) - origin)
     if float(np.linalg.norm(beside)) < HERE_M and float(np.linalg.norm(sway)) < 2 * STILL_M:

@@ -68,9 +68,9 @@ class MadeUp(FaultSettings):
 
 
 class Zero(FaultSettings):
-    """Joints are sent as lost trackers send them: at one place, and marked as observed."""
+    """Lost joints are sent at one place, and marked as observed."""
 
-    joints: list[str] = Field(min_length=1, description="names of the source's joints")
+    joints: list[str] = Field(["l_wrist"], min_length=1, description="names of the source's joints")
     at: Vector3 = Field([0.0, 0.0, 0.0], description="the source's origin in the room")
 
 

@@ -9,7 +9,9 @@ from hri_predict.people.body.made_up import MadeUpWatch, Sign
 from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body as Sent
+from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.opening import open_recording
+from hri_predict.scene import Person
 from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
@@ -110,6 +112,33 @@ def test_coordinates_about_the_hips_are_recognised(noise_m, lifted_m):
 
     found = [sign for t, sign in signs(shown, noise_m, 5.0, origin=(0.0, 0.0, 0.0)) if t > 4.5]
     assert set(found) == {Sign.RELATIVE}
+
+
+def test_a_waist_at_the_origin_is_enough_if_the_body_is_around_it(make_room):
+    """The hips' joints of some rigs are below the waist. A waist that was lost is elsewhere."""
+    room = make_room(posture_unchecked=None, floor_m=-1.0)
+    for k in range(40):
+        body = walker(2 + k / 25) - walker(2 + k / 25)[0]
+        body[[JOINTS.index("l_hip"), JOINTS.index("r_hip")], 2] -= 0.1
+        snapshot = room.see(Person(1, body, ALL))
+    assert Reason.INPUT_RELATIVE in snapshot.reasons
+    room = make_room(posture_unchecked=None)
+    body = walker(0.0)
+    body[0] = 0.0
+    assert room.see(Person(1, body, ALL), times=40).reasons == ()
+
+
+@NOISES
+def test_a_frozen_tracker_is_unknown_and_counted(make_room, noise_m):
+    room = make_room(posture_unchecked=None)
+    rng = np.random.default_rng(3)
+    for k in range(100):
+        body = walker(min(k / 25, 2.8)) + rng.normal(0, noise_m, (len(JOINTS), 3))
+        snapshot = room.see(Person(1, body, ALL))
+        if k / 25 < 2.8:
+            assert snapshot.reasons == ()
+    assert Reason.INPUT_REPEATS in snapshot.reasons
+    assert snapshot.counters["frozen_bodies"] > 15
 
 
 def test_hips_of_somebody_who_walks_in_place_elsewhere_are_believed():
