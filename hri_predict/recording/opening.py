@@ -16,9 +16,9 @@ from hri_predict.recording.mcap.reader import read_mcap
 from hri_predict.recording.naming import check_known, with_map
 from hri_predict.recording.possible import check_possible
 from hri_predict.recording.recording import Recording
-from hri_predict.recording.relative import check_relative
+from hri_predict.recording.refusing.relative import check_relative
+from hri_predict.recording.refusing.unseen import without_unseen
 from hri_predict.recording.sniffing import ending_of, seems
-from hri_predict.recording.unseen import without_unseen
 from hri_predict.recording.unused import tell_unused
 
 ACCEPTED = (

@@ -201,7 +201,9 @@ class MadeUpWatch:
         noise2 = _white(after)
         if noise2 > MOST_NOISE_M**2 or _variance(after) > WHITE * noise2 + STILL_M**2:
             return False
-        return _stops_dead(stamps, joints, after.mean(axis=0), float(np.sqrt(noise2)), count)
+        return _stops_dead(
+            stamps, joints, after.mean(axis=0), noise_m=float(np.sqrt(noise2)), count=count
+        )
 
     def _is_still(self, record: _Record) -> bool:
         """Whether the body is where it was, by a quick look at both ends of the span."""
@@ -300,7 +302,7 @@ def _is_noise(values: Floats, floor_m: float) -> bool:
 
 
 def _stops_dead(
-    stamps: Floats, joints: Floats, stopped: Floats, noise_m: float, count: int
+    stamps: Floats, joints: Floats, stopped: Floats, *, noise_m: float, count: int
 ) -> bool:
     """Whether a body was too fast for a stop at its last capture but ``count``.
 

@@ -14,7 +14,7 @@ from hri_predict.joint_map import JointMap
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import Metres, Pose, Quaternion, Vector3
 from hri_predict.source import Source, live_part
-from hri_sim.faults.made_up import MOST_CAPTURES, MadeUpPeople
+from hri_sim.faults.made_up import MadeUp, MadeUpPeople
 from hri_sim.faults.occlusion import Occlusion
 from hri_sim.faults.settings import FaultSettings, faults_from
 
@@ -52,19 +52,6 @@ class Freeze(FaultSettings):
     what: Literal["sequence", "joints"] = Field(
         "sequence", description="sequence: the same scene again; joints: only they stay as they are"
     )
-
-
-class MadeUp(FaultSettings):
-    """The tracker lost everybody and goes on sending them, with fresh noise.
-
-    ``how`` is ``hold``: the last skeleton again; ``coast``: it glides on at ``velocity``; or
-    ``loop``: the last ``captures`` captures again and again.
-    """
-
-    how: Literal["hold", "coast", "loop"] = Field("hold", description="what it sends instead")
-    captures: int = Field(12, ge=2, le=MOST_CAPTURES, description="length of the loop")
-    velocity: Vector3 = Field([0.0, 1.4, 0.0], description="m/s, of everybody who coasts")
-    noise_m: float = Field(0.004, ge=0, le=0.1, description="fresh noise, in each axis")
 
 
 class Zero(FaultSettings):
@@ -223,9 +210,7 @@ class FaultySource:
             if isinstance(fault, Occlude)
         }
         self._made_up = {
-            id(f): MadeUpPeople(f.how, f.captures, np.array(f.velocity), f.noise_m, self._rng)
-            for f in self._faults
-            if isinstance(f, MadeUp)
+            id(f): MadeUpPeople(f, self._rng) for f in self._faults if isinstance(f, MadeUp)
         }
         self._start_ns = 0
         self._arriving: deque[tuple[int, Scene]] = deque()  # arrival time, kept sorted

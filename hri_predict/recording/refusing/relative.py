@@ -6,7 +6,7 @@ from hri_predict.arrays import Bools, Floats
 from hri_predict.errors import RecordingError
 from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.recording.recording import Recording
-from hri_predict.recording.unseen import SYNTHETIC
+from hri_predict.recording.refusing.unseen import SYNTHETIC
 
 WINDOW_S = 2.0
 

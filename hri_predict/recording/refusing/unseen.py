@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.people.body.unseen import at_origin, contradicts, out_of_reach
@@ -13,6 +14,7 @@ SYNTHETIC = ("cmu", "assembly", "mcap")
 """Kinds in which nothing is lost: layouts of the data pack, and what this node recorded, whose
 scenes are in the room."""
 _AT_ONCE = 500
+Counts = NDArray[np.int64]
 
 
 def without_unseen(recording: Recording) -> Recording:
@@ -25,10 +27,13 @@ def without_unseen(recording: Recording) -> Recording:
         return recording
     origin = np.array([0.0, 0.0, -recording.floor_m])
     single = _single(recording)
-    counts = np.zeros(2, int)
+    counts = np.zeros(2, np.int64)
     scenes = list(recording.scenes)
     for k in _suspect(recording, origin):
-        people = tuple(_cleared(recording, p, origin, single, counts) for p in scenes[k].people)
+        people = tuple(
+            _cleared(recording, person, origin=origin, single=single, counts=counts)
+            for person in scenes[k].people
+        )
         scenes[k] = replace(scenes[k], people=people)
     if not counts.any():
         return recording
@@ -53,7 +58,7 @@ def _suspect(recording: Recording, origin: Floats) -> list[int]:
 
 
 def _cleared(
-    recording: Recording, person: Person, origin: Floats, single: Floats, counts: np.ndarray
+    recording: Recording, person: Person, *, origin: Floats, single: Floats, counts: Counts
 ) -> Person:
     """The person without unseen joints, or the person itself; adds to ``counts``."""
     zero = person.observed & at_origin(person.positions, origin)

@@ -11,7 +11,7 @@ from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 from tests.hri_predict.recording.test_possible import written
 
-CASES = Path(__file__).resolve().parents[4] / "shared" / "cases" / "files"
+CASES = Path(__file__).resolve().parents[5] / "shared" / "cases" / "files"
 _WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.0, 0.3]), 0.4))
 WRIST = JOINTS.index("l_wrist")
