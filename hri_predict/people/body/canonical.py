@@ -73,7 +73,7 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
         if not is_human_sized(positions, observed):  # the lost joints outvoted the others
             return Mapped(None, "wrong_size_bodies", unusable, unseen)
     body = Body(person.id, np.where(observed[:, None], positions, 0.0), observed)
-    around = nowhere.any() and _is_waist(joint_map, nowhere) and _around(body, origin)
+    around = bool(nowhere.any()) and _is_waist(joint_map, nowhere) and _around(body, origin)
     return Mapped(body, None, unusable, unseen, around)
 
 

@@ -40,7 +40,7 @@ def hips_are_origin(positions: Floats, observed: Bools, origin: Floats) -> bool:
     """
     if not len(positions):
         return False
-    always = observed.all(axis=0)
+    always = np.asarray(observed.all(axis=0))
     middles = []
     if always[_WAIST]:
         middles.append(positions[:, _WAIST])

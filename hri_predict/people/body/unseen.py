@@ -23,7 +23,7 @@ _MOST_APART_2 = _MOST_APART**2
 
 def at_origin(positions: Floats, origin: Floats) -> Bools:
     """Return (...,) which joints (..., 3) are exactly at their source's origin (3,)."""
-    there: Bools = (positions == origin).all(axis=-1)
+    there: Bools = np.asarray((positions == origin).all(axis=-1))
     return there
 
 
@@ -31,7 +31,7 @@ def contradicts(positions: Floats, observed: Bools) -> Bools:
     """Return (n,) in which of many bodies (n, J, 3), (n, J) two joints are too far apart."""
     apart2: Floats = ((positions[:, :, None] - positions[:, None]) ** 2).sum(axis=-1)
     both = observed[:, :, None] & observed[:, None]
-    found: Bools = (both & (apart2 > _MOST_APART_2)).any(axis=(1, 2))
+    found: Bools = np.asarray((both & (apart2 > _MOST_APART_2)).any(axis=(1, 2)))
     return found
 
 

@@ -45,7 +45,7 @@ def without_unseen(recording: Recording) -> Recording:
 def _suspect(recording: Recording, origin: Floats) -> list[int]:
     """Indices of the scenes with a joint at the origin, or with two that are too far apart."""
     rows = [(k, person) for k, scene in enumerate(recording.scenes) for person in scene.people]
-    found = set()
+    found: set[int] = set()
     for start in range(0, len(rows), _AT_ONCE):
         part = rows[start : start + _AT_ONCE]
         positions = np.stack([person.positions for _, person in part])
