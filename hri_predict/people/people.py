@@ -6,15 +6,15 @@ from collections import Counter
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError
 from hri_predict.joint_map import JointMap
 from hri_predict.people.body.canonical import canonical_body
 from hri_predict.people.body.inferred import Inference
+from hri_predict.people.body.made_up import MadeUpWatch, Sign
 from hri_predict.people.body.posture_watch import PostureWatch
 from hri_predict.people.clock.scene_gate import SceneGate
 from hri_predict.people.inferring import with_inferred
 from hri_predict.people.lost.floor import standing_in
-from hri_predict.people.lost.free_space import FREE_SPACE_M, FreeSpace
+from hri_predict.people.lost.free_space import free_space_of
 from hri_predict.people.lost.lost_people import LostPeople
 from hri_predict.people.lost.remembered import RemembersLost
 from hri_predict.people.lost.unplaced import Unplaced, Why
@@ -68,6 +68,7 @@ class People(RemembersLost):
         self.stale_ns = round(source_settings.stale_after_s(rate_hz_source) * 1e9)
         self._settings = settings
         self._joint_map = joint_map
+        self._origin: Floats = np.asarray(source_settings.room_from_source.xyz, np.float64)
         self._inference = Inference(joint_map.mapped)
         self._declares_noise = declares_noise
         self._steps = history_steps
@@ -90,7 +91,7 @@ class People(RemembersLost):
         self._roster = Roster(
             settings=settings,
             keeps_ids=source_settings.keeps_ids,
-            lost=LostPeople(settings, _free_space(settings, source_settings)),
+            lost=LostPeople(settings, free_space_of(settings, source_settings)),
             limits=self._limits,
             gap_ns=self._gap_ns,
             history=self._history,
@@ -98,6 +99,9 @@ class People(RemembersLost):
         self._tracks, self._lost = self._roster.tracks, self._roster.lost
         self._counters: Counter[str] = self._roster.counters
         self._posture = PostureWatch(settings, source_settings.field_of_view)
+        self._made_up = MadeUpWatch(settings, self._origin, round(period_s * 1e9))
+        self._signs: set[Sign] = set()
+        self._hip_centred: set[int] = set()
         self._now_ns = NEVER
         self._receipt_ns: int | None = None
         self._newest_good_ns: int | None = None
@@ -130,6 +134,7 @@ class People(RemembersLost):
         self._blind = not scene.sees_room
         self._counters["blind_scenes"] += self._blind
         self._impossible = self._misplaced = self._coasts = False
+        self._signs.clear()
         frozen = False
         starts: list[Appearing] = []
         seen: dict[int, Body | None] = {}
@@ -149,6 +154,7 @@ class People(RemembersLost):
             if (wrong := self._posture.judge(body, capture_ns)) is not None:
                 self._counters[wrong.value] += 1
                 self._misplaced = True  # still tracked, because somebody is there
+            self._note_made_up(body, capture_ns)
             if track is None:
                 starts.append((body, None))
             elif self._is_repeat(track, body, capture_ns):
@@ -168,6 +174,7 @@ class People(RemembersLost):
         self._impossible |= any(track.rival is not None for track in self._tracks.values())
         self._counters["unjudged_bodies"] = self._posture.unjudged
         bad = self._impossible or self._misplaced or frozen or self._coasts or bool(self._unplaced)
+        bad |= bool(self._signs)
         if scene.sees_room and not bad:
             self._newest_good_ns = capture_ns
             self._captures += 1
@@ -176,6 +183,12 @@ class People(RemembersLost):
         standing = standing_in(self._tracks.values(), capture_ns)
         self._counters["seen_free"] += self._lost.see(capture_ns, here, is_whole, standing)
 
+    def _note_made_up(self, body: Body, capture_ns: int) -> None:
+        sign = self._made_up.judge(body, capture_ns, body.id in self._hip_centred)
+        if sign is not None:
+            self._counters[sign.value] += 1
+            self._signs.add(sign)
+
     def _refuse(self, why: str) -> None:
         self._counters[why] += 1
         self._impossible = True
@@ -183,7 +196,7 @@ class People(RemembersLost):
     def _refuse_second(self, person: Person, first: Body | None, capture_ns: int) -> None:
         """Refuse another body of an id: it is somebody else, unless it is the same body again."""
         self._refuse("duplicate_ids")
-        body = canonical_body(person, self._joint_map).body
+        body = canonical_body(person, self._joint_map, self._origin).body
         if body is not None and (first is None or _apart(body, first) > SAME_PLACE_M):
             self._unplaced.note(Why.SECOND_BODY, person.id, capture_ns)
 
@@ -201,7 +214,7 @@ class People(RemembersLost):
                     self._counters["people_in_refused_scenes"] += 1
                     self._unplaced.note(Why.REFUSED_SCENE, person.id, capture_ns)
                 continue
-            body = canonical_body(person, self._joint_map).body
+            body = canonical_body(person, self._joint_map, self._origin).body
             if body is not None and np.linalg.norm(body.centroid - track.centroid) > ELSEWHERE_M:
                 self._counters["people_in_refused_scenes"] += 1
                 self._unplaced.note(Why.REFUSED_ELSEWHERE, person.id, capture_ns)
@@ -223,15 +236,17 @@ class People(RemembersLost):
 
     def _body(self, person: Person) -> Body | None:
         """Return the person's canonical joints; ``None`` if no joint is usable."""
-        body, trouble, unusable = canonical_body(person, self._joint_map)
-        self._counters["unusable_joints"] += unusable
+        mapped = canonical_body(person, self._joint_map, self._origin)
+        body, trouble, unusable, unseen, hip_centred = mapped
+        (self._hip_centred.add if hip_centred else self._hip_centred.discard)(person.id)
+        self._counters.update(unusable_joints=unusable, unseen_joints=unseen)
         if trouble is not None:
             self._refuse(trouble)
         return body
 
     def _is_repeat(self, track: Track, body: Body, capture_ns: int) -> bool:
         """Return whether a source that declares noise sent identical joints again."""
-        if not (self._declares_noise and body.fingerprint in track.fingerprints):
+        if not (self._declares_noise and track.has_shown(body)):
             return False
         track.present_ns = capture_ns
         track.repeats += 1
@@ -353,6 +368,8 @@ class People(RemembersLost):
             (stale and silent, Reason.INPUT_STALE),
             (self._blind, Reason.SOURCE_BLIND),
             (frozen and not silent, Reason.INPUT_FROZEN),
+            (Sign.RELATIVE in self._signs, Reason.INPUT_RELATIVE),
+            (bool(self._signs - {Sign.RELATIVE}), Reason.INPUT_REPEATS),
             (self._gate.alignment.jumped, Reason.CLOCK_JUMP),
             (self._impossible or Reason.INPUT_IMPOSSIBLE in unplaced, Reason.INPUT_IMPOSSIBLE),
             (self._misplaced, Reason.BODY_NOT_UPRIGHT),
@@ -371,22 +388,3 @@ class People(RemembersLost):
 
 def _apart(body: Body, other: Body) -> float:
     return float(np.linalg.norm(body.centroid - other.centroid))
-
-
-def _free_space(settings: PeopleSettings, source: SourceSettings) -> FreeSpace | None:
-    if not source.sees_free_space or source.field_of_view is None:
-        return None
-    corners = np.asarray((settings.room or source.field_of_view).polygon)
-    if np.ptp(corners, axis=0).max() > FREE_SPACE_M:
-        raise ConfigError(
-            f"source.sees_free_space: only for rooms up to {FREE_SPACE_M:g} m wide; draw"
-            " people.room, or source.field_of_view, smaller"
-        )
-    return FreeSpace(
-        view=source.field_of_view,
-        room=settings.room,
-        shadows=source.shadows,
-        viewpoints=source.viewpoints,
-        captures=settings.free_captures,
-        floor_m=settings.floor_m,
-    )

@@ -1,6 +1,5 @@
 """One tracked body: its history, and the check whether a new capture of it can be true."""
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -38,8 +37,12 @@ _UNMEASURED_M_S = 6.0
 """Greatest speed of a body that has been seen only once, from one capture to the next."""
 _UNMEASURED_FOUND_M_S = 1.6
 """The same of a body that is found: ISO 13855 walking speed."""
-_PICTURES = 8
-"""A frozen source repeats at most so many pictures."""
+_PICTURES = 4096
+"""Number of pictures kept: a loop of minutes is recognised at its first repeat."""
+_FEW_PICTURES = 8
+_LEAST_JOINTS = 4
+"""A body of fewer joints, in whole millimetres, may come again by chance: it is compared with the
+newest ``_FEW_PICTURES`` alone."""
 _GLITCHES = 0.25
 """Up to this share of joints beyond the speed limit is noise of those joints, not of the body."""
 
@@ -94,8 +97,8 @@ class Track:
         present_ns: newest scene that contained it, believed or not.
         positions: (J, 3) where each joint was last observed; NaN if never.
         stamps: (J,) when; ``NEVER`` if never.
-        fingerprints: of the newest believed bodies, to detect repeats: a frozen source may send one
-            picture again and again, or the few that its buffers hold.
+        fingerprints: of the newest believed bodies, each with its number, to detect repeats: a
+            frozen source may send one picture again and again, or a loop of any length.
         repeats: number of consecutive bit-identical captures.
         rival: the track that the captures refused since the last believed one would form; it takes
             over when enough of them agree with each other.
@@ -114,7 +117,7 @@ class Track:
     stamps: Stamps
     capture_ns: int = NEVER
     present_ns: int = NEVER
-    fingerprints: deque[int] = field(default_factory=lambda: deque(maxlen=_PICTURES))
+    fingerprints: dict[int, int] = field(default_factory=dict)
     repeats: int = 0
     rival: "Track | None" = field(default=None)
     captures: int = 0
@@ -298,11 +301,24 @@ class Track:
             self.capture_ns = capture_ns
             self.positions[believed] = body.positions[believed]
             self.stamps[believed] = capture_ns
-            self.fingerprints.append(body.fingerprint)
             self.repeats = 0
             self.rival = None
             self.captures += 1
+            self._keep(body.fingerprint)
         return result
+
+    def _keep(self, fingerprint: int) -> None:
+        self.fingerprints.pop(fingerprint, None)  # the newest come last
+        self.fingerprints[fingerprint] = self.captures
+        if len(self.fingerprints) > _PICTURES:
+            del self.fingerprints[next(iter(self.fingerprints))]
+
+    def has_shown(self, body: Body) -> bool:
+        """Whether bit-identical joints were believed before."""
+        number = self.fingerprints.get(body.fingerprint)
+        if number is None or np.count_nonzero(body.observed) >= _LEAST_JOINTS:
+            return number is not None
+        return self.captures - number < _FEW_PICTURES
 
     def believable(self, body: Body, capture_ns: int, limits: MotionLimits) -> Bools | None:
         """Return (J,) which observed joints of ``body`` can follow this track; ``None`` if none.

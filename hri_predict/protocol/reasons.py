@@ -56,6 +56,8 @@ class Reason(IntEnum):
     LOAD_SHED = 52
     ACKNOWLEDGE_REPEATED = 53
     STATE_UNTRUSTED = 54
+    INPUT_REPEATS = 55
+    INPUT_RELATIVE = 56
     TEACH = 60
     RECOVERY = 61
     MUTED = 62
@@ -123,6 +125,15 @@ _TEXT = {
     Reason.NO_INPUT: ("no scene received yet", "the source delivers scenes"),
     Reason.INPUT_STALE: ("the newest scene is too old", "fresh scenes arrive"),
     Reason.INPUT_FROZEN: ("the source repeats the same data", "the source's data change again"),
+    Reason.INPUT_REPEATS: (
+        "a body moves as a tracker makes it up: it froze in a step, glides without a change of "
+        "shape, or repeats what it did",
+        "the body's limbs move again as a person's do",
+    ),
+    Reason.INPUT_RELATIVE: (
+        "coordinates are relative to the hips: nobody's place is known",
+        "the source sends positions in the room",
+    ),
     Reason.INPUT_IMPOSSIBLE: (
         "a body moves impossibly fast, is not of human size (check the units), has joints that are "
         "not numbers, shares its id, or is only in scenes that do not advance",

@@ -17,6 +17,8 @@ from hri_predict.recording.mcap.reader import read_mcap
 from hri_predict.recording.naming import check_known, with_map
 from hri_predict.recording.possible import PUBLISHED, check_possible
 from hri_predict.recording.recording import Recording
+from hri_predict.recording.refusing.relative import check_relative
+from hri_predict.recording.refusing.unseen import without_unseen
 from hri_predict.recording.sniffing import ending_of, seems
 from hri_predict.recording.unused import tell_unused
 
@@ -61,8 +63,8 @@ def open_recording(
         joint_map: the user's own map, instead of the one that the names give.
 
     Raises:
-        RecordingError: the file is missing, truncated, empty or of unknown kind; one line that
-            names the file and the remedy.
+        RecordingError: the file is missing, truncated, empty, of unknown kind, or relative to the
+            hips; one line that names the file and the remedy.
         UnusableRecordingError: it is whole, but the names of its joints are unknown.
     """
     path = Path(path)
@@ -87,6 +89,8 @@ def open_recording(
             _check_known(path, recording.joint_map)
         if not any_joints:
             tell_unused(path, recording.joint_map)
+        check_relative(recording)
+        recording = without_unseen(recording)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"recording {path}: cannot be read: {reason}") from error

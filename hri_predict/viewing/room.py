@@ -21,6 +21,8 @@ SEES_NOTHING = frozenset(
         Reason.CLOCK_JUMP,
         Reason.CLOCK_DRIFT,
         Reason.INPUT_IMPOSSIBLE,
+        Reason.INPUT_REPEATS,
+        Reason.INPUT_RELATIVE,
         Reason.BODY_NOT_UPRIGHT,
         Reason.PERSON_NOT_LOCATED,
         Reason.TOO_MANY_PEOPLE,

@@ -20,6 +20,7 @@ from hri_predict.joint_map import METRES_PER_UNIT
 from hri_predict.people.body.axes import ALIKE, all_axes
 from hri_predict.people.body.posture import posture_of, shows_down
 from hri_predict.people.body.posture_watch import Verdict, refusal_of
+from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.people.body.size import is_human_sized
 from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.run import assemble
@@ -68,6 +69,13 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         "stamps": stamps_remedy(sensor.captured_ns, sensor.arrived_ns),
         "never_came": [name for name, lacks in zip(JOINTS, never, strict=True) if lacks],
     }
+    origin = np.asarray(config.source.room_from_source.xyz, np.float64)
+    if any(hips_are_origin(*person, origin) for person in people.values()):
+        return heard | {
+            "refused": ["relative to the hips: their places in the room are not sent"],
+            "remedy": "let the tracker send positions in the room, not relative to the hips "
+            "(MediaPipe's world landmarks have none)",
+        }
     if (wrong_size := size_remedy(config, people, scale_to_m)) is not None:
         return heard | {"refused": ["not of human size"], "remedy": wrong_size}
     people = {n: p for n, p in people.items() if len(p[0]) >= LEAST_CAPTURES}

@@ -4,11 +4,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hri_predict.arrays import Bools, Floats
 from hri_predict.joint_map import JointMap
 from hri_predict.people.body.size import is_human_sized
+from hri_predict.people.body.unseen import at_origin, out_of_reach
 from hri_predict.people.track import Body
 from hri_predict.scene import Person
+from hri_predict.skeleton import JOINTS
 
+HIP_CENTRED_M = 0.35
+"""A waist at the origin, and hips or the lumbar joint within this: the waist was not lost."""
+_WAIST = JOINTS.index("waist")
+_NEXT = [JOINTS.index(name) for name in ("l_hip", "r_hip", "torso")]
 ROOM_LIMIT_M = 1000.0
 """No room is larger: a coordinate beyond this is an error."""
 
@@ -20,15 +27,25 @@ class Mapped(NamedTuple):
         body: ``None`` if no joint is usable.
         trouble: the counter of what is wrong with it; ``None``: nothing.
         unusable: number of observed joints that are no coordinates.
+        unseen: number of observed joints at the source's origin, or out of reach of the others.
+        hip_centred: its waist is at the source's origin, and the rest of the body around it.
     """
 
     body: Body | None
     trouble: str | None = None
     unusable: int = 0
+    unseen: int = 0
+    hip_centred: bool = False
 
 
-def canonical_body(person: Person, joint_map: JointMap) -> Mapped:
-    """Map a person's joints to canonical ones. Never raises."""
+def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mapped:
+    """Map a person's joints to canonical ones. Never raises.
+
+    Args:
+        person: as the source gives it.
+        joint_map: of the source.
+        origin: (3,) of the source's frame, in the room; a joint exactly there was not seen.
+    """
     count = len(joint_map.source_joints)
     if person.positions.shape != (count, 3) or person.observed.shape != (count,):
         return Mapped(None, "malformed_bodies")
@@ -36,13 +53,38 @@ def canonical_body(person: Person, joint_map: JointMap) -> Mapped:
     sound = (np.abs(person.positions) < ROOM_LIMIT_M).all(axis=1)
     usable = person.observed & sound
     unusable = int(np.count_nonzero(person.observed)) - int(np.count_nonzero(usable))
+    nowhere = usable & at_origin(person.positions, origin)
+    unseen = int(np.count_nonzero(nowhere))
+    usable &= ~nowhere
     if not usable.any():
-        return Mapped(None, "unusable_bodies" if unusable else None, unusable)
+        return Mapped(None, "unusable_bodies" if unusable else None, unusable, unseen)
     positions, observed = joint_map.map(np.where(usable[:, None], person.positions, 0.0), usable)
     observed = observed & np.isfinite(positions).all(axis=1)
     if not observed.any():
-        return Mapped(None, None, unusable)
+        return Mapped(None, None, unusable, unseen)
     if not is_human_sized(positions, observed):
-        return Mapped(None, "wrong_size_bodies", unusable)
+        return Mapped(None, "wrong_size_bodies", unusable, unseen)
+    far = out_of_reach(positions, observed)
+    unseen += int(np.count_nonzero(far))
+    if far.any():
+        observed = observed & ~far
+        if not observed.any():
+            return Mapped(None, None, unusable, unseen)
+        if not is_human_sized(positions, observed):  # the lost joints outvoted the others
+            return Mapped(None, "wrong_size_bodies", unusable, unseen)
     body = Body(person.id, np.where(observed[:, None], positions, 0.0), observed)
-    return Mapped(body, None, unusable)
+    around = bool(nowhere.any()) and _is_waist(joint_map, nowhere) and _around(body, origin)
+    return Mapped(body, None, unusable, unseen, around)
+
+
+def _is_waist(joint_map: JointMap, joints: Bools) -> bool:
+    """Whether one of these (J_source,) joints alone is the waist."""
+    weights = joint_map.weights[_WAIST]
+    return bool((weights[joints] == 1.0).any())
+
+
+def _around(body: Body, origin: Floats) -> bool:
+    """Whether the joints next to the waist are as near to the origin as bones allow."""
+    next_to = [joint for joint in _NEXT if body.observed[joint]]
+    apart = [float(np.linalg.norm(body.positions[joint] - origin)) for joint in next_to]
+    return bool(apart) and max(apart) < HIP_CENTRED_M

@@ -25,8 +25,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
+from hri_predict.errors import ConfigError
 from hri_predict.geometry import in_polygon, segment_distance
+from hri_predict.people.settings import PeopleSettings
 from hri_predict.settings import Region
+from hri_predict.source import SourceSettings
 
 FREE_SPACE_M = 60.0
 """Where free space is seen, the node keeps a grid: larger ones would delay the advice."""
@@ -260,3 +263,27 @@ def _spread(left: Ints) -> Ints:
         a, b = np.moveaxis(padded, axis, 0), left.shape[axis]
         left = np.moveaxis(np.maximum(np.maximum(a[:b], a[1 : b + 1]), a[2:]), 0, axis)
     return left
+
+
+def free_space_of(settings: PeopleSettings, source: SourceSettings) -> FreeSpace | None:
+    """The grid of a source that sees free space; ``None``: it does not.
+
+    Raises:
+        ConfigError: the room is too large.
+    """
+    if not source.sees_free_space or source.field_of_view is None:
+        return None
+    corners = np.asarray((settings.room or source.field_of_view).polygon)
+    if np.ptp(corners, axis=0).max() > FREE_SPACE_M:
+        raise ConfigError(
+            f"source.sees_free_space: only for rooms up to {FREE_SPACE_M:g} m wide; draw"
+            " people.room, or source.field_of_view, smaller"
+        )
+    return FreeSpace(
+        view=source.field_of_view,
+        room=settings.room,
+        shadows=source.shadows,
+        viewpoints=source.viewpoints,
+        captures=settings.free_captures,
+        floor_m=settings.floor_m,
+    )

@@ -10,7 +10,9 @@ from hri_predict.risk.levels.machine import LevelMachine
 
 MAX_LATCH_ID = 65_000
 """Latch ids wrap here: they are 16 bits on the wire."""
-_BLIND = frozenset((Reason.SOURCE_BLIND, Reason.INPUT_STALE, Reason.INPUT_FROZEN))
+_BLIND = frozenset(
+    (Reason.SOURCE_BLIND, Reason.INPUT_STALE, Reason.INPUT_FROZEN, Reason.INPUT_REPEATS)
+)
 
 
 _MAY_BE_LOST = frozenset((Reason.ROOM_NOT_SEEN_EMPTY, Reason.STATE_UNTRUSTED))

@@ -14,6 +14,7 @@ from hri_predict.joint_map import JointMap
 from hri_predict.scene import Person, Scene
 from hri_predict.settings import Metres, Pose, Quaternion, Vector3
 from hri_predict.source import Source, live_part
+from hri_sim.faults.made_up import MadeUp, MadeUpPeople
 from hri_sim.faults.occlusion import Occlusion
 from hri_sim.faults.settings import FaultSettings, faults_from
 
@@ -51,6 +52,13 @@ class Freeze(FaultSettings):
     what: Literal["sequence", "joints"] = Field(
         "sequence", description="sequence: the same scene again; joints: only they stay as they are"
     )
+
+
+class Zero(FaultSettings):
+    """Lost joints are sent at one place, and marked as observed."""
+
+    joints: list[str] = Field(["l_wrist"], min_length=1, description="names of the source's joints")
+    at: Vector3 = Field([0.0, 0.0, 0.0], description="the source's origin in the room")
 
 
 class Duplicate(FaultSettings):
@@ -159,6 +167,8 @@ SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
     "delay": Delay,
     "jitter": Jitter,
     "freeze": Freeze,
+    "made_up": MadeUp,
+    "zero": Zero,
     "duplicate": Duplicate,
     "reorder": Reorder,
     "nan": Nan,
@@ -200,13 +210,16 @@ class FaultySource:
         self._inner = inner
         self._faults = faults_from(faults, SOURCE_FAULTS, f"{where}.faults")
         for fault in self._faults:
-            if isinstance(fault, Hide):
+            if isinstance(fault, Hide | Zero):
                 _check_joints(fault, inner.joint_map.source_joints, f"{where}.faults")
         self._rng = np.random.default_rng(seed)
         self._occlusions = {
             id(fault): Occlusion(fault.cameras, fault.boxes, fault.rename, self._rng)
             for fault in self._faults
             if isinstance(fault, Occlude)
+        }
+        self._made_up = {
+            id(f): MadeUpPeople(f, self._rng) for f in self._faults if isinstance(f, MadeUp)
         }
         self._start_ns = 0
         self._arriving: deque[tuple[int, Scene]] = deque()  # arrival time, kept sorted
@@ -254,6 +267,8 @@ class FaultySource:
             if isinstance(fault, ClockDrift):  # its offset outlasts its window
                 scenes = [_shifted(s, self._drift_ns(fault, elapsed_ns)) for s in scenes]
             if not fault.active(elapsed_ns):
+                if isinstance(fault, MadeUp):
+                    self._made_up[id(fault)].see(scene)
                 continue
             self.injected[fault.kind] = self.injected.get(fault.kind, 0) + 1
             if isinstance(fault, Delay):
@@ -284,6 +299,8 @@ class FaultySource:
             if fault.what == "sequence":
                 return [frozen]
             return [replace(scene, people=frozen.people, sees_room=frozen.sees_room)]
+        if isinstance(fault, MadeUp):
+            return [self._made_up[id(fault)].made_up(scene)]
         if isinstance(fault, Duplicate):
             return [scene, scene]
         if isinstance(fault, Reorder):
@@ -334,6 +351,16 @@ class FaultySource:
         if isinstance(fault, Hide):
             hidden = np.isin(self.joint_map.source_joints, fault.joints)
             return tuple(_without(p, hidden) if fault.person in (None, p.id) else p for p in people)
+        if isinstance(fault, Zero):
+            lost = np.isin(self.joint_map.source_joints, fault.joints)[:, None]
+            return tuple(
+                replace(
+                    p,
+                    positions=np.where(lost, fault.at, p.positions),
+                    observed=p.observed | lost[:, 0],
+                )
+                for p in people
+            )
         if isinstance(fault, Nan):
             return tuple(self._with_nan(p, fault.fraction) for p in people)
         return people
@@ -359,11 +386,11 @@ def _without(person: Person, hidden: Bools) -> Person:
     return replace(person, positions=positions, observed=person.observed & ~hidden)
 
 
-def _check_joints(fault: Hide, joints: Sequence[str], where: str) -> None:
+def _check_joints(fault: Hide | Zero, joints: Sequence[str], where: str) -> None:
     for name in fault.joints:
         if name not in joints:
             raise ConfigError(
-                f"{where} (hide): unknown joint '{name}'{nearest(name, joints)}; "
+                f"{where} ({fault.kind}): unknown joint '{name}'{nearest(name, joints)}; "
                 f"the source has: {', '.join(joints)}"
             )
 

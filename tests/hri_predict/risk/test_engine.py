@@ -85,6 +85,8 @@ SCENE = [
     Reason.NO_INPUT,
     Reason.INPUT_STALE,
     Reason.INPUT_FROZEN,
+    Reason.INPUT_REPEATS,
+    Reason.INPUT_RELATIVE,
     Reason.SOURCE_BLIND,
     Reason.ROOM_NOT_SEEN_EMPTY,
     Reason.STATE_UNTRUSTED,

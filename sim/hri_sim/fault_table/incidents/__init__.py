@@ -11,6 +11,7 @@ from hri_sim.fault_table.incidents.lost_people import LOST_PEOPLE
 from hri_sim.fault_table.incidents.muting import MUTING
 from hri_sim.fault_table.incidents.robot_lies import ROBOT_LIES
 from hri_sim.fault_table.incidents.second_sender import SECOND_SENDER
+from hri_sim.fault_table.incidents.tracker_lies import TRACKER_LIES
 from hri_sim.fault_table.incidents.wrong_axes import WRONG_AXES
 
 INCIDENTS: tuple[Incident, ...] = (
@@ -24,5 +25,6 @@ INCIDENTS: tuple[Incident, ...] = (
     *MUTING,
     *ROBOT_LIES,
     *SECOND_SENDER,
+    *TRACKER_LIES,
     *WRONG_AXES,
 )

@@ -1,10 +1,13 @@
 """The rotation that would make sense is found and named, for each wrong one."""
 
+from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from hri_predict.cli.check import listen as listen_module
 from hri_predict.cli.check.listen import refusals, remedy, show, size_remedy
 from hri_predict.geometry import transform
 from hri_predict.joint_map import METRES_PER_UNIT, load_joint_map
@@ -126,3 +129,20 @@ def test_only_what_was_verified_is_fine(found, fine, capsys):
     told = capsys.readouterr().out
     assert ("ok: " in told) is fine
     assert ("never came, though mapped: l_ankle" in told) == bool(whole["people"])
+
+
+def test_coordinates_about_the_hips_are_named(monkeypatch):
+    """No height makes them right."""
+    body = BODY - BODY[JOINTS.index("waist")] + TRUTH.xyz
+
+    class Sensor:
+        source = SimpleNamespace(joint_map=load_joint_map("canonical"))
+
+        def everybody(self, seconds):
+            return {1: (np.tile(body, (40, 1, 1)), np.ones((40, J), bool))}, 40
+
+    monkeypatch.setattr(listen_module, "opened", lambda source: nullcontext(Sensor()))
+    monkeypatch.setattr(listen_module.assemble, "build_source", lambda config: None)
+    found = listen_module.listen(configured(), 1.0)
+    assert "relative to the hips" in found["refused"][0]
+    assert "positions in the room" in found["remedy"]

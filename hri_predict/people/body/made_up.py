@@ -1,0 +1,328 @@
+"""Recognises bodies that a tracker makes up: it froze, coasts, repeats, or knows no place.
+
+A tracker that lost a person may go on sending one: the last skeleton with fresh noise, the last
+motion carried on, the last second again. What gives it away is what no body does:
+
+- *frozen*: all joints stop from one capture to the next, in the middle of a step. Bodies slow down.
+- *coasting*: the body moves over the floor without a change of its shape, or every joint keeps its
+  velocity. Legs swing.
+- *looped*: captures come again, with a jump in between.
+- *about the hips*: see ``relative``.
+
+A body that stood still before, and a trunk without legs, tell nothing. What was recognised holds
+until limbs move again.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.people.body.relative import hips_are_origin
+from hri_predict.people.ring_buffer import NEVER
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.people.track import Body
+from hri_predict.skeleton import JOINTS
+
+CAPTURES = 130
+"""Captures kept for each person: two of the longest loops."""
+LONGEST_LOOP = 62
+"""Captures in the longest loop with noise; bit for bit, ``Track.fingerprints`` finds all."""
+FREEZE_S, COAST_S, RELATIVE_S = 0.17, 0.5, 2.0
+AWAKE_S, LOOP_S = 0.5, 2.5
+"""For how long limbs must have moved since the newest sign; after a loop, since its jump."""
+STILL_JOINTS, COAST_JOINTS = 8, 8
+MOST_NOISE_M = 0.02
+"""Standard deviation per axis above which nothing is said."""
+LOOP_NOISE_M = 0.012
+"""The same for loops, and the least standard deviation of the motion in one."""
+STILL_M, RIGID_M, ALIVE_M = 0.0015, 0.002, 0.005
+WHITE = 1.5
+"""Variance of mere noise, per variance of its differences: 1, and its own scatter."""
+MERE_NOISE = 1.3
+"""The same over the longer span of a body that coasts."""
+SLOWING_M_S2 = 8.0
+"""No whole body slows down faster: a sprinter's hardest stop."""
+LEAST_M_S = 0.12
+TURNING_M = 0.02
+"""By this a joint's step may differ from the one before it: a foot at 18 m/s2 at 30 Hz. A quarter
+of the joints may do more."""
+COASTED_M = 0.1
+"""Least way in ``COAST_S`` of a body that glides."""
+LINEAR_S, LINEAR_M = 1.0, 0.6
+"""For how long, and over what way, joints that each keep their velocity are followed: nearly a step
+of somebody who walks. A slow shift of weight over planted feet is shorter."""
+JUMP_M_S2 = 40.0
+FORGET_NS = 5_000_000_000
+INHERIT_M = 0.5
+_LEGS = [JOINTS.index(f"{side}_{name}") for side in "lr" for name in ("knee", "ankle", "foot")]
+
+
+class Sign(Enum):
+    """What gives a body away; the value is the name of its counter."""
+
+    FROZEN = "frozen_bodies"
+    COASTING = "coasting_bodies"
+    LOOPED = "looped_bodies"
+    RELATIVE = "hip_relative_bodies"
+
+
+@dataclass(slots=True)
+class _Record:
+    """The newest captures of one person, and what was recognised in them."""
+
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=CAPTURES))
+    positions: deque[Floats] = field(default_factory=lambda: deque(maxlen=CAPTURES))
+    observed: deque[Bools] = field(default_factory=lambda: deque(maxlen=CAPTURES))
+    prints: deque[int] = field(default_factory=lambda: deque(maxlen=CAPTURES))
+    middle: Floats = field(default_factory=lambda: np.zeros(3))
+    relative: bool = False
+    relative_ns: int = NEVER
+    lag: int = 0
+    again: int = 0
+    sign: Sign | None = None
+    sign_ns: int = NEVER
+
+    def last(self, count: int) -> tuple[Floats, Floats, Bools]:
+        """Seconds (n,), positions (n, m, 3) of the m joints seen in all, and which these are."""
+        start = max(len(self.stamps) - count, 0)
+        rows = range(start, len(self.stamps))
+        always = np.logical_and.reduce([self.observed[k] for k in rows])
+        positions = np.stack([self.positions[k] for k in rows])[:, always]
+        stamps = np.array([self.stamps[k] - self.stamps[-1] for k in rows]) * 1e-9
+        return stamps, positions, always
+
+    def within(self, seconds: float) -> int:
+        """Number of captures in the newest ``seconds``."""
+        since = self.stamps[-1] - round(seconds * 1e9)
+        return sum(stamp >= since for stamp in self.stamps)
+
+
+class MadeUpWatch:
+    """The signs in the bodies of one source. One thread only.
+
+    Args:
+        settings: bodies whose posture is not checked have any shape and gait, and are not judged.
+        origin: (3,) of the source, in the room.
+        period_ns: the source's nominal time between captures.
+    """
+
+    def __init__(self, settings: PeopleSettings, origin: Floats, period_ns: int) -> None:
+        self._on = settings.posture_unchecked is None
+        self._origin = origin
+        self._period_s = period_ns * 1e-9
+        self._freeze = max(5, round(FREEZE_S / self._period_s) + 1)
+        self._records: dict[int, _Record] = {}
+
+    def judge(self, body: Body, capture_ns: int, hip_centred: bool = False) -> Sign | None:
+        """Take in one body, and return what gives it away.
+
+        Args:
+            body: in the room.
+            capture_ns: rises from call to call.
+            hip_centred: its waist was sent at exactly the source's origin.
+        """
+        if not self._on:
+            return None
+        record = self._record(body, capture_ns)
+        record.stamps.append(capture_ns)
+        record.positions.append(body.positions)
+        record.observed.append(body.observed)
+        record.middle = body.centroid
+        self._count_again(record, body.fingerprint)
+        if capture_ns - record.relative_ns >= RELATIVE_S * 1e9 / 8:
+            record.relative_ns = capture_ns
+            record.relative = self._is_relative(record)
+        if hip_centred or record.relative:
+            return Sign.RELATIVE
+        found = self._sign(record)
+        if found is not None:
+            if record.sign is None or found is Sign.LOOPED:
+                record.sign = found
+            record.sign_ns = capture_ns
+        elif record.sign is not None and self._awake(record):
+            record.sign = None
+        return record.sign
+
+    def _record(self, body: Body, capture_ns: int) -> _Record:
+        """The record of a body, or of one that was here under another id."""
+        record = self._records.get(body.id)
+        if record is not None and capture_ns - record.stamps[-1] <= FORGET_NS:
+            return record
+        for other, old in list(self._records.items()):
+            if capture_ns - old.stamps[-1] > FORGET_NS:
+                del self._records[other]
+            elif old.stamps[-1] < capture_ns and (
+                float(np.linalg.norm(old.middle - body.centroid)) < INHERIT_M
+            ):
+                record = self._records[body.id] = self._records.pop(other)
+                return record
+        record = self._records[body.id] = _Record()
+        return record
+
+    def _is_relative(self, record: _Record) -> bool:
+        count = record.within(RELATIVE_S)
+        if record.stamps[-1] - record.stamps[-count] < RELATIVE_S * 1e9 / 2:
+            return False
+        rows = range(len(record.stamps) - count, len(record.stamps))
+        positions = np.stack([record.positions[k] for k in rows])
+        observed = np.stack([record.observed[k] for k in rows])
+        return hips_are_origin(positions, observed, self._origin)
+
+    def _count_again(self, record: _Record, fingerprint: int) -> None:
+        """Count consecutive captures that came before, a loop's length ago."""
+        lag = 0
+        if fingerprint in record.prints:
+            lag = len(record.prints) - max(
+                k for k, print_ in enumerate(record.prints) if print_ == fingerprint
+            )
+        record.again = record.again + 1 if lag > 1 and lag == record.lag else int(lag > 1)
+        record.lag = lag
+        record.prints.append(fingerprint)
+
+    def _sign(self, record: _Record) -> Sign | None:
+        if record.again >= self._freeze or self._loops(record):
+            return Sign.LOOPED
+        if self._froze(record):
+            return Sign.FROZEN
+        return Sign.COASTING if self._coasts(record) else None
+
+    def _froze(self, record: _Record) -> bool:
+        """Whether all joints stopped from one capture to the next, ``_freeze`` captures ago."""
+        count = self._freeze
+        if len(record.stamps) < count + 3 or not self._is_still(record):
+            return False
+        stamps, joints, always = record.last(count + 3)
+        if always.sum() < STILL_JOINTS:
+            return False
+        after = joints[-count:]
+        noise2 = _white(after)
+        if noise2 > MOST_NOISE_M**2 or _variance(after) > WHITE * noise2 + STILL_M**2:
+            return False
+        return _stops_dead(
+            stamps, joints, after.mean(axis=0), noise_m=float(np.sqrt(noise2)), count=count
+        )
+
+    def _is_still(self, record: _Record) -> bool:
+        """Whether the body is where it was, by a quick look at both ends of the span."""
+        common = record.observed[-1] & record.observed[-self._freeze]
+        if not common.any():
+            return False
+        moved = (record.positions[-1] - record.positions[-self._freeze])[common]
+        return float((moved**2).mean()) < 3 * MOST_NOISE_M**2
+
+    def _coasts(self, record: _Record) -> bool:
+        """Whether the body moves without a change of shape, or every joint keeps its velocity."""
+        count = record.within(COAST_S)
+        if count < 6 or record.stamps[-1] - record.stamps[-count] < 0.8 * COAST_S * 1e9:
+            return False
+        ends = (record.positions[-count], record.positions[-1])
+        common = record.observed[-count] & record.observed[-1]
+        if common.sum() < COAST_JOINTS:
+            return False
+        way_m = float(np.linalg.norm((ends[1] - ends[0])[common].mean(axis=0)))
+        if way_m < COASTED_M:
+            return False
+        _, joints, always = record.last(count)
+        if always.sum() < COAST_JOINTS or always[_LEGS].sum() < 2:
+            return False
+        shape = joints - joints.mean(axis=1, keepdims=True)
+        if _is_noise(shape, RIGID_M) and _is_noise(
+            shape[:, np.isin(np.flatnonzero(always), _LEGS)], RIGID_M
+        ):
+            return True
+        return way_m > LINEAR_M * COAST_S / LINEAR_S and self._keeps_velocities(record)
+
+    def _keeps_velocities(self, record: _Record) -> bool:
+        """Whether each joint of the legs kept its velocity for a step or more."""
+        count = record.within(LINEAR_S)
+        stamps, joints, always = record.last(count)
+        legs = joints[:, np.isin(np.flatnonzero(always), _LEGS)]
+        way_m = np.linalg.norm((joints[-1] - joints[0]).mean(axis=0))
+        if stamps[0] > -0.8 * LINEAR_S or way_m < LINEAR_M or legs.shape[1] < 2:
+            return False
+        centred = stamps - stamps.mean()
+        slope = np.tensordot(centred, legs, axes=1) / (centred @ centred)
+        return _is_noise(legs - centred[:, None, None] * slope, RIGID_M)
+
+    def _loops(self, record: _Record) -> bool:
+        """Whether captures come again with noise, and the body jumps in between."""
+        held = len(record.stamps)
+        if held < 2 * self._freeze or not self._jumps(record):
+            return False
+        _, joints, always = record.last(held)
+        if always.sum() < STILL_JOINTS:
+            return False
+        for lag in range(2, min(LONGEST_LOOP, held // 2) + 1):
+            count = max(lag, self._freeze)
+            if count + lag > held:
+                continue
+            now, then = joints[-count:], joints[-count - lag : held - lag]
+            same = ((now - then) ** 2).mean(axis=(1, 2)).max() < 2 * LOOP_NOISE_M**2
+            if same and _variance(joints[-max(lag, 3) :]) > LOOP_NOISE_M**2:
+                return True
+        return False
+
+    def _jumps(self, record: _Record) -> bool:
+        """Whether the newest capture is farther off than any body can turn, or was lately."""
+        _, joints, always = record.last(self._freeze + 2)
+        if not always.any():
+            return False
+        turn = np.linalg.norm(np.diff(joints.mean(axis=1), n=2, axis=0), axis=-1)
+        return bool(turn.max() > JUMP_M_S2 * self._period_s**2)
+
+    def _awake(self, record: _Record) -> bool:
+        """Whether limbs have moved since the sign, in a way that is not noise."""
+        hold_s = LOOP_S if record.sign is Sign.LOOPED else AWAKE_S
+        if record.stamps[-1] - record.sign_ns < hold_s * 1e9:
+            return False
+        count = min(record.within(AWAKE_S), self._freeze * 3)
+        _, joints, always = record.last(count)
+        if always.sum() < STILL_JOINTS or count < 4:
+            return True  # too little is seen to say anything
+        shape = joints - joints.mean(axis=1, keepdims=True)
+        return bool(_variance(shape) > 2 * WHITE * _white(shape) + ALIVE_M**2)
+
+
+def _white(values: Floats) -> float:
+    """Variance of white noise in (n, ...), by second differences: smooth motion has small ones."""
+    return float((np.diff(values, n=2, axis=0) ** 2).mean()) / 6.0
+
+
+def _variance(values: Floats) -> float:
+    """Mean variance over time of (n, ...)."""
+    return float(values.var(axis=0, ddof=1).mean())
+
+
+def _is_noise(values: Floats, floor_m: float) -> bool:
+    noise2 = _white(values)
+    return noise2 < MOST_NOISE_M**2 and _variance(values) < MERE_NOISE * noise2 + floor_m**2
+
+
+def _stops_dead(
+    stamps: Floats, joints: Floats, stopped: Floats, *, noise_m: float, count: int
+) -> bool:
+    """Whether a body was too fast for a stop at its last capture but ``count``.
+
+    Args:
+        stamps: (count + 3,) s.
+        joints: (count + 3, m, 3).
+        stopped: (m, 3) where it is since.
+        noise_m: standard deviation per axis.
+        count: captures since it stopped.
+    """
+    fast = False
+    for back in (1, 2, 3):
+        seconds = float(stamps[-count] - stamps[-count - back])
+        way = np.linalg.norm(stopped - joints[-count - back], axis=-1)
+        least = LEAST_M_S * seconds + SLOWING_M_S2 * seconds**2 / 2 + 3.1 * noise_m
+        fast |= float(np.median(way)) > least
+    if not fast:
+        return False
+    step = stopped - joints[-count - 1]
+    before = joints[-count - 1] - joints[-count - 2]
+    part = min(max(float((step * before).sum() / max((before**2).sum(), 1e-12)), 0.0), 1.0)
+    turned = np.linalg.norm(step - part * before, axis=-1) > TURNING_M + 4.5 * noise_m
+    return bool(turned.sum() <= 0.25 * len(turned))

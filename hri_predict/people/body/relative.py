@@ -1,0 +1,71 @@
+"""Recognises coordinates relative to the hips: their bodies walk in place, wherever they are.
+
+Some trackers (MediaPipe's world landmarks) put the origin between the hips of each body. Then the
+middle of the hips stays at the origin, or, where a pose lifts it to a true height, at one place,
+while the legs walk.
+"""
+
+import numpy as np
+
+from hri_predict.arrays import Bools, Floats
+from hri_predict.skeleton import JOINTS
+
+HERE_M = 0.03
+"""No hips stay nearer than this to the origin: a sensor, a floor or a table is there."""
+STILL_M = 0.015
+"""Standard deviation over the floor of hips that do not move, with a tracker's noise."""
+EXACT_M = 2e-4
+"""The same of hips that are the origin. They may have been lifted or moved, but never swayed."""
+SWING_M = 0.08
+"""Least standard deviation over the floor of a foot that walks: a step has 0.2 m."""
+OPPOSED = -0.5
+"""Greatest correlation between the two feet of somebody who walks."""
+_HIPS = [JOINTS.index(name) for name in ("l_hip", "r_hip")]
+_WAIST = JOINTS.index("waist")
+_LEGS = [
+    [JOINTS.index(f"{side}_{name}") for side in ("l", "r")] for name in ("ankle", "foot", "knee")
+]
+
+
+def hips_are_origin(positions: Floats, observed: Bools, origin: Floats) -> bool:
+    """Whether the hips of a body are the origin of its coordinates.
+
+    They are if they stay at the source's origin, or if the legs walk while the hips stay above or
+    below the origin, or exactly where they are.
+
+    Args:
+        positions: (n, J, 3) metres, captures of one body over two seconds or so, in the room.
+        observed: (n, J).
+        origin: (3,) of the source.
+    """
+    if not len(positions):
+        return False
+    always = np.asarray(observed.all(axis=0))
+    middles = []
+    if always[_WAIST]:
+        middles.append(positions[:, _WAIST])
+    if always[_HIPS].all():
+        middles.append(positions[:, _HIPS].mean(axis=1))
+    return any(_is_origin(hips, positions, always, origin) for hips in middles)
+
+
+def _is_origin(hips: Floats, positions: Floats, always: Bools, origin: Floats) -> bool:
+    sway = np.sqrt(hips.var(axis=0))
+    beside = np.abs(hips.mean(axis=0) - origin)
+    if float(np.linalg.norm(beside)) < HERE_M and float(np.linalg.norm(sway)) < 2 * STILL_M:
+        return True
+    sway_m = float(np.linalg.norm(sway[:2]))
+    above = float(np.linalg.norm(beside[:2])) < HERE_M and sway_m < STILL_M
+    return (above or sway_m < EXACT_M) and _walk(positions - hips[:, None], always)
+
+
+def _walk(positions: Floats, always: Bools) -> bool:
+    """Whether the legs walk: both feet swing, one against the other. (n, J, 3) about the hips."""
+    pair = next((pair for pair in _LEGS if always[pair].all()), None)
+    if pair is None:
+        return False
+    feet = positions[:, pair, :2]
+    left, right = np.moveaxis(feet - feet.mean(axis=0), 1, 0)
+    swings = [float(np.sqrt((foot**2).sum(-1).mean())) for foot in (left, right)]
+    opposed = float((left * right).sum(-1).mean()) < OPPOSED * swings[0] * swings[1]
+    return opposed and min(swings) > SWING_M

@@ -1,0 +1,1 @@
+"""What a recording holds that nobody saw, and places that nobody can be at."""

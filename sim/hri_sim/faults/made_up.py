@@ -1,0 +1,61 @@
+"""A tracker that lost a person and goes on sending one."""
+
+from collections import deque
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from hri_predict.arrays import Floats
+from hri_predict.scene import Person, Scene
+from hri_predict.settings import Vector3
+from hri_sim.faults.settings import FaultSettings
+
+MOST_CAPTURES = 60
+
+
+class MadeUp(FaultSettings):
+    """The tracker lost everybody and goes on sending them, with fresh noise.
+
+    ``how`` is ``hold``: the last skeleton again; ``coast``: it glides on at ``velocity``; or
+    ``loop``: the last ``captures`` captures again and again.
+    """
+
+    how: Literal["hold", "coast", "loop"] = Field("hold", description="what it sends instead")
+    captures: int = Field(12, ge=2, le=MOST_CAPTURES, description="length of the loop")
+    velocity: Vector3 = Field([0.0, 1.4, 0.0], description="m/s, of everybody who coasts")
+    noise_m: float = Field(0.004, ge=0, le=0.1, description="fresh noise, in each axis")
+
+
+class MadeUpPeople:
+    """Holds, carries on or repeats the people whom a source showed last.
+
+    Args:
+        fault: says how.
+        rng: of the noise.
+    """
+
+    def __init__(self, fault: MadeUp, rng: np.random.Generator) -> None:
+        self._fault, self._rng = fault, rng
+        self._seen: deque[Scene] = deque(maxlen=fault.captures if fault.how == "loop" else 1)
+        self._next = 0
+
+    def see(self, scene: Scene) -> None:
+        """Take in a true scene."""
+        self._seen.append(scene)
+        self._next = 0
+
+    def made_up(self, scene: Scene) -> Scene:
+        """Return ``scene`` with the people whom the tracker makes up."""
+        if not self._seen:
+            return scene
+        shown = self._seen[self._next % len(self._seen)]
+        self._next += 1
+        seconds = (scene.stamp_ns - shown.stamp_ns) * 1e-9 if self._fault.how == "coast" else 0.0
+        moved = np.asarray(self._fault.velocity) * seconds
+        return replace(scene, people=tuple(self._moved(p, moved) for p in shown.people))
+
+    def _moved(self, person: Person, by: Floats) -> Person:
+        noise = self._rng.normal(0.0, self._fault.noise_m, person.positions.shape)
+        return replace(person, positions=person.positions + by + noise)

@@ -1,0 +1,56 @@
+"""Joints that a tracker lost and sent all the same are not observed, and no others."""
+
+import numpy as np
+import pytest
+
+from hri_predict.people.body.unseen import at_origin, out_of_reach
+from hri_predict.scene import Person
+from hri_predict.skeleton import JOINTS
+from hri_sim.people.body import Body
+
+_WHO = Body(1.75)
+BODY = _WHO.joints(_WHO.standing(np.array([2.0, 1.0]), 0.3))
+ALL = np.ones(len(JOINTS), bool)
+ARM = [JOINTS.index(name) for name in ("l_elbow", "l_wrist", "l_hand")]
+
+
+def test_only_a_joint_at_exactly_the_origin_is_there():
+    origin = np.array([-3.2, 1.2, 1.1])
+    body = BODY.copy()
+    body[ARM[1]] = origin
+    body[ARM[2]] = origin + np.array([1e-9, 0.0, 0.0])
+    assert np.flatnonzero(at_origin(body, origin)).tolist() == [ARM[1]]
+
+
+@pytest.mark.parametrize("lost", [ARM[:1], ARM[1:], ARM, [*ARM, 10, 11, 12]])
+def test_joints_too_far_from_the_rest_are_disbelieved_alone(lost):
+    body = BODY.copy()
+    body[lost] = [0.05, -0.05, 0.0]
+    assert np.flatnonzero(out_of_reach(body, ALL)).tolist() == sorted(lost)
+
+
+def test_of_two_joints_that_contradict_each_other_neither_is_believed():
+    only = np.isin(np.arange(len(JOINTS)), ARM[:2])
+    body = BODY.copy()
+    body[ARM[1]] += [0.0, 0.0, -1.0]
+    assert out_of_reach(body, only).tolist() == only.tolist()
+
+
+@pytest.mark.parametrize("height", [1.0, 1.5, 2.0])
+def test_true_bodies_are_believed(height):
+    who = Body(height)
+    joints = who.joints(who.standing(np.array([2.0, 1.0]), 0.3))
+    noise = np.random.default_rng(0).normal(0, 0.02, joints.shape)
+    assert not out_of_reach(joints + noise, ALL).any()
+
+
+def test_a_lost_joint_counts_from_the_first_capture_on(make_room):
+    """As a joint that was not sent, wherever the sensor stands."""
+    body = BODY.copy()
+    body[ARM[1:]] = 0.0  # make_room's source is at the room's origin
+    snapshot = make_room().see(Person(1, body, ALL), times=2)
+    assert np.flatnonzero(~snapshot.observed[0, -1]).tolist() == ARM[1:]
+    assert snapshot.counters["unseen_joints"] == 4
+    body[ARM[1:]] = 0.01
+    snapshot = make_room().see(Person(1, body, ALL), times=2)
+    assert np.flatnonzero(~snapshot.observed[0, -1]).tolist() == ARM[1:]
