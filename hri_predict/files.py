@@ -29,23 +29,6 @@ MAX_VALUES = 100_000  # with all aliases expanded
 MAX_SCALAR = 2000  # characters of one value; half of the longest path
 
 _ZERO_FIRST = re.compile(r"[-+]?0[0-9_]+(\.[0-9_]*)?([eE][-+]?[0-9]+)?")
-_NUMBERS = (  # plain scalars that YAML 1.1 does not read as people write them
-    (
-        re.compile(r"[-+]?[0-9][0-9_]*(:[0-9][0-9_]*)+(\.[0-9_]*)?"),
-        "has a colon, with which YAML counts in sixties: write a plain number, or put text in "
-        "quotes",
-    ),
-    (
-        re.compile(r"[-+]?0[0-9_]+(\.[0-9_]*)?([eE][-+]?[0-9]+)?"),
-        "begins with a zero, with which YAML counts in eights: write it without the zero, with 0x "
-        "if it is hexadecimal, or in quotes if it is text",
-    ),
-    (
-        re.compile(r"[-+]?(0[bx])?[0-9A-Fa-f.]*[0-9A-Fa-f]_[0-9A-Fa-f_.]*([eE][-+]?[0-9]+)?"),
-        "has an underscore, which YAML leaves out: write the number without it, or put text in "
-        "quotes",
-    ),
-)
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 

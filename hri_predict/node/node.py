@@ -73,7 +73,7 @@ class Node:
         self._prediction = prediction
         self._risk = risk
         self._robots = robots
-        self._refused = [RefusedStates(tracker) for tracker in robots]
+        self._refused_states = [RefusedStates(tracker) for tracker in robots]
         self._links = links
         self._second_sender = SecondSender(links)
         self._advised = advised  # per link: indices of the robots advised on it
@@ -230,7 +230,9 @@ class Node:
                     else:
                         tracker = self._robots[message.robot]
                         tracker.update(message, received.received_ns, link.name)
-                        self._refused[message.robot].look(message, received.received_ns, link.name)
+                        self._refused_states[message.robot].look(
+                            message, received.received_ns, link.name
+                        )
                 elif isinstance(message, Acknowledge):
                     self._acknowledge(link.name, robots, message, received.received_ns)
 

@@ -57,6 +57,6 @@ def test_states_in_degrees_are_refused_with_the_reason(kind, sender, caplog):
 def test_an_adapter_that_ends_lines_with_line_feed_too_is_understood():
     bus = slcanBus.__new__(slcanBus)
     lines = iter(["t6801AA\r", "\nt6801BB\r", "\n", "", None])
-    bus._read = lambda timeout: next(lines)
+    bus._read = lambda timeout: next(lines)  # type: ignore[method-assign]
     _read_any_line_end(bus)
     assert [bus._read(0.0) for _ in range(5)] == ["t6801AA\r", "t6801BB\r", "", "", None]

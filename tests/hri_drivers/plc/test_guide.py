@@ -32,8 +32,8 @@ def test_the_program_for_can_sends_state_and_acknowledge() -> None:
     for name in ("StateFrames", "PressFrames"):
         v = cell.variables[name].variables
         for i in range(v["FrameCount"]):
-            data = bytes(v["Frames"][8 * i : 8 * i + 8])
-            heard += receiver.feed(CanFrame(v["Ids"][i], data, False))
+            payload = bytes(v["Frames"][8 * i : 8 * i + 8])
+            heard += receiver.feed(CanFrame(v["Ids"][i], payload, False))
     assert [type(m) for m in heard] == [RobotState, Acknowledge]
     assert heard[1] == Acknowledge(700, 51)
     assert cell.variables["PermittedSpeed"] == 0

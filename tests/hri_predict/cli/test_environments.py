@@ -106,7 +106,7 @@ def test_a_path_that_is_not_utf_8_is_read_and_printed(tmp_path):
     bad = os.path.join(os.fsencode(tmp_path), b"caf\xe9")
     os.mkdir(bad)
     path = os.path.join(bad, b"cell.yaml")
-    shutil.copy(DEMO, path)
+    shutil.copy(os.fsencode(DEMO), path)
     missing = os.path.join(bad, b"none.mcap")
     for arguments, status in (([b"check", path], 0), ([b"explain", missing], 2),
                               ([b"check", missing], 2), ([b"service", path], 0)):  # fmt: skip

@@ -51,7 +51,7 @@ def open_bus(interface: str, channel: str, arguments: Mapping[str, Any]) -> can.
     timer.daemon = True
     timer.start()
     try:
-        bus.__init__(channel, **arguments)
+        bus.__init__(channel, **arguments)  # type: ignore[misc]  # made before, to be cut
     except Exception as error:
         if late.is_set():
             raise TimeoutError(f"no answer within {limit_s:g} s") from error

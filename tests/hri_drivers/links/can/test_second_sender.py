@@ -115,8 +115,8 @@ def test_a_lost_character_on_an_slcan_line_does_not_stop_the_robots():
 def _read(line):
     """The frame that python-can's slcan makes of a line; ``None`` if it makes none."""
     bus = slcanBus.__new__(slcanBus)
-    bus._queue = Queue()
-    bus._read = lambda timeout: line
+    bus._queue = Queue()  # type: ignore[assignment]
+    bus._read = lambda timeout: line  # type: ignore[method-assign]
     try:
         message, _ = bus._recv_internal(0.0)
     except (ValueError, IndexError):

@@ -4,6 +4,7 @@ import json
 import re
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,9 +22,12 @@ from hri_sim.people.body import Body
 
 _WHO = Body(1.75)
 POSE = Pose(xyz=[0.4, -0.2, 1.1], quaternion_xyzw=[0.0, 0.13, 0.0, 0.9915])
-BODY = _WHO.joints(_WHO.standing(np.array([2.5, 0.6]), 2.0))
+BODY: Any = _WHO.joints(_WHO.standing(np.array([2.5, 0.6]), 2.0))
 SEEN = transform(np.linalg.inv(POSE.matrix()), BODY)  # in the sensor's frame: metres, z up
-KINDS = {"json": (JsonSettings, JsonSource), "websocket": (WebSocketSettings, WebSocketSource)}
+KINDS: dict[str, Any] = {
+    "json": (JsonSettings, JsonSource),
+    "websocket": (WebSocketSettings, WebSocketSource),
+}
 CAPTURES = 20
 
 
@@ -127,11 +131,17 @@ def test_units(heard, declared, true):
     assert "not of human size" not in again["refused"]
 
 
+def found(pattern, text):
+    match = re.search(pattern, text)
+    assert match is not None, text
+    return match[1]
+
+
 @pytest.mark.parametrize("height", [-0.6, 1.5])
 def test_height(heard, height):
     raw = transform(np.linalg.inv(POSE.matrix()), BODY + np.array([0, 0, height]))
     remedy = heard(raw, "m", ["x", "y", "z"])["remedy"]
-    xyz = json.loads(re.search(r"room_from_source.xyz: (\[.+?\]) puts them", remedy)[1])
+    xyz = json.loads(found(r"room_from_source.xyz: (\[.+?\]) puts them", remedy))
     assert xyz == pytest.approx([0.4, -0.2, 1.1 - height], abs=0.05)  # ankles are at 7 to 9 cm
-    floor_m = float(re.search(r"people.floor_m, if it is (\S+)", remedy)[1])
+    floor_m = float(found(r"people.floor_m, if it is (\S+)", remedy))
     assert floor_m == pytest.approx(height, abs=0.05)

@@ -1,5 +1,7 @@
 """A robot that stands where no person is seen, and an exit as large as the hall, are refused."""
 
+from typing import Any
+
 import pytest
 
 from hri_predict.clock import VirtualClock
@@ -14,7 +16,8 @@ ROOM = "people: {room: {polygon: [[-3, -3], [3, -3], [3, 3], [-3, 3]]}, "
 
 
 def built(config):
-    return assemble.build(config, VirtualClock(), transports={"plc": object()})
+    transports: dict[str, Any] = {"plc": object()}
+    return assemble.build(config, VirtualClock(), transports=transports)
 
 
 @pytest.mark.parametrize(
