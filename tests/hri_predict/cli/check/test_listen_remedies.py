@@ -23,7 +23,8 @@ from hri_sim.people.body import Body
 _WHO = Body(1.75)
 POSE = Pose(xyz=[0.4, -0.2, 1.1], quaternion_xyzw=[0.0, 0.13, 0.0, 0.9915])
 BODY: Any = _WHO.joints(_WHO.standing(np.array([2.5, 0.6]), 2.0))
-SEEN = transform(np.linalg.inv(POSE.matrix()), BODY)  # in the sensor's frame: metres, z up
+FROM_ROOM: Any = np.linalg.inv(POSE.matrix())
+SEEN = transform(FROM_ROOM, BODY)  # in the sensor's frame: metres, z up
 KINDS: dict[str, Any] = {
     "json": (JsonSettings, JsonSource),
     "websocket": (WebSocketSettings, WebSocketSource),
@@ -139,7 +140,7 @@ def found(pattern, text):
 
 @pytest.mark.parametrize("height", [-0.6, 1.5])
 def test_height(heard, height):
-    raw = transform(np.linalg.inv(POSE.matrix()), BODY + np.array([0, 0, height]))
+    raw = transform(FROM_ROOM, BODY + np.array([0, 0, height]))
     remedy = heard(raw, "m", ["x", "y", "z"])["remedy"]
     xyz = json.loads(found(r"room_from_source.xyz: (\[.+?\]) puts them", remedy))
     assert xyz == pytest.approx([0.4, -0.2, 1.1 - height], abs=0.05)  # ankles are at 7 to 9 cm
