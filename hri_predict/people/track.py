@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Stamps
+from hri_predict.people.body.build import is_same_build
 from hri_predict.people.lost.passage import Passage
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.trail import FOUND_M_S2, SAME_ID_M_S2, Trail
@@ -205,8 +206,12 @@ class Track:
             since: the way of ``body`` since it appeared; ``None``: it just did.
 
         Returns:
-            metres; and how many noise and acceleration explain.
+            metres; and how many noise and acceleration explain, -1: another id, and other bones.
         """
+        if not same_id:
+            _, positions, observed = self.history.samples()
+            if not is_same_build(positions, observed, body.positions, body.observed):
+                return 0.0, -1.0
         step, loose_m = self.step(body)
         if since is not None:
             step = step - since.travelled

@@ -3,7 +3,6 @@
 import re
 import shlex
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +13,10 @@ from hri_predict.recording import open_recording
 from hri_predict.recording.opening import opened
 from hri_predict.recording.recording import Recording
 from hri_predict.skeleton import JOINTS
+from tests.cases import CASES
 
-FILES = Path(__file__).resolve().parents[4] / "shared" / "cases" / "files"
-pytestmark = pytest.mark.skipif(not FILES.is_dir(), reason="needs ../shared/cases/files")
+FILES = CASES / "files"
+pytestmark = pytest.mark.skipif(not FILES.is_dir(), reason=f"needs {FILES}")
 SAME_M = 1e-5
 """The files have 5 decimals of metres, or 32-bit floats of millimetres."""
 

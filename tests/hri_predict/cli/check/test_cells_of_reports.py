@@ -5,14 +5,14 @@ The inputs are shared ones, so that others read the same.
 
 import re
 import sys
-from pathlib import Path
 
 import pytest
 
 from hri_predict import cli
+from tests.cases import CASES
 
-CELLS = Path(__file__).resolve().parents[5] / "shared" / "cases" / "cells"
-pytestmark = pytest.mark.skipif(not CELLS.is_dir(), reason="needs ../shared/cases/cells")
+CELLS = CASES / "cells"
+pytestmark = pytest.mark.skipif(not CELLS.is_dir(), reason=f"needs {CELLS}")
 STOP = ["--deceleration", "2", "--brake-delay", "0.1", "--payload-kg", "1"]
 
 

@@ -1,7 +1,5 @@
 """Recordings: lost joints written as 0, 0, 0 are not seen; hips that are the origin are refused."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,13 +7,14 @@ from hri_predict.errors import RecordingError
 from hri_predict.recording.opening import open_recording
 from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
+from tests.cases import CASES
 from tests.hri_predict.recording.test_possible import written
 
-CASES = Path(__file__).resolve().parents[5] / "shared" / "cases" / "files"
+FILES = CASES / "files"
 _WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.0, 0.3]), 0.4))
 WRIST = JOINTS.index("l_wrist")
-needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases is absent")
+needs_cases = pytest.mark.skipif(not FILES.is_dir(), reason=f"needs {FILES}")
 
 
 @pytest.mark.parametrize("place", [[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
@@ -32,7 +31,7 @@ def test_a_lost_joint_is_not_seen_and_counted(tmp_path, place):
 
 @needs_cases
 def test_zero_is_read_as_nothing_is():
-    zero, null = (open_recording(CASES / f"s2_{name}.csv") for name in ("zero", "null"))
+    zero, null = (open_recording(FILES / f"s2_{name}.csv") for name in ("zero", "null"))
     for a, b in zip(zero.scenes, null.scenes, strict=True):
         np.testing.assert_array_equal(a.people[0].observed, b.people[0].observed)
 
@@ -40,7 +39,7 @@ def test_zero_is_read_as_nothing_is():
 @needs_cases
 def test_coordinates_about_the_hips_are_refused():
     with pytest.raises(RecordingError, match="relative to the hips"):
-        open_recording(CASES / "v05_mediapipe_world_zup.csv")
+        open_recording(FILES / "v05_mediapipe_world_zup.csv")
 
 
 def test_hips_that_were_lifted_are_refused_where_the_legs_walk(tmp_path):
