@@ -154,3 +154,20 @@ def test_who_stops_or_starts_to_walk_out_of_view_is_found(make_room):
             snapshot = room.see() if 18 <= k < 27 else room.see(body(1 if k < 18 else 2, x))
         assert snapshot.ids == (2,)
         assert snapshot.lost == ()
+
+
+@pytest.mark.parametrize("taller", [0.88, 1.12])
+@pytest.mark.parametrize("absent", [0, 3, 8])
+def test_a_body_with_other_bones_on_the_same_way_does_not_end_the_lost_person(
+    make_room, absent, taller
+):
+    room = make_room()
+    for k in range(15):
+        room.see(body(1, 1.2 * 0.04 * k))
+    room.see(times=absent)
+    for k in range(15 + absent, 35 + absent):
+        other = body(2, 0.0)
+        other.positions[:] = SHAPE * taller + [1.2 * 0.04 * k, 0.0, 0.0]
+        snapshot = room.see(other)
+    assert snapshot.ids == (2,)
+    assert [person.id for person in snapshot.lost] == [1]
