@@ -70,7 +70,7 @@ def forgotten(rng: np.random.Generator) -> Attack:
 
     def elsewhere(data: dict[str, Any]) -> None:
         change(data)
-        data["robots"][0] |= {"name": "other", "room_from_robot": {"xyz": [0.0, 3.0, 0.0]}}
+        data["robots"][0] |= {"name": "other", "room_from_robot": {"xyz": [0.0, -2.0, 0.0]}}
         for link in data["links"]:
             link["simulate"]["robot"] = "other"
 
