@@ -304,7 +304,11 @@ def _hint(found: ErrorDetails, unit: str) -> str:
         greatest = -found["ctx"]["ge"] if found["ctx"]["ge"] < 0 else None
     if greatest is None or not isinstance(found["input"], int | float):
         return ""
-    hint = meant(float(found["input"]), unit)
+    try:
+        number = float(found["input"])
+    except OverflowError:  # an integer beyond all floats, in no unit
+        return ""
+    hint = meant(number, unit)
     return f"; {hint}" if hint else ""
 
 

@@ -51,6 +51,7 @@ class MutingMode(Settings):
     )
     rest_s: float | None = Field(
         None,
+        ge=1,
         le=86_400,
         strict=True,
         description="time without a request in which max_s recovers; part of it recovers a part,"

@@ -69,6 +69,8 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         "stamps": stamps_remedy(sensor.captured_ns, sensor.arrived_ns),
         "never_came": [name for name, lacks in zip(JOINTS, never, strict=True) if lacks],
     }
+    if (wrong_size := size_remedy(config, people, scale_to_m)) is not None:
+        return heard | {"refused": ["not of human size"], "remedy": wrong_size}
     origin = np.asarray(config.source.room_from_source.xyz, np.float64)
     if any(hips_are_origin(*person, origin) for person in people.values()):
         return heard | {
@@ -76,8 +78,6 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
             "remedy": "let the tracker send positions in the room, not relative to the hips "
             "(MediaPipe's world landmarks have none)",
         }
-    if (wrong_size := size_remedy(config, people, scale_to_m)) is not None:
-        return heard | {"refused": ["not of human size"], "remedy": wrong_size}
     people = {n: p for n, p in people.items() if len(p[0]) >= LEAST_CAPTURES}
     why = refusals(config, people, np.eye(4))
     judged = sum(any(map(shows_down, seen)) for _, seen in people.values())

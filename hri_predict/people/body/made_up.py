@@ -322,7 +322,13 @@ def _stops_dead(
     if not fast:
         return False
     step = stopped - joints[-count - 1]
-    before = joints[-count - 1] - joints[-count - 2]
+    before, earlier = np.diff(joints[-count - 3 : -count], axis=0)[::-1]
     part = min(max(float((step * before).sum() / max((before**2).sum(), 1e-12)), 0.0), 1.0)
-    turned = np.linalg.norm(step - part * before, axis=-1) > TURNING_M + 4.5 * noise_m
+    # a jump, of the body or of limbs that snap to their rest, is not a motion that was cut off
+    return all(_goes_on(turn, noise_m) for turn in (step - part * before, before - earlier))
+
+
+def _goes_on(turn: Floats, noise_m: float) -> bool:
+    """Whether few joints change their step by more than limbs can; ``turn`` (m, 3) by how much."""
+    turned = np.linalg.norm(turn, axis=-1) > TURNING_M + 4.5 * noise_m
     return bool(turned.sum() <= 0.25 * len(turned))

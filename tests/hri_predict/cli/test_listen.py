@@ -47,16 +47,16 @@ def test_before_a_schema_everything_is_unknown(listened):
     assert (advice["robot"], advice["level"]) == (1, "unknown")
     assert status["level"] == "unknown"
     for line in (advice, status):
-        assert line["why"].startswith("no Schema heard yet; this is built for version 2")
+        assert line["why"].startswith("no Schema heard yet; this is built for version 3")
         assert not {"speed_limit_m_s", "reason", "node_state", "people"} & set(line)
 
 
 def test_another_schema_makes_everything_unknown_and_is_named(listened):
     _, clear, schema, advice = listened(OURS, CLEAR, OTHER, CLEAR)
     assert clear["level"] == "clear"
-    assert (schema["version"], schema["hash"], schema["matches"]) == (3, "0x00001234", False)
+    assert (schema["version"], schema["hash"], schema["matches"]) == (4, "0x00001234", False)
     why = (
-        f"heard Schema of version 3, hash 0x00001234; "
+        f"heard Schema of version 4, hash 0x00001234; "
         f"this is built for version {SCHEMA_VERSION}, hash {SCHEMA_HASH:#010x}"
     )
     assert (advice["level"], advice["why"]) == (schema["level"], schema["why"]) == ("unknown", why)

@@ -10,6 +10,7 @@ from hri_predict.predictors.baselines import ZeroVelocity
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.recording import recording_of
 from hri_predict.scene import Scene
+from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 RATE_HZ = 30.0
@@ -17,11 +18,13 @@ RATE_HZ = 30.0
 
 @pytest.fixture
 def walk(tmp_path):
-    """Two people for 1 s; person 7 glides along x at 1 m/s, person 3 stands."""
+    """Two people for 1 s; person 7 walks along x at 1 m/s, person 3 stands."""
     body = Body(1.75)
     times = np.arange(30)[:, None, None] / RATE_HZ
     pose = body.joints(body.standing(np.zeros(2), 0.0))
     moving = pose + times * np.array([1.0, 0.0, 0.0])
+    legs = [k for k, name in enumerate(JOINTS) if name[2:] in ("knee", "ankle", "foot")]
+    moving[:, legs, 0] += 0.2 * np.sin(2 * np.pi * times[:, 0])
     standing = np.broadcast_to(pose + np.array([0.0, 3.0, 0.0]), moving.shape)
     raw = np.stack([moving, standing], axis=1)
     return recording_of(

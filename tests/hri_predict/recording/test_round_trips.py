@@ -28,9 +28,13 @@ NAMES = st.lists(
 
 
 def made(joints, ids=(1,), frames=4, rate_hz=30.0, missing=0.3, seed=0) -> Recording:
-    """People at random places; a share of the joints missing, in the last frame all of them."""
+    """People at random places; a share of the joints missing, in the last frame all of them.
+
+    The joints of a body are near each other: those that no body reaches count as not seen.
+    """
     rng = np.random.default_rng(seed)
-    positions = rng.uniform(-20, 20, (frames, len(ids), len(joints), 3))
+    positions = rng.uniform(-20, 20, (frames, len(ids), 1, 3))
+    positions = positions + rng.uniform(-0.2, 0.2, (frames, len(ids), len(joints), 3))
     observed = rng.random(positions.shape[:3]) >= missing
     observed[-1] = False
     positions[~observed] = np.nan

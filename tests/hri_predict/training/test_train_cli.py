@@ -242,7 +242,7 @@ def test_help_has_an_example(cli):
         (["--set", f"out={'a' * 300}"], "cannot be written: File name too long"),
         (["--out", ""], "out: must name a folder for this run alone"),
         (["--out", "."], "out: must name a folder for this run alone"),
-        (["--set", r'out="a\0b"'], "its value is not valid YAML; quote it"),
+        (["--set", r'out="a\0b"'], "contains a control character); quote it"),
         (["--set", f"train.seed={2**70}"], "train.seed: input should be less than or equal to"),
         (["--set", f"train.batch={10**21}"], "train.batch: input should be less than or equal to"),
         (["--set", f"train.epochs={10**400}"], "train.epochs: input should be less than or"),

@@ -137,6 +137,7 @@ def test_coordinates_about_the_hips_are_named(monkeypatch):
 
     class Sensor:
         source = SimpleNamespace(joint_map=load_joint_map("canonical"))
+        captured_ns = arrived_ns = ()
 
         def everybody(self, seconds):
             return {1: (np.tile(body, (40, 1, 1)), np.ones((40, J), bool))}, 40

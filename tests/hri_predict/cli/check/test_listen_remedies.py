@@ -35,6 +35,8 @@ CAPTURES = 20
 class Sensor:
     """A source that is fed instead of opened; see ``hri_predict.cli.register.sight.Sensor``."""
 
+    captured_ns = arrived_ns = ()
+
     def __init__(self, source, lines):
         self.source, self._lines = source, lines
 

@@ -36,7 +36,7 @@ REACH = "limits: {reach: {trunk: {speed_m_s: 5, burst_m_s: 1}, arm: {speed_m_s: 
         (people("lost_speed_m_s: 1.2"), "people.lost_speed_m_s: 1.2 (default 1.6): the zone of a "
          "lost person grows 0.4 m less in each second"),
         (people("exits: [{polygon: [[3, 3], [9, 3], [9, 6], [3, 6]]}]"),
-         "people.exits: 6.0 x 3.0 m (default none): a person who vanishes"),
+         "people.exits: 6.0 x 3.0 m (default none): a person who crosses"),
         (people("max_gap_s: 1"), "people.max_gap_s: 1 (default 0.1): a person may be unseen for 1"),
         (people("posture_unchecked: the sensor is a radar"), "people.posture_unchecked: the sen"),
         (risk("limits: {physical_speed_m_s: 1.2}"), "risk.limits.physical_speed_m_s: 1.2 (default "
