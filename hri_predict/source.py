@@ -26,7 +26,10 @@ class SourceSettings(Settings):
     kind: str = Field(description="kind of source")
     room_from_source: Pose = Field(description="pose of the source's frame in the room; required")
     min_latency_s: float = Field(
-        0.0, ge=0, le=2, description="least delay from capture to stamp, which no one can measure"
+        0.0,
+        ge=0,
+        le=2,
+        description="least delay from capture to stamp, which the node cannot measure",
     )
     clock_wander_s: float = Field(
         0.1,

@@ -138,7 +138,7 @@ class Summary:
             ("counters", _counts(self.counted)),
         ]
         if self.shadow:
-            rows.insert(0, ("shadow mode", "links were told unknown"))
+            rows.insert(0, ("shadow mode", "the links said unknown"))
         if self.recording is not None:
             rows.insert(-1, ("recording", _recording(self.recording)))
         if self.evidence is not None:

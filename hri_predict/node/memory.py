@@ -42,8 +42,8 @@ RETRY_S = 1.0
 STUCK_S = 5.0
 """A write that takes longer counts as failed: a disk may hang without an error."""
 MISSING = (
-    "there is no state file {}: this is the first start, or the file was deleted; look whether "
-    "anybody is in the room, then acknowledge once"
+    "there is no state file {}: this is the first start, or the file was deleted; make sure that "
+    "no one is hidden in the room, then acknowledge once, 12 s or more after the start"
 )
 _WRONG = (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 

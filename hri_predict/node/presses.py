@@ -128,7 +128,7 @@ class Presses:
     def _refuse(self, link: str, message: Acknowledge, why: str) -> None:
         if self.refused[why] % 1000 == 0:  # a controller must not fill the log
             log.warning(
-                "link %s: Acknowledge of latch id %d does not count: %s (%d before)",
+                "link %s: Acknowledge of latch id %d does not count: %s (%d such before)",
                 link,
                 message.latch_id,
                 _WORDS[why],
@@ -143,6 +143,6 @@ _WORDS = {
     "not_shown": "the Advice does not show this latch id now",
     "too_soon": f"it came within {SHOWN_S:g} s of being shown, sooner than a person presses",
     "replayed": f"it came more than {REPEATS_S:g} s ago already; give each press its own number",
-    "no_pause": f"another came less than {QUIET_S:g} s before, or the node was started then; wait"
-    " for so long, then press once",
+    "no_pause": f"it came less than {QUIET_S:g} s after another one or after the node's start;"
+    f" wait {QUIET_S:g} s, then press once",
 }

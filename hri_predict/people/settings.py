@@ -147,7 +147,7 @@ class PeopleSettings(Settings):
             "counts on a loss"
         ),
         "exits": LessSafe(
-            other="a person who crosses one on the way out counts as gone; none may be larger than "
+            other="a person who crosses one on the way out counts as gone; make it no larger than "
             "the floor before its door"
         ),
         "room": LessSafe(other="the node expects no person outside it"),

@@ -59,8 +59,8 @@ def first_start_note(config: Config) -> list[str]:
         return []
     return [
         f"state: {path} does not exist yet, so the first start waits for one Acknowledge "
-        f"(STATE_UNTRUSTED): look whether anybody is in the room, then press once, 12 s or more "
-        f"after the start; if no controller can send an Acknowledge, leave state out"
+        f"(STATE_UNTRUSTED): make sure that no one is hidden in the room, then press once, "
+        f"12 s or more after the start; if no controller can send an Acknowledge, leave state out"
     ]
 
 

@@ -142,7 +142,7 @@ class ProcessRunner:
         """
         worker = self._worker
         if worker is None:
-            raise PredictorError("its process is being started anew")
+            raise PredictorError("its process is being restarted")
         try:
             forecast = worker.forecast(history, observed, wait_s)
         except WorkerEndedError:
@@ -166,7 +166,7 @@ class ProcessRunner:
                 self._ready.set()
                 return
             pause_s = FIRST_PAUSE_S if time.monotonic() - began > LIVED_S else pause_s
-            log.error("predictor: %s; it is started anew in %.1f s", problem, pause_s)
+            log.error("predictor: %s; it is restarted in %.1f s", problem, pause_s)
             self._stopping.wait(pause_s)
             pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
             self.restarts += 1
@@ -192,7 +192,7 @@ class ProcessRunner:
                 self._patience = Patience(limit_s=FIRST_START.limit_s, idle_s=IDLE_S, cpu_s=cpu_s)
             if not described.is_like(self._described):
                 raise PredictorError(
-                    "it is not what it was: its files have changed; start the node anew"
+                    "it is not what it was: its files have changed; restart the node"
                 )
             self._worker = worker
             if self._ready.is_set():

@@ -248,7 +248,8 @@ class Levels:
         """What is to be acknowledged, and the causes of a latch, in words; empty without any."""
         number = f" {advised.latch_id}" if advised.latch_id else ""
         if not advised.causes:
-            return f"; lost people to acknowledge:{number}" if number else ""
+            unseen = f"; people may be there unseen: look, then acknowledge latch id{number}"
+            return unseen if number else ""
         note = f" ({self._note})" if self._note else ""
         return f"; latch{number}: {', '.join(advised.causes)}{note}"
 

@@ -42,8 +42,8 @@ _BY_PEOPLE = (
 )
 _NOT_BY_PEOPLE = "people do not stop the robot"
 _WITHIN_BAND = (
-    "people are not near enough to stop the robot anew; a stop that holds clears when they are "
-    "farther away by risk.band_m"
+    "people are not near enough to stop the robot again; a stop that holds clears when they "
+    "are farther away by risk.band_m"
 )
 _NOT_RELEASED = "the request was there before; release it first"
 

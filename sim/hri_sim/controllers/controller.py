@@ -114,7 +114,7 @@ class ControllerSettings(Settings):
         None,
         gt=0,
         description="press the button this long after there is something to acknowledge; again 15 s"
-        " after the last press; default: never",
+        " after the last press; a press in the first 12 s of the node is refused; default: never",
     )
 
     def resolved(self, link: LinkSettings) -> "ControllerSettings":

@@ -131,7 +131,7 @@ def test_no_tick_follows_the_sleep_of_the_machine(monkeypatch):
         if len(assembly.node.ticks) == 3:
             ahead_ns = 3600 * 1000 * MS
 
-    with pytest.raises(MachineError, match=r"was suspended for 3600\.0 s: .*start it anew"):
+    with pytest.raises(MachineError, match=r"was suspended for 3600\.0 s: .*restart it"):
         run_real_time(assembly=assembly, stop=threading.Event(), duration_s=5.0, each_tick=sleep)
     assert len(assembly.node.ticks) == 3
     assert assembly.node.said[-1] is NodeState.STOPPING

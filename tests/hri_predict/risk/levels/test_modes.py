@@ -102,8 +102,8 @@ CASES: list[tuple[OperatingMode, dict[str, Any], dict[str, Any], str]] = [
         RECOVERY,
         {},
         {"demand": replace(NEAR, level=Level.SLOW)},
-        "people are not near enough to stop the robot anew; a stop that holds clears when they are "
-        "farther away by risk.band_m",
+        "people are not near enough to stop the robot again; a stop that holds clears when they "
+        "are farther away by risk.band_m",
     ),
     (RECOVERY, {}, {"beside_unseen": True}, "something other than people in view stops the robot"),
     (
