@@ -219,16 +219,14 @@ class Roster:
         return True
 
     def still_ended(self, number: int, capture_ns: int) -> bool:
-        """Whether an id that shows no joint has stayed in the scenes since its person left by an
-        exit, got another id or was found: some trackers keep an id for a while."""
+        """Whether an id without a joint is that of a person who left, was renamed or was found."""
         if not self._is_recent(self._ended_ns.get(number), capture_ns):
             return False
         self._ended_ns[number] = capture_ns
         return True
 
     def ended_lately(self, number: int, capture_ns: int) -> bool:
-        """Whether the person with this id was lost, left or was renamed so shortly before that a
-        late scene may show that person."""
+        """Whether a late scene may show the person with this id, who was lost, left or renamed."""
         stamps = (self._newest_of_lost(number), self._ended_ns.get(number))
         return any(self._is_recent(stamp, capture_ns) for stamp in stamps)
 
@@ -376,7 +374,9 @@ class Roster:
     def _vanish(self, track: Track, capture_ns: int) -> None:
         doubted_ns = None if self._keeps_ids else track.trail.doubted_ns()
         if doubted_ns is not None:  # who was found may have been somebody else
-            self.lost.add(self._part(track, NEVER, doubted_ns))
+            first = self._part(track, NEVER, doubted_ns)
+            if not self._doors.has_left(first):
+                self.lost.add(first)
         rival, track.rival = track.rival, None
         if self._doors.has_left(track):
             self.counters["left_by_exit"] += 1

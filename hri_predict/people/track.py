@@ -244,7 +244,7 @@ class Track:
             body, capture_ns = Body(self.id, positions[i], observed[i]), int(stamps[i])
             if part is None:
                 part = Track.start(body, history, capture_ns, capture_ns)
-                part.passage.in_room = self.passage.in_room and begin_ns == NEVER
+                part.passage.in_room = self.passage.was_in_room and begin_ns == NEVER
             else:
                 part.take(body, body.observed, capture_ns, capture_ns)
             follow(part)

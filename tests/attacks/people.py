@@ -34,12 +34,17 @@ def walk(
     speed_m_s: float,
     start_s: float,
     height_m: float = 1.75,
+    soft_s: float = 0.0,
     **pose: Any,
 ) -> Floats:
-    """(21, 3) joints of a body that walks along points; it stands before and after."""
+    """(21, 3) joints of a body that walks along points; it stands before and after.
+
+    It arrives ``soft_s`` later than at a steady speed: for so long it speeds up, and slows down.
+    Without it, it starts and stops from one capture to the next, which no person does.
+    """
     way = np.asarray(points, dtype=float)
     lengths = np.hypot(*np.diff(way, axis=0).T)
-    gone_m = float(np.clip((t - start_s) * speed_m_s, 0.0, lengths.sum()))
+    gone_m = _gone(t - start_s, float(lengths.sum()), speed_m_s, soft_s)
     moving, leg = 0.0 < gone_m < lengths.sum(), 0
     while leg < len(lengths) - 1 and gone_m > lengths[leg]:
         gone_m -= lengths[leg]
@@ -53,6 +58,17 @@ def walk(
             for part, swing_m in _SWING_M.items():
                 joints[J[f"{side}_{part}"], :2] += sign * swing_m * phase * ahead
     return joints
+
+
+def _gone(t: float, length_m: float, speed_m_s: float, soft_s: float) -> float:
+    """How far a walker is after ``t`` seconds."""
+    end_s = length_m / speed_m_s + soft_s
+    t = min(max(t, 0.0), end_s)
+    late, early = max(t - soft_s, 0.0), max(t - (end_s - soft_s), 0.0)
+    if not soft_s:
+        return speed_m_s * t
+    rising = (t * t - late * late) / (2.0 * soft_s)  # the integral of a speed that rises
+    return float(np.clip(speed_m_s * (rising - early * early / (2.0 * soft_s)), 0.0, length_m))
 
 
 def ease(t: float, start_s: float, seconds: float) -> float:

@@ -81,3 +81,9 @@ class Passage:
     in_room: bool = False
     visit: Visit | None = None
     crossed: Crossed | None = None
+
+    @property
+    def was_in_room(self) -> bool:
+        """Whether the body was seen in the room before it came to where it is."""
+        from_room = self.visit is not None and self.visit.from_room
+        return self.in_room or from_room or self.crossed is not None

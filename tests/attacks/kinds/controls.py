@@ -8,8 +8,10 @@ from hri_predict.arrays import Floats
 from tests.attacks.people import at, seen_of, stand, walk
 from tests.attacks.play import ALL, EXIT, RATE_HZ, Attack
 
-_OUT = np.mean(EXIT, axis=0) + 0.35
-"""Well inside the exit: on the way out, nothing is seen from here on."""
+_VIA, _OUT = np.array([2.5, 2.5]), np.array([EXIT[1][0] + 0.45, 2.5])
+"""Straight into the exit and out of it on the far side, where people are no longer seen."""
+_SOFT_S = 0.5
+"""For how long people speed up and slow down."""
 
 
 def stands(rng: np.random.Generator) -> Attack:
@@ -30,13 +32,13 @@ def _visit(rng: np.random.Generator) -> tuple[Callable[[float], Floats], float, 
     """Comes, stays beside the robot and leaves by the exit: joints, leaving, gone."""
     place, speed = at(float(rng.uniform(-0.4, 0.4)), 1.5), float(rng.uniform(0.9, 1.5))
     leaves_s = float(rng.uniform(5.0, 8.0))
-    way = [place, np.array([2.9, 1.7]), _OUT]
-    gone_s = leaves_s + float(np.hypot(*np.diff(np.array(way), axis=0).T).sum()) / speed
+    way = [place, _VIA, _OUT]
+    gone_s = leaves_s + float(np.hypot(*np.diff(np.array(way), axis=0).T).sum()) / speed + _SOFT_S
 
     def joints(t: float) -> Floats:
         if t < leaves_s:
-            return walk(t, [[4.0, 0.5], place], speed, 1.0)
-        return walk(t, way, speed, leaves_s)
+            return walk(t, [[4.0, 0.5], place], speed, 1.0, soft_s=_SOFT_S)
+        return walk(t, way, speed, leaves_s, soft_s=_SOFT_S)
 
     return joints, leaves_s, gone_s
 
@@ -57,13 +59,13 @@ def other_ids(rng: np.random.Generator) -> Attack:
     """A person comes and goes far away; the tracker gives another id every few captures."""
     place, speed = at(float(rng.uniform(-0.4, 0.4)), 1.5), float(rng.uniform(0.9, 1.5))
     leaves_s, far = float(rng.uniform(5.0, 8.0)), np.array([4.4, -0.5])
-    away_s = leaves_s + float(np.hypot(*(far - place))) / speed
+    away_s = leaves_s + float(np.hypot(*(far - place))) / speed + _SOFT_S
     period = int(rng.choice([1, 5, 30]))
 
     def joints(t: float) -> Floats:
         if t < leaves_s:
-            return walk(t, [[4.0, 0.5], place], speed, 1.0)
-        return walk(t, [place, far], speed, leaves_s)
+            return walk(t, [[4.0, 0.5], place], speed, 1.0, soft_s=_SOFT_S)
+        return walk(t, [place, far], speed, leaves_s, soft_s=_SOFT_S)
 
     return Attack(
         name=f"another id every {period} captures, far away at {away_s:.1f} s",

@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.attacks.kinds.hider import Hider
 from tests.attacks.people import seen_of, stand, walk
-from tests.attacks.play import RATE_HZ, Attack
+from tests.attacks.play import NEAR_M, RATE_HZ, Attack
 
 _WAY_OUT = [3.75, 2.55]
 
@@ -25,6 +25,7 @@ def one_capture(rng: np.random.Generator) -> Attack:
             (2, hider.joints(t) if first <= k < first + count else far),
         ],
         seconds=hider.end_s,
+        near_m=NEAR_M if known else 0.0,  # clear until a person is seen for the first time
     )
 
 

@@ -177,7 +177,7 @@ def test_the_joints_that_were_written_are_counted(cli):
     assert json.loads(cli("two.csv", "two.trc", "--json")[1])["joints"] == 2
     odd = [*JOINTS, "tool"]  # a BVH holds bodies, a TRC any marker
     head = ",".join(f"{joint}_{axis}" for joint in odd for axis in "xyz")
-    places = ",".join(f"{k / 40},0,{0.5 + k / 40}" for k in range(len(odd)))
+    places = ",".join(f"{k / 100},0,{0.5 + k / 100}" for k in range(len(odd)))
     rows = "".join(f"{k / 50},1,{places}\n" for k in range(5))
     Path("odd.csv").write_text(f"time_s,person,{head}\n{rows}")
     for output, joints in (("odd.bvh", len(JOINTS)), ("odd.trc", len(odd))):

@@ -171,7 +171,7 @@ def test_who_is_missed_for_a_moment_on_the_way_out_has_left_all_the_same(make_ro
     room = make_room(exits=[DOOR])
     walk(room, 1, 2.0, 6.1)
     room.see(times=4)
-    walk(room, 2, 6.25, 6.4)
+    walk(room, 2, 6.4, 6.55)
     snapshot = room.see(times=10)
     assert snapshot.ids == ()
     assert snapshot.lost == ()
@@ -181,9 +181,9 @@ def test_who_is_missed_for_a_moment_on_the_way_out_has_left_all_the_same(make_ro
 def test_who_comes_in_past_a_leaver_has_not_left(make_room):
     """The track of who left goes on with somebody else, who vanishes on the way in."""
     room = make_room(exits=[DOOR])
-    walk(room, 1, 2.0, 6.1)
+    walk(room, 1, 2.0, 6.3)
     room.see(times=3)
-    walk(room, 2, 6.2, 5.6)
+    walk(room, 2, 6.45, 5.6)
     snapshot = room.see(times=10)
     assert snapshot.counters["inherited"] == 1
     assert lost_at(snapshot) == [5.6]

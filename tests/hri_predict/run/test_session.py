@@ -310,7 +310,7 @@ def test_a_room_that_is_seen_empty_becomes_clear():
     assert summary.slowdowns == summary.stops == 0
     leaves = [{
         "start": [2.6, 1.8], "repeat": False,
-        "script": [{"do": "walk", "to": [3.7, 2.5]}, {"do": "leave", "seconds": 60.0}],
+        "script": [{"do": "walk", "to": [4.5, 3.4]}, {"do": "leave", "seconds": 60.0}],
     }]  # fmt: skip
     _, watch = play(config(people=leaves), duration_s=12.0)
     assert watch.levels[-1] is Level.CLEAR
