@@ -23,7 +23,7 @@ def read(tmp_path):
 def test_people_come_and_go_and_the_source_may_be_blind(read):
     recording = read(
         "time_s,sees_room,person,waist_x,waist_y,waist_z,head_x,head_y,head_z",
-        "5.0,1,3,1,2,3,4,5,6",
+        "5.0,1,3,1,2,3,1,2,3.6",
         "5.0,1,7,1,1,1,,,",
         "5.04,1,,,,,,,",
         "5.08,0,,,,,,,",
@@ -39,7 +39,7 @@ def test_people_come_and_go_and_the_source_may_be_blind(read):
         recording.scenes[0].people[0].positions, recording.scenes[0].people[0].observed
     )
     assert [JOINTS[k] for k in np.flatnonzero(seen)] == ["waist", "head"]
-    np.testing.assert_array_equal(joints[JOINTS.index("head")], [4, 5, 6])
+    np.testing.assert_array_equal(joints[JOINTS.index("head")], [1, 2, 3.6])
 
 
 @pytest.mark.parametrize(
@@ -76,6 +76,7 @@ def test_units_and_axes_of_the_user(read):
             ("time_s,a_x,a_y,a_z", "0,1,2,3", "1,1,two,3"),
             "row 3: column 3 ('a_y') holds 'two', which is not a",
         ),
+        (("time_s,a_x,a_y,a_z", "0,1,2,1_0"), "column 4 ('a_z') holds '1_0', which is not a"),
         (("time_s,a_x,a_y,a_z", "1,1,2,3", "0,1,2,3"), "row 3: its time is before"),
         (("time_s,a_x,a_y,a_z", "0,1,2,3", "nan,1,2,3"), "row 3: its time is 'nan'"),
         (("time_s,a_x,a_y,a_z", "0,1,2,3", "0,1,2,3"), "row 3: person 1 occurs twice"),
