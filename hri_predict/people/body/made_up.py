@@ -33,6 +33,9 @@ LONGEST_LOOP = 62
 FREEZE_S, COAST_S, RELATIVE_S = 0.17, 0.5, 2.0
 AWAKE_S, LOOP_S = 0.5, 2.5
 """For how long limbs must have moved since the newest sign; after a loop, since its jump."""
+FINEST_S = 1 / 30
+"""Stops and jumps are judged over so long at least: in less, a body that slows down gently moves no
+farther than one that stands may, and noise alone looks like a jump."""
 STILL_JOINTS, COAST_JOINTS = 8, 8
 MOST_NOISE_M = 0.02
 """Standard deviation per axis above which nothing is said."""
@@ -114,6 +117,7 @@ class MadeUpWatch:
         self._origin = origin
         self._period_s = period_ns * 1e-9
         self._freeze = max(5, round(FREEZE_S / self._period_s) + 1)
+        self._stride = max(1, round(FINEST_S / self._period_s))
         self._records: dict[int, _Record] = {}
 
     def judge(self, body: Body, capture_ns: int, hip_centred: bool = False) -> Sign | None:
@@ -192,17 +196,22 @@ class MadeUpWatch:
     def _froze(self, record: _Record) -> bool:
         """Whether all joints stopped from one capture to the next, ``_freeze`` captures ago."""
         count = self._freeze
-        if len(record.stamps) < count + 3 or not self._is_still(record):
+        held = count + 3 * self._stride
+        if len(record.stamps) < held or not self._is_still(record):
             return False
-        stamps, joints, always = record.last(count + 3)
+        stamps, joints, always = record.last(held)
         if always.sum() < STILL_JOINTS:
             return False
         after = joints[-count:]
         noise2 = _white(after)
         if noise2 > MOST_NOISE_M**2 or _variance(after) > WHITE * noise2 + STILL_M**2:
             return False
+        rows = [-count - back * self._stride for back in (3, 2, 1)]
         return _stops_dead(
-            stamps, joints, after.mean(axis=0), noise_m=float(np.sqrt(noise2)), count=count
+            stamps[-count] - stamps[rows],
+            joints[rows],
+            after.mean(axis=0),
+            noise_m=float(np.sqrt(noise2)),
         )
 
     def _is_still(self, record: _Record) -> bool:
@@ -271,7 +280,7 @@ class MadeUpWatch:
         if not always.any():
             return False
         turn = np.linalg.norm(np.diff(joints.mean(axis=1), n=2, axis=0), axis=-1)
-        return bool(turn.max() > JUMP_M_S2 * self._period_s**2)
+        return bool(turn.max() > JUMP_M_S2 * max(self._period_s, FINEST_S) ** 2)
 
     def _awake(self, record: _Record) -> bool:
         """Whether limbs have moved since the sign, in a way that is not noise."""
@@ -301,28 +310,23 @@ def _is_noise(values: Floats, floor_m: float) -> bool:
     return noise2 < MOST_NOISE_M**2 and _variance(values) < MERE_NOISE * noise2 + floor_m**2
 
 
-def _stops_dead(
-    stamps: Floats, joints: Floats, stopped: Floats, *, noise_m: float, count: int
-) -> bool:
-    """Whether a body was too fast for a stop at its last capture but ``count``.
+def _stops_dead(since_s: Floats, joints: Floats, stopped: Floats, *, noise_m: float) -> bool:
+    """Whether a body was too fast for a stop.
 
     Args:
-        stamps: (count + 3,) s.
-        joints: (count + 3, m, 3).
+        since_s: (3,) s from each of three captures until it stopped, the longest first.
+        joints: (3, m, 3) where it was then.
         stopped: (m, 3) where it is since.
         noise_m: standard deviation per axis.
-        count: captures since it stopped.
     """
     fast = False
-    for back in (1, 2, 3):
-        seconds = float(stamps[-count] - stamps[-count - back])
-        way = np.linalg.norm(stopped - joints[-count - back], axis=-1)
+    for seconds, then in zip(since_s, joints, strict=True):
+        way = np.linalg.norm(stopped - then, axis=-1)
         least = LEAST_M_S * seconds + SLOWING_M_S2 * seconds**2 / 2 + 3.1 * noise_m
-        fast |= float(np.median(way)) > least
+        fast |= bool(np.median(way) > least)
     if not fast:
         return False
-    step = stopped - joints[-count - 1]
-    before, earlier = np.diff(joints[-count - 3 : -count], axis=0)[::-1]
+    step, before, earlier = stopped - joints[2], joints[2] - joints[1], joints[1] - joints[0]
     part = min(max(float((step * before).sum() / max((before**2).sum(), 1e-12)), 0.0), 1.0)
     # a jump, of the body or of limbs that snap to their rest, is not a motion that was cut off
     return all(_goes_on(turn, noise_m) for turn in (step - part * before, before - earlier))

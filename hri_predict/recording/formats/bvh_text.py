@@ -31,14 +31,14 @@ class BvhNode:
     Attributes:
         name: as in the file, with its spaces; of an End Site ``<joint>_End``.
         parent: index of the joint that carries it; -1 for a root.
-        offset: from its parent.
+        offset: (3,) from its parent; every node of a valid file has one.
         channels: names of its channels, in the order of their columns.
         column: column of the first channel.
     """
 
     name: str
     parent: int
-    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+    offset: tuple[float, ...] = ()
     channels: list[str] = field(default_factory=list)
     column: int = 0
 
@@ -104,6 +104,10 @@ def _hierarchy(lines: list[tuple[int, str]], numbers: Numbers) -> list[BvhNode]:
         elif word == "}" and path:
             path.pop()
             opened = True
+        elif word in ("OFFSET", "CHANNELS") and path and _given(nodes[path[-1]], word):
+            raise BvhError(
+                f"line {number}: '{nodes[path[-1]].name}' has a second {word}; export it again"
+            )
         elif word == "OFFSET" and path:
             nodes[path[-1]].offset = _offset(number, nodes[path[-1]].name, rest, numbers)
         elif word == "CHANNELS" and path:
@@ -114,7 +118,14 @@ def _hierarchy(lines: list[tuple[int, str]], numbers: Numbers) -> list[BvhNode]:
             raise BvhError(f"line {number}: '{word[:20]}' is not expected here; export it again")
     if path or not nodes or not opened:
         raise BvhError("truncated: its hierarchy does not end before MOTION; export it again")
+    bare = next((node.name for node in nodes if not node.offset), None)
+    if bare is not None:
+        raise BvhError(f"'{bare}' has no OFFSET; export it again")
     return nodes
+
+
+def _given(node: BvhNode, word: str) -> bool:
+    return bool(node.offset if word == "OFFSET" else node.channels)
 
 
 def _statements(lines: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
@@ -207,7 +218,10 @@ def _values(rows: list[tuple[int, str]], channels: int, numbers: Numbers) -> Flo
             )
         try:
             values[k] = cells
+            plain = "_" not in row  # NumPy, too, reads 1_0 as 10
         except ValueError:
+            plain = False
+        if not plain:
             values[k] = [_value(number, k + 1, cell, numbers) for cell in cells]
     return values
 

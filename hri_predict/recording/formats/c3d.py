@@ -202,7 +202,8 @@ def _points(data: bytes, parameters: Parameters, layout: _Layout) -> tuple[Float
     floats = layout.word == 4
     values = parameters.array(data, layout.start, count, floats=floats).reshape(layout.frames, -1)
     words = values[:, : 4 * layout.points].reshape(layout.frames, layout.points, 4)
-    points = np.array(words[..., :3], dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # of signalling NaNs
+        points = np.array(words[..., :3], dtype=np.float64)
     if not floats:
         points *= layout.scale
     with np.errstate(invalid="ignore"):

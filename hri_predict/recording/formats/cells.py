@@ -30,6 +30,8 @@ class Numbers:
         Raises:
             ValueError: it is not a number; the message says why, without the cell.
         """
+        if "_" in cell:  # Python reads 1_0 as 10; a program that writes numbers never does
+            raise ValueError("is not a number")
         try:
             return float(cell)
         except ValueError:

@@ -10,8 +10,8 @@ from tests.attacks.play import ALL, EXIT, RATE_HZ, Attack
 
 _VIA, _OUT = np.array([2.5, 2.5]), np.array([EXIT[1][0] + 0.45, 2.5])
 """Straight into the exit and out of it on the far side, where people are no longer seen."""
-_SOFT_S = 0.5
-"""For how long people speed up and slow down."""
+_SOFT_S = 1.0
+"""People need about a second to begin to walk, and to stop."""
 
 
 def stands(rng: np.random.Generator) -> Attack:

@@ -33,12 +33,12 @@ def walker(t, speed=1.4, since=2.0):
     return body
 
 
-def signs(shown, noise_m, seconds, origin=(9.0, 9.0, 9.0)):
+def signs(shown, noise_m, seconds, origin=(9.0, 9.0, 9.0), rate_hz=RATE_HZ):
     """(t, sign) for each capture of ``shown(t, k)``."""
-    watch = MadeUpWatch(PeopleSettings(), np.array(origin), round(1e9 / RATE_HZ))
+    watch = MadeUpWatch(PeopleSettings(), np.array(origin), round(1e9 / rate_hz))
     rng = np.random.default_rng(0)
-    for k in range(round(seconds * RATE_HZ)):
-        t = k / RATE_HZ
+    for k in range(round(seconds * rate_hz)):
+        t = k / rate_hz
         body = shown(t, k) + rng.normal(0.0, noise_m, (len(JOINTS), 3))
         yield t, watch.judge(Sent(1, body, ALL), round(t * 1e9))
 
@@ -59,6 +59,31 @@ def test_a_body_that_freezes_in_a_step_is_recognised_and_stays_so(noise_m, since
     found = list(signs(lambda t, k: walker(min(t, since)), noise_m, 8.0))
     assert not any(sign for t, sign in found if t < since)
     assert all(sign for t, sign in found if t > since + 0.3)
+
+
+@NOISES
+@pytest.mark.parametrize("rate_hz", [45, 60, 100, 120])
+def test_a_freeze_is_recognised_at_higher_rates(noise_m, rate_hz):
+    for since in np.arange(3.0, 4.0, 0.13):
+        found = list(signs(lambda t, k: walker(min(t, since)), noise_m, 4.5, rate_hz=rate_hz))  # noqa: B023
+        t = next(t for t, sign in found if sign)
+        assert since < t < since + 0.25
+
+
+@NOISES
+@pytest.mark.parametrize("rate_hz", [30, 60, 120])
+def test_who_slows_down_gently_is_believed_at_any_rate(noise_m, rate_hz):
+    def way_m(t):  # 0.5 m/s, and from 2 s on down to nothing within a second
+        slowing = min(max(t - 2.0, 0.0), 1.0)
+        return 0.5 * (min(t, 2.0) + slowing - slowing**2 / 2)
+
+    body = walker(0.0)
+    swing = 0.3 * np.cos(np.arange(len(JOINTS)))[:, None] * [1.0, 0.0, 0.0]
+
+    def shown(t, k):
+        return body + (swing - [1.0, 0.0, 0.0]) * way_m(t)
+
+    assert all(sign is not Sign.FROZEN for _, sign in signs(shown, noise_m, 4.0, rate_hz=rate_hz))
 
 
 @NOISES

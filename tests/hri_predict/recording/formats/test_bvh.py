@@ -207,6 +207,10 @@ def test_what_is_wrong_in_a_bvh_is_named(tmp_path: Path) -> None:
         (good.replace("Zrotation", "Xrotation", 1), "a channel of 'Hips' is there twice"),
         (f"MOTION{motion}{head}", "must begin with HIERARCHY"),
         (good.replace("JOINT Spine", "JOINT Spine\nJOINT Other"), "JOINT is out of place"),
+        (good.replace("OFFSET 0.0 12.0 0.0", ""), "'Spine' has no OFFSET"),
+        (good.replace("OFFSET 0.0 12.0 0.0", "OFFSET 0 1 0\nOFFSET 0 2 0"), "second OFFSET"),
+        (good.replace("CHANNELS 6", "CHANNELS 1 Zrotation\nCHANNELS 6"), "second CHANNELS"),
+        (f"{good.rstrip().rsplit(' ', 1)[0]} 1_0\n", "'1_0' is not a number"),
     ):
         path.write_text(wrong)
         assert named in _error(path)

@@ -6,7 +6,7 @@ from hri_predict.errors import RecordingError
 from hri_predict.recording import open_recording
 
 HEAD = "time_s,waist_x,waist_y,waist_z,head_x,head_y,head_z"
-ROWS = [[f"{k / 10:.1f}", "1.5", f"{k}.25", "0.5", "1", f"{k}.25", "1"] for k in range(6)]
+ROWS = [[f"{k / 10:.1f}", "1.5", f"{k}.25", "0.5", "1.5", f"{k}.25", "1.2"] for k in range(6)]
 WAIST = [[1.5, k + 0.25, 0.5] for k in range(6)]
 
 

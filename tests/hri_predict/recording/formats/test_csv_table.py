@@ -76,6 +76,7 @@ def test_units_and_axes_of_the_user(read):
             ("time_s,a_x,a_y,a_z", "0,1,2,3", "1,1,two,3"),
             "row 3: column 3 ('a_y') holds 'two', which is not a",
         ),
+        (("time_s,a_x,a_y,a_z", "0,1,2,1_0"), "column 4 ('a_z') holds '1_0', which is not a"),
         (("time_s,a_x,a_y,a_z", "1,1,2,3", "0,1,2,3"), "row 3: its time is before"),
         (("time_s,a_x,a_y,a_z", "0,1,2,3", "nan,1,2,3"), "row 3: its time is 'nan'"),
         (("time_s,a_x,a_y,a_z", "0,1,2,3", "0,1,2,3"), "row 3: person 1 occurs twice"),
