@@ -28,7 +28,8 @@ class RemembersLost:
         with self._lock:
             lost = [*lost_as_data(self._lost.people, self._now_ns), *self._recalled]
             forgotten = self._lost.forgotten or bool(self._unplaced)
-            return {"lost": lost, "forgotten": forgotten}
+            data = {"lost": lost, "forgotten": forgotten}
+            return data | ({"distrusted": True} if self._lost.distrusted else {})
 
     def recall(self, data: Mapping[str, Any]) -> None:
         """Take the lost people of an earlier run; they appear with the next snapshot.
@@ -41,6 +42,7 @@ class RemembersLost:
         with self._lock:
             self._recalled = recalled
             self._lost.forgotten |= bool(data["forgotten"])
+            self._lost.distrusted |= bool(data.get("distrusted"))  # not acknowledged before it ended
             self._has_recalled = True
 
     def distrust(self, why: str) -> None:

@@ -77,6 +77,12 @@ def test_a_first_start_waits_for_one_acknowledge_and_the_next_start_does_not(cel
     assert second.moves
 
 
+def test_a_first_start_that_nobody_acknowledged_is_named_again_at_the_next(cell, tmp_path):
+    state = tmp_path / "state.json"
+    assert Reason.STATE_UNTRUSTED in played(cell(), state).reasons
+    assert Reason.STATE_UNTRUSTED in played(cell(), state).reasons
+
+
 def test_a_state_file_that_was_rolled_back_or_deleted_is_noticed(cell, tmp_path):
     state, backup = tmp_path / "state.json", tmp_path / "backup.json"
     played(cell(acknowledge_after_s=AFTER_S), state, SECONDS)
