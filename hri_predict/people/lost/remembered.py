@@ -42,7 +42,7 @@ class RemembersLost:
         with self._lock:
             self._recalled = recalled
             self._lost.forgotten |= bool(data["forgotten"])
-            self._lost.distrusted |= bool(data.get("distrusted"))  # not acknowledged before it ended
+            self._lost.distrusted |= bool(data.get("distrusted"))
             self._has_recalled = True
 
     def distrust(self, why: str) -> None:
