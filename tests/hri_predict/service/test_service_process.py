@@ -69,7 +69,7 @@ def test_a_node_that_stands_still_is_killed_and_started_anew_by_its_watchdog(tmp
         service.end()
         notify.close()
     assert starts == 2
-    assert json.loads((tmp_path / "state.json").read_bytes())["version"] == 1
+    assert json.loads((tmp_path / "state.json").read_bytes())["version"] == VERSION
 
 
 def get(port, path):
