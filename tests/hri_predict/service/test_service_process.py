@@ -8,6 +8,7 @@ import urllib.request
 
 import pytest
 
+from hri_predict.node.memory import VERSION
 from tests.hri_predict.alerting.servers import eventually, web_server
 from tests.hri_predict.service.cells import (
     WATCHDOG_S,
