@@ -14,11 +14,13 @@ _WAY_OUT = [3.75, 2.55]
 def one_capture(rng: np.random.Generator) -> Attack:
     """One or a few captures of the hidden person under the id of a colleague far away."""
     hider = Hider.draw(rng)
-    first, count = int(rng.integers(int(hider.lost_s * RATE_HZ) - 60, 400)), int(rng.integers(1, 4))
+    count, known = int(rng.integers(1, 4)), bool(rng.random() < 0.5)
+    # a person who was never seen before can only be lost from the first capture on: on the way in
+    latest_s = 13.0 if known else hider.lost_s - 0.2
+    first = int(RATE_HZ * rng.uniform(hider.lost_s - 1.2, latest_s))
     far = stand([rng.uniform(3.5, 4.5), rng.uniform(-3.0, -1.5)])
-    known = int(rng.integers(0, 2))  # whether the hider has an id of his own before
     return Attack(
-        name=f"one capture: {count} from capture {first}, own id {known}, {hider}",
+        name=f"one capture: {count} from capture {first}, own id: {known}, {hider}",
         truth=lambda t: [hider.joints(t), far],
         seen=lambda t, k: [
             *([(1, hider.joints(t))] if known and t < hider.lost_s else []),

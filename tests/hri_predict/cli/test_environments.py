@@ -66,7 +66,7 @@ def judge(environment, lines, folder):
         assert "Traceback" not in errors, where
         assert status in (0, 1, 2), where  # neither CRASHED nor killed
         if status == 2 and environment in ("full disk", "latin-1", "ascii", "no stdin"):
-            assert errors.startswith(("error: ", "warning: ", "Usage", " ")), where
+            assert errors.startswith(("error: ", "warning: ", "written: ", "Usage", " ")), where
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
