@@ -4,11 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hri_predict.arrays import Floats
 from tests.attacks.kinds.hider import Hider
 from tests.attacks.people import seen_of, stand, walk
 from tests.attacks.play import NEAR_M, RATE_HZ, Attack
 
 _WAY_OUT = [3.75, 2.55]
+CLEAR_OF_ROBOT_M = 1.1
 
 
 def one_capture(rng: np.random.Generator) -> Attack:
@@ -34,7 +36,7 @@ def one_capture(rng: np.random.Generator) -> Attack:
 def slides(rng: np.random.Generator) -> Attack:
     """The id slides to a colleague close behind, who then leaves by the exit."""
     hider = Hider.draw(rng)
-    beside = hider.place + rng.uniform(0.3, 0.8) * _direction(rng)
+    beside = _beside(rng, hider.place, 0.3, 0.8)
     leaves_s = hider.lost_s + rng.uniform(0.3, 2.0)
     speed = rng.uniform(0.9, 1.5)
     colleague = lambda t: walk(t, [beside, [3.0, 1.9], _WAY_OUT], speed, leaves_s)  # noqa: E731
@@ -55,7 +57,7 @@ def beside(rng: np.random.Generator) -> Attack:
     lost_s = hider.lost_s - rng.uniform(0.0, 0.8)  # perhaps still walking
     gap_s = rng.uniform(0.07, 0.6)
     last = hider.joints(lost_s).mean(axis=0)[:2]
-    place = last + rng.uniform(0.25, 0.8) * _direction(rng)
+    place = _beside(rng, last, 0.25, 0.8)
     leaves_s, speed = lost_s + gap_s + rng.uniform(0.2, 1.5), rng.uniform(0.9, 1.5)
     colleague = lambda t: walk(t, [place, [3.0, 1.9], _WAY_OUT], speed, leaves_s)  # noqa: E731
     gone_s = leaves_s + _length(place, [3.0, 1.9], _WAY_OUT) / speed - rng.uniform(0.0, 0.3)
@@ -74,7 +76,7 @@ def alternates(rng: np.random.Generator) -> Attack:
     """An id alternates between two people for a while, and stays with the one who leaves."""
     hider = Hider.draw(rng)
     period, lasts_s = int(rng.integers(1, 6)), rng.uniform(0.5, 2.5)
-    place = hider.place + rng.uniform(0.4, 2.0) * _direction(rng)
+    place = _beside(rng, hider.place, 0.4, 2.0)
     leaves_s, speed = hider.lost_s + lasts_s + rng.uniform(0.2, 1.0), rng.uniform(0.9, 1.5)
     colleague = lambda t: walk(t, [place, [3.0, 1.9], _WAY_OUT], speed, leaves_s)  # noqa: E731
     gone_s = leaves_s + _length(place, [3.0, 1.9], _WAY_OUT) / speed - rng.uniform(0.0, 0.3)
@@ -98,7 +100,7 @@ def half_seen(rng: np.random.Generator) -> Attack:
     hider = Hider.draw(rng)
     parts = [seen_of("arms"), seen_of("legs")]
     first, second = parts if rng.random() < 0.5 else parts[::-1]
-    place = hider.place + rng.uniform(0.4, 0.9) * _direction(rng)
+    place = _beside(rng, hider.place, 0.4, 0.9)
     leaves_s, speed = hider.lost_s + rng.uniform(0.3, 1.5), rng.uniform(0.9, 1.5)
     colleague = lambda t: walk(t, [place, [3.0, 1.9], _WAY_OUT], speed, leaves_s)  # noqa: E731
     gone_s = leaves_s + _length(place, [3.0, 1.9], _WAY_OUT) / speed - rng.uniform(0.0, 0.3)
@@ -118,6 +120,14 @@ def half_seen(rng: np.random.Generator) -> Attack:
         seen=seen,
         seconds=hider.end_s,
     )
+
+
+def _beside(rng: np.random.Generator, place: np.ndarray, least_m: float, most_m: float) -> Floats:
+    """(2,) a place near another, out of the way of a robot that moves before anybody is seen."""
+    while True:
+        beside: Floats = place + rng.uniform(least_m, most_m) * _direction(rng)
+        if np.hypot(*beside) >= CLEAR_OF_ROBOT_M:
+            return beside
 
 
 def _direction(rng: np.random.Generator) -> np.ndarray:
