@@ -265,6 +265,8 @@ def open_remedy(error: BaseException, key: str = "port") -> str:
         return "in use by another program; close that program first"
     if number == errno.ECONNREFUSED or "refused" in text.lower():
         return f"connection refused; start the server there or correct '{key}'"
+    if "does not seem to support RFC2217" in text:
+        return f"no RFC 2217 server answers there; check the server or correct '{key}'"
     if "RS485" in text:
         return "its driver has no RS-485 mode; remove 'rs485' (many adapters switch by themselves)"
     if type(error).__module__ == "termios":
