@@ -29,7 +29,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails
 
 from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, nearest
+from hri_predict.errors import ConfigError, expected_shape, nearest
 from hri_predict.files import load_yaml, yaml_problem
 from hri_predict.geometry import crosses_itself, is_in_polygon
 from hri_predict.quantities.safe_side import Safety, harmless
@@ -290,30 +290,16 @@ def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
         return f"required key is missing; add it{about}"
     message = found["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
-    if found["type"] in _SHAPES:
+    fields = {name: f for m in _models_at(model, loc) for name, f in m.model_fields.items()}
+    keys = sorted(fields, key=lambda name: not fields[name].is_required())  # required first
+    if (expected := expected_shape(found["type"], keys)) is not None:
         got = "nothing" if found["input"] is None else _echo(found["input"])
-        return f"{_shape(found, model)}; got {got}{about}"
+        return f"{expected}; got {got}{about}"
     if isinstance(found["input"], dict):  # of the whole block; its value adds nothing
         return message
     if found["type"] == "string_type" and isinstance(found["input"], bool | int | float | date):
         message += ", so put it in quotes"  # no, on, 12 and 2026-01-01 are no text in YAML
     return f"{message}; got {_echo(found['input'])}{about}{_hint(found, unit)}"
-
-
-_SHAPES = ("model_type", "model_attributes_type", "dict_type", "list_type")
-"""What pydantic calls a value that is neither a block nor a list, where one belongs."""
-
-
-def _shape(found: ErrorDetails, model: type[BaseModel]) -> str:
-    """What is expected where a block of settings or a list belongs, and how it is written."""
-    if found["type"] == "list_type":
-        return "expected a list: an entry after each '- ', or [entry, entry]; [] for none"
-    fields = {name: f for each in _models_at(model, found["loc"]) for name, f in
-              each.model_fields.items()}  # fmt: skip
-    keys = sorted(fields, key=lambda name: not fields[name].is_required())[:3]  # required first
-    if not keys:
-        return "expected a block of settings: each as 'key: value' on a line of its own below"
-    return f"expected a block of settings such as {', '.join(f'{key}: ...' for key in keys)}"
 
 
 def _hint(found: ErrorDetails, unit: str) -> str:

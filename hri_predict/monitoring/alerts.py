@@ -26,7 +26,7 @@ from hri_predict.alerting.sender import Place
 from hri_predict.alerting.settings import HookSettings
 from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError
-from hri_predict.files import refuse_named_pipe
+from hri_predict.files import demand_kind
 from hri_predict.monitoring.flapping import Change, Flapping
 from hri_predict.monitoring.remote import WATCH_S, Remote
 from hri_predict.protocol.messages import Advice, Level
@@ -311,17 +311,15 @@ def alert_file(settings: AlertSettings, base_dir: Path) -> Path | None:
     """Return the file to append to, or ``None`` if none is configured.
 
     Raises:
-        ConfigError: the path is a folder or a named pipe, or its folder does not exist.
+        ConfigError: the path is something else than a file, or its folder does not exist.
     """
     if settings.file is None:
         return None
     path = base_dir / settings.file
     try:
-        if path.is_dir():
-            raise OSError(errno.EISDIR, "is a folder")
+        demand_kind(path)
         if not path.parent.is_dir():
             raise OSError(errno.ENOENT, f"the folder {path.parent} does not exist")
-        refuse_named_pipe(path)
     except OSError as error:
         raise ConfigError(f"alerts.file {path}: {error.strerror}; name another file") from error
     return path
