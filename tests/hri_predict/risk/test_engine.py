@@ -164,7 +164,7 @@ def test_who_runs_is_named_and_counts_as_fast(mode):
     assert ran < walked if mode == "iso" else ran <= walked
     far = cell.settle(8.0, history=run[None], observed=observed)
     assert (far.level, far.reason) == (Level.CLEAR, Reason.PERSON_FAST)
-    assert "nobody is too close; note: " in far.detail  # else it contradicts the level
+    assert "no person is too close; note: " in far.detail  # else it contradicts the level
     assert "clears when" not in far.detail
 
 
