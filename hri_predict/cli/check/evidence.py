@@ -50,8 +50,6 @@ def evidence_notes(facts: dict[str, Any] | None) -> list[str]:
 
 
 def _notes(folder: Path, max_mb: float) -> list[str]:
-    if folder.exists() and not folder.is_dir():
-        return [f"evidence.folder {folder}: is a file; name a folder"]
     there = next((each for each in (folder, *folder.absolute().parents) if each.is_dir()), None)
     if there is None:
         return []
