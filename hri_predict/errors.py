@@ -6,7 +6,7 @@ never sees a traceback of these errors.
 """
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class HriPredictError(Exception):
@@ -61,3 +61,19 @@ def nearest(word: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the known word nearest to ``word``, or ``""``."""
     close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
     return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def expected_shape(kind: str, keys: Sequence[str]) -> str | None:
+    """What belongs where a value is neither a block of settings nor a list; else ``None``.
+
+    Args:
+        kind: type of pydantic's error.
+        keys: of the block, the most important first.
+    """
+    if kind == "list_type":
+        return "expected a list: an entry after each '- ', or [entry, entry]; [] for none"
+    if kind not in ("model_type", "model_attributes_type", "dict_type"):
+        return None
+    if not keys:
+        return "expected a block of settings: each as 'key: value' on a line of its own below"
+    return f"expected a block of settings such as {', '.join(f'{key}: ...' for key in keys[:3])}"

@@ -120,6 +120,33 @@ def refuse_named_pipe(path: Path) -> None:
         raise OSError(errno.EINVAL, "is a pipe, not a file", str(path))
 
 
+def demand_kind(path: Path, *, folder: bool = False) -> None:
+    """Check that ``path`` can be a regular file, or a ``folder``; what is missing can become one.
+
+    Raises:
+        OSError: it is something else, or lies in something that is not a folder; ``strerror`` says
+            so.
+    """
+    for at in (path, *path.parents):
+        try:
+            mode = os.stat(at).st_mode
+        except OSError:
+            continue
+        meant = "folder" if folder or at is not path else "file"
+        if not (stat.S_ISDIR(mode) if meant == "folder" else stat.S_ISREG(mode)):
+            name = "" if at is path else f"{at} "
+            raise OSError(errno.EINVAL, f"{name}is {_kind(mode)}, not a {meant}", str(path))
+        return
+
+
+def _kind(mode: int) -> str:
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    if stat.S_ISREG(mode):
+        return "a file"
+    return "a pipe" if stat.S_ISFIFO(mode) else "a device"
+
+
 def read_yaml(path: Path, what: str) -> dict[str, Any]:
     """Read a YAML mapping.
 

@@ -29,7 +29,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails
 
 from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, nearest
+from hri_predict.errors import ConfigError, expected_shape, nearest
 from hri_predict.files import load_yaml, yaml_problem
 from hri_predict.geometry import crosses_itself, is_in_polygon
 from hri_predict.quantities.safe_side import Safety, harmless
@@ -290,6 +290,11 @@ def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
         return f"required key is missing; add it{about}"
     message = found["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
+    fields = {name: f for m in _models_at(model, loc) for name, f in m.model_fields.items()}
+    keys = sorted(fields, key=lambda name: not fields[name].is_required())  # required first
+    if (expected := expected_shape(found["type"], keys)) is not None:
+        got = "nothing" if found["input"] is None else _echo(found["input"])
+        return f"{expected}; got {got}{about}"
     if isinstance(found["input"], dict):  # of the whole block; its value adds nothing
         return message
     if found["type"] == "string_type" and isinstance(found["input"], bool | int | float | date):

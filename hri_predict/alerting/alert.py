@@ -16,7 +16,8 @@ class Alert:
     """One change of a robot's level, or of the reason for *unknown* or *fault*.
 
     ``at`` is the time of the wall clock (UTC), ``None`` on the virtual clock; ``time_s`` is the
-    node's time since the start.
+    node's time since the start. ``held_back`` is the number of changes of the same robot that were
+    not reported since the last one that was: it alternates.
     """
 
     at: str | None
@@ -29,6 +30,7 @@ class Alert:
     clears_when: str
     separation_m: float | None
     speed_limit_m_s: float | None
+    held_back: int = 0
 
     @property
     def subject(self) -> str:
@@ -56,6 +58,7 @@ class ZoneAlert:
     state: str
     was: str
     entry_s: float | None
+    held_back: int = 0
 
     @property
     def subject(self) -> str:
@@ -83,6 +86,7 @@ class Trial:
     test: bool = True
     text: str = "a test of this alert hook; no robot changed its level"
     subject = "test"
+    held_back = 0
 
     def title(self) -> str:
         """What it is."""
@@ -96,6 +100,13 @@ class Trial:
 AnyAlert = Alert | ZoneAlert | Trial
 
 
+def as_data(alert: AnyAlert) -> dict[str, Any]:
+    """The change alone, as plain data."""
+    data = asdict(alert)
+    data.pop("held_back", None)
+    return data
+
+
 def payload(alert: AnyAlert, cell: str, more_changes: int) -> dict[str, Any]:
     """The alert as plain data for JSON.
 
@@ -104,7 +115,7 @@ def payload(alert: AnyAlert, cell: str, more_changes: int) -> dict[str, Any]:
         cell: name of the cell.
         more_changes: how many changes this receiver was not told since its last alert.
     """
-    return {"cell": cell, **asdict(alert), "more_changes": more_changes}
+    return {"cell": cell, **as_data(alert), "more_changes": more_changes}
 
 
 def more(count: int) -> str:

@@ -14,6 +14,9 @@ from hri_predict.alerting.alert import AnyAlert, payload
 from hri_predict.alerting.sender import Place, Sender, SendError
 from hri_predict.alerting.settings import HookSettings
 
+LONGEST_STOP_S = 5.0
+"""The end of the node waits no longer than this for a program, whatever its time limit."""
+
 
 class CommandHook(HookSettings):
     """``kind: command``. What failed is not run again: the program may have done a part."""
@@ -30,8 +33,8 @@ class CommandHook(HookSettings):
 
     @property
     def stop_s(self) -> float:
-        """A program that still runs may use its time limit, no more."""
-        return self.timeout_s + 1.0
+        """A program that still runs may use its time limit, up to five seconds."""
+        return min(self.timeout_s, LONGEST_STOP_S) + 1.0
 
 
 class CommandSender(Sender):

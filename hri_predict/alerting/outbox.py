@@ -35,7 +35,8 @@ class Outbox:
 
     Attributes:
         delivered: alerts that arrived, as far as the way tells.
-        left_out: changes that a newer one of the same robot or zone replaced.
+        left_out: changes that a newer one of the same robot or zone replaced, here or before they
+            came here.
         dropped: alerts that were given up.
         retried: further attempts.
         failures: attempts that failed.
@@ -59,6 +60,8 @@ class Outbox:
         """
         if not self._settings.wants(alert):
             return False
+        self.left_out += alert.held_back
+        self._untold += alert.held_back
         replaced = alert.subject in self._waiting
         if replaced:
             self._leave_out()

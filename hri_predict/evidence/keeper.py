@@ -25,6 +25,7 @@ from hri_predict.errors import ConfigError, RecordingError
 from hri_predict.evidence import chain
 from hri_predict.evidence.events import Event, Events
 from hri_predict.evidence.settings import EvidenceSettings
+from hri_predict.files import demand_kind
 from hri_predict.node.listeners import Tick
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.recording.mcap.clocks import Clocks
@@ -173,6 +174,7 @@ class Evidence(Items):
         config = hashlib.sha256(self._info.config.encode()).hexdigest()
         start: dict[str, Any] = {"kind": "start", "at": self._now(), "config_sha256": config}
         try:
+            demand_kind(self.folder, folder=True)
             self.folder.mkdir(parents=True, exist_ok=True)
             self._only = _alone(self.folder)
             try:

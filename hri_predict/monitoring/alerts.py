@@ -12,14 +12,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TextIO
 
 from pydantic import Field
 
-from hri_predict.alerting.alert import Alert, AnyAlert, ZoneAlert
+from hri_predict.alerting.alert import Alert, ZoneAlert, as_data, more
 from hri_predict.alerting.command import CommandHook
 from hri_predict.alerting.hooks import Hooks
 from hri_predict.alerting.kinds import AnyHook
@@ -27,7 +26,8 @@ from hri_predict.alerting.sender import Place
 from hri_predict.alerting.settings import HookSettings
 from hri_predict.clock import Clock
 from hri_predict.errors import ConfigError
-from hri_predict.files import refuse_named_pipe
+from hri_predict.files import demand_kind
+from hri_predict.monitoring.flapping import Change, Flapping
 from hri_predict.monitoring.remote import WATCH_S, Remote
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
@@ -75,6 +75,8 @@ class AlertSettings(Settings):
 class Alerts:
     """Watches levels and named zones, and raises an alert when one changes.
 
+    What alternates is reported with the number of its changes (``Flapping``); the file has all.
+
     It also raises one, once, for a robot that is far from all people who are seen (``Remote``).
 
     On the virtual clock there is no thread: alerts are written at once and no hook sends.
@@ -107,7 +109,9 @@ class Alerts:
         self._states: dict[int, tuple[Level, Reason | None, Reason | None]] = {}
         self._zones: dict[str, str] = {}
         self._remote = Remote()
-        self._queue: queue.Queue[AnyAlert | None] = queue.Queue(maxsize=256)
+        self._flapping = Flapping()
+        self._queue: queue.Queue[tuple[Change | None, Change | None] | None]
+        self._queue = queue.Queue(maxsize=256)
         self._file = alert_file(settings, base_dir)
         self._thread: threading.Thread | None = None
         place = Place(base_dir=base_dir, cell=cell)
@@ -150,6 +154,8 @@ class Alerts:
 
         ``reasons`` are those of Status; one of ``_CONDITIONS`` is news at any level.
         """
+        for held in self._flapping.due(self._now_s()):
+            self._hand_over(None, held)
         condition = next((reason for reason in reasons if reason in _CONDITIONS), None)
         for advice in advices:
             self._watch_distance(advice)
@@ -231,19 +237,26 @@ class Alerts:
     def _at(self) -> str | None:
         return datetime.now(UTC).isoformat(timespec="milliseconds") if self._threaded else None
 
-    def _put(self, alert: AnyAlert) -> None:
+    def _put(self, change: Change) -> None:
         self.count += 1
+        self._hand_over(change, self._flapping.take(change))
+
+    def _hand_over(self, change: Change | None, reported: Change | None) -> None:
+        """Write a change to the file, and report one to terminal and hooks."""
         if not self._threaded:
-            self._tell(alert)
+            self._tell(change, reported)
             return
-        self._hooks.put(alert)
+        if reported is not None:
+            self._hooks.put(reported)
         try:
-            self._queue.put_nowait(alert)
+            self._queue.put_nowait((change, reported))
         except queue.Full:
             self.dropped += 1
 
     def stop(self) -> None:
         """Write the queued alerts and let each hook try once more, within its bound."""
+        for held in self._flapping.rest():
+            self._hand_over(None, held)
         if self._thread is None:
             return
         begun = time.monotonic()
@@ -257,18 +270,18 @@ class Alerts:
         self._thread = None
 
     def _work(self) -> None:
-        while (alert := self._queue.get()) is not None:
-            self._tell(alert)
+        while (item := self._queue.get()) is not None:
+            self._tell(*item)
 
-    def _tell(self, alert: AnyAlert) -> None:
-        if self._file is not None:
+    def _tell(self, change: Change | None, reported: Change | None) -> None:
+        if self._file is not None and change is not None:
             try:
-                _append(self._file, json.dumps(asdict(alert)).encode() + b"\n")
+                _append(self._file, json.dumps(as_data(change)).encode() + b"\n")
             except OSError as error:
                 self._write_failures += 1
                 self._print(f"alert file {self._file}: {error.strerror}", sys.stderr)
-        if self._settings.terminal:
-            self._print(alert.line(), self._terminal)
+        if self._settings.terminal and reported is not None:
+            self._print(reported.line() + more(reported.held_back), self._terminal)
 
     def _print(self, line: str, stream: TextIO) -> None:
         """Print, or count: a log on a full disk must not end the alerts."""
@@ -298,17 +311,15 @@ def alert_file(settings: AlertSettings, base_dir: Path) -> Path | None:
     """Return the file to append to, or ``None`` if none is configured.
 
     Raises:
-        ConfigError: the path is a folder or a named pipe, or its folder does not exist.
+        ConfigError: the path is something else than a file, or its folder does not exist.
     """
     if settings.file is None:
         return None
     path = base_dir / settings.file
     try:
-        if path.is_dir():
-            raise OSError(errno.EISDIR, "is a folder")
+        demand_kind(path)
         if not path.parent.is_dir():
             raise OSError(errno.ENOENT, f"the folder {path.parent} does not exist")
-        refuse_named_pipe(path)
     except OSError as error:
         raise ConfigError(f"alerts.file {path}: {error.strerror}; name another file") from error
     return path

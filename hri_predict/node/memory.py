@@ -27,6 +27,7 @@ from typing import Any, Protocol
 from pydantic import Field
 
 from hri_predict.errors import ConfigError
+from hri_predict.files import demand_kind
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.marker import Mark
 from hri_predict.settings import Abbreviated
@@ -59,6 +60,20 @@ class StateSettings(Abbreviated):
         description="a file that was last written longer ago is not trusted: everything configured"
         " in risk.latch is latched",
     )
+
+
+def demand_state_file(path: Path) -> None:
+    """Check that a state file can be at ``path``; opens nothing.
+
+    Raises:
+        ConfigError: something else is there.
+    """
+    try:
+        demand_kind(path)
+    except OSError as error:
+        raise ConfigError(
+            f"state.path: {path} cannot be used: {error.strerror}; check the path"
+        ) from error
 
 
 class Remembers(Protocol):
@@ -183,11 +198,10 @@ class Memory(Listener):
 
     def _claim(self) -> int:
         """Lock the file beside it; the lock ends in any case when the process ends."""
+        demand_state_file(self.path)
         lock = self.path.with_name(self.path.name + ".lock")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            if self.path.exists() and not self.path.is_file():
-                raise OSError(0, "is not a file", str(self.path))
             self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return self._lock

@@ -31,7 +31,7 @@ class SecondSender:
             if link.foreign_ns is not None and now_ns - link.foreign_ns < HOLD_NS
         )
         for name in sorted(heard - self._heard):
-            log.error("link %s: somebody else sends with this node's ids; the robots stop", name)
+            log.error("link %s: another sender uses this node's ids; the robots stop", name)
         for name in sorted(self._heard - heard):
             log.warning("link %s: the other sender is silent again", name)
         self._heard = heard

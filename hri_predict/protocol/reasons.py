@@ -76,7 +76,7 @@ class Reason(IntEnum):
 CLEARED = "what stopped it has cleared"
 """In an advice's detail: new captures must still confirm it."""
 RISING = "it may move again, at first slowly"
-"""In an advice's detail: nobody holds it back, and its limit has not risen as far as it may."""
+"""In an advice's detail: no person holds it back, and its limit has not risen as far as it may."""
 
 _TEXT = {
     Reason.NONE: ("nothing is near", ""),
@@ -91,7 +91,7 @@ _TEXT = {
     Reason.ZONE_OCCUPIED: ("a person is in a named zone", "the zone is seen empty"),
     Reason.ZONE_ENTRY_PREDICTED: (
         "a person is about to enter a named zone",
-        "nobody is predicted to enter it",
+        "no person is predicted to enter it",
     ),
     Reason.OUT_OF_VIEW: (
         "the robot can reach a place outside the field of view",
@@ -131,7 +131,7 @@ _TEXT = {
         "the body's limbs move again as a person's do",
     ),
     Reason.INPUT_RELATIVE: (
-        "coordinates are relative to the hips: nobody's place is known",
+        "coordinates are relative to the hips: no person's place is known",
         "the source sends positions in the room",
     ),
     Reason.INPUT_IMPOSSIBLE: (
@@ -145,16 +145,16 @@ _TEXT = {
     ),
     Reason.CLOCK_JUMP: ("the source's clock jumped", "the clock runs evenly again"),
     Reason.ROOM_NOT_SEEN_EMPTY: (
-        "somebody vanished whom the node did not track or could not keep, or nobody knows who did: "
-        "somebody may be anywhere",
+        "a person vanished whom the node did not track or could not keep, or it is unknown who "
+        "did: a person may be anywhere",
         "an Acknowledge of the advised latch id arrives",
     ),
     Reason.TOO_MANY_PEOPLE: (
         "more people are present than the node can follow",
-        "the node can follow everybody again, or people.max_people is raised",
+        "the node can follow all people again, or people.max_people is raised",
     ),
     Reason.PERSON_NOT_LOCATED: (
-        "somebody is present, but their position is unknown",
+        "a person is present, but their position is unknown",
         "the source sees a joint of that person that the joint map uses",
     ),
     Reason.BODY_NOT_UPRIGHT: (
@@ -252,7 +252,7 @@ _TEXT = {
         "an Acknowledge of the advised latch id arrives, and the state file can be written",
     ),
     Reason.SECOND_SENDER: (
-        "somebody else sends with this node's ids",
+        "another sender uses this node's ids",
         "the other sender is switched off, or gets ids of its own",
     ),
     Reason.TEACH: (
@@ -260,7 +260,7 @@ _TEXT = {
         "the enabling device is let go, or the request is released",
     ),
     Reason.RECOVERY: (
-        "recovery: the robot may back out slowly along its path, away from everybody",
+        "recovery: the robot may back out slowly along its path, away from all people",
         "the robot is out of people's way, or the request is released",
     ),
     Reason.MUTED: (

@@ -54,14 +54,15 @@ def phrase(key: str, description: str) -> str:
     return f"{said}, {unit}" if unit else said
 
 
-def meant(value: float, unit: str) -> str:
+def meant(value: float, unit: str, low: float = -math.inf, high: float = math.inf) -> str:
     """The hint for a number that is too large: ``metres are meant: 0.8?``; empty for other units.
 
-    The proposed number is the one that the thousandth part of the unit, or degrees, would give.
+    The proposed number is the one that the thousandth part of the unit, or degrees, would give; it
+    is left out where it lies outside ``low`` .. ``high``.
     """
     if unit not in _NAMES:
         return ""
     name, share = _NAMES[unit]
-    if not abs(value) * share <= MAX_MEANT:
+    if not abs(value) * share <= MAX_MEANT or not low <= value * share <= high:
         return f"{name} are meant"
     return f"{name} are meant: {value * share:.4g}?"

@@ -17,7 +17,7 @@ BY_PEOPLE = frozenset(
 """With these reasons the distance of a person decides the level."""
 STANDS_M_S = 0.01
 """A robot that is slower stands, as far as words go."""
-NOTE = "nobody is too close; note: "
+NOTE = "no person is too close; note: "
 NO_LINK = "a link to a controller is not connected"
 """Nothing else degrades a node without a reason (``Node.state``)."""
 _RELEASED = "new captures confirm that its cause has cleared, and the speed limit has risen"

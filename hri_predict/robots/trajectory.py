@@ -23,6 +23,8 @@ from hri_predict.robots.model import RobotModel, StandingMotion
 from hri_predict.settings import MAX_ANGLE_RAD, MAX_ROOM_M, Settings, validated
 
 _FARTHEST = (MAX_ROOM_M, MAX_ROOM_M, 2 * MAX_ANGLE_RAD)  # a base may turn round and back
+OTHER_UNIT = 2.0
+"""A position beyond its limits by this factor is in another unit rather than a little too far."""
 PEAK = 15 / 8
 """Greatest velocity of a minimum-jerk move divided by its mean velocity."""
 
@@ -158,11 +160,7 @@ def standing_at(motion: StandingMotion, model: RobotModel, name: str) -> Floats:
     outside = np.flatnonzero((q < model.position_min) | (q > model.position_max))
     if outside.size:
         j = outside[0]
-        raise RobotError(
-            f"robot '{name}': motion.positions: joint '{model.joint_names[j]}' at {q[j]:g} "
-            f"{model.units[j]} is outside {model.position_min[j]:g} .. "
-            f"{model.position_max[j]:g}; {meant(q[j], model.units[j])}"
-        )
+        raise RobotError(f"robot '{name}': motion.positions: {_outside(model, int(j), q[j])}")
     return q
 
 
@@ -176,6 +174,23 @@ def trajectory_path(file: str, base_dir: Path | None) -> Path:
         return shipped_path("trajectory", "trajectories", file, base_dir)
     except ConfigError as error:
         raise RobotError(str(error)) from error
+
+
+def _outside(model: RobotModel, j: int, position: float) -> str:
+    """That a joint would be outside its limits, and the remedy.
+
+    Another unit explains only a position that no joint of this size has: not one of 0 where the
+    limits leave out 0, nor one just beyond them.
+    """
+    low, high = float(model.position_min[j]), float(model.position_max[j])
+    unit = model.units[j]
+    remedy = "give a position within them"
+    if abs(position) > OTHER_UNIT * max(abs(low), abs(high)):
+        remedy = meant(position, unit, low, high)
+    return (
+        f"joint '{model.joint_names[j]}' at {position:g} {unit} is outside {low:g} .. {high:g}; "
+        f"{remedy}"
+    )
 
 
 def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
@@ -202,12 +217,7 @@ def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
     outside = np.argwhere((positions < model.position_min) | (positions > model.position_max))
     if outside.size:
         i, j = outside[0]
-        return (
-            f"waypoints.{i}: joint '{model.joint_names[j]}' at {positions[i, j]:g} "
-            f"{model.units[j]} is outside "
-            f"{model.position_min[j]:g} .. {model.position_max[j]:g}; "
-            f"{meant(positions[i, j], model.units[j])}"
-        )
+        return f"waypoints.{i}: {_outside(model, j, positions[i, j])}"
     peak = PEAK * np.abs(np.diff(positions, axis=0)) / np.diff(times)[:, None]
     fast = np.argwhere(peak > model.velocity_max)
     if fast.size:

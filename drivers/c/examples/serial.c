@@ -8,6 +8,9 @@
  * if that is not the automatic one:
  *
  *   TIME_MS clear|warn|slow|stop SPEED_MM_S REASON VERDICT [MODE]
+ *
+ * Standard error says what there is to acknowledge; Enter acknowledges it. Only a person who has
+ * looked may press: a controller never acknowledges by itself.
  */
 #define _DEFAULT_SOURCE /* termios speeds above 38400 */
 #define _POSIX_C_SOURCE 200809L
@@ -25,6 +28,16 @@
 
 #define STATE_PERIOD_MS 20u /* RobotState at 50 Hz */
 #define CYCLE_MS 5u
+#define PRESS_PAUSE_MS 12000u /* a press sooner after the one before does not count */
+#define ACK_REPEATS 3u        /* a press is sent so often */
+
+typedef struct {
+    uint16_t shown_id; /* what standard error named last */
+    uint16_t latch_id; /* what was shown when the button was pressed */
+    uint32_t ack_id;   /* of the press: new for each, also after a start */
+    uint32_t pressed_ms;
+    unsigned left; /* how often it is still sent */
+} acknowledgement;
 
 static uint32_t now_ms(void)
 {
@@ -73,6 +86,37 @@ static void ask_for(hri_robot_state *state, const char *request)
     state->mode = state->enabling ? HRI_MODE_MANUAL : HRI_MODE_AUTOMATIC;
 }
 
+/* Whether Enter was pressed: the rising edge of a button. */
+static int pressed(void)
+{
+    struct pollfd keys = {.fd = STDIN_FILENO, .events = POLLIN};
+    char text[64];
+    return poll(&keys, 1, 0) == 1 && (keys.revents & POLLIN) != 0 &&
+           read(STDIN_FILENO, text, sizeof text) > 0;
+}
+
+/* Show what there is to acknowledge, and take a press for what was shown. */
+static void attend(acknowledgement *ack, uint16_t latch_id, uint32_t now)
+{
+    if (pressed()) {
+        if (ack->ack_id != 0u && now - ack->pressed_ms < PRESS_PAUSE_MS) {
+            fprintf(stderr, "not sent: press again %u s after the last press\n",
+                    PRESS_PAUSE_MS / 1000u);
+        } else if (ack->shown_id != 0u && ack->shown_id == latch_id) {
+            ack->latch_id = latch_id;
+            ack->ack_id = (uint32_t)time(NULL);
+            ack->pressed_ms = now;
+            ack->left = ACK_REPEATS;
+        }
+    }
+    if (latch_id != ack->shown_id) {
+        ack->shown_id = latch_id;
+        if (latch_id != 0u) {
+            fprintf(stderr, "to acknowledge: %u; look, then press Enter\n", latch_id);
+        }
+    }
+}
+
 int main(int argc, char **argv)
 {
     static hri_receiver receiver; /* the only memory that the library needs */
@@ -80,6 +124,7 @@ int main(int argc, char **argv)
     hri_robot_state state = {.mode = HRI_MODE_AUTOMATIC, .joints = 6, .tool = HRI_NO_U8};
     /* upright, elbow bent: microradians */
     static const int32_t posture[6] = {0, -1570796, 1570796, -1570796, -1570796, 0};
+    acknowledgement ack = {0};
     uint32_t state_due = now_ms();
     char shown[64] = "";
     int port;
@@ -125,8 +170,13 @@ int main(int argc, char **argv)
             hri_send_robot_state(&receiver, &state, now, units);
             /* bytes that do not fit are lost: the next state is newer */
             count = write(port, units[0].data, units[0].length);
+            if (ack.left > 0u && hri_acknowledge(&receiver, ack.latch_id, ack.ack_id, units) > 0u) {
+                ack.left--;
+                count = write(port, units[0].data, units[0].length);
+            }
         }
         speed = hri_permitted_speed(&receiver, now);
+        attend(&ack, receiver.message.advice.latch_id, now);
         mode = receiver.message.advice.operating_mode;
         snprintf(line, sizeof line, "%s %u %u %s%s%s", word(&receiver, speed), speed,
                  receiver.message.advice.reason, hri_verdict_name(receiver.verdict),

@@ -41,7 +41,7 @@ STOP_S = 5.0  # how long a stop waits for the writer
 OPENING_STOP_S = 0.5  # the same if the device is not open: there is nothing to write
 READS_PER_SERVICE = 1024
 SECOND_SENDER = (
-    "somebody else sends with this node's ids; switch it off, or give one of the two other ids "
+    "another sender uses this node's ids; switch it off, or give one of the two other ids "
     "(base_id, or site and cell) or a line of its own"
 )
 

@@ -3,11 +3,13 @@
 Each kind of source adds a *receiver*, which owns the device and returns bytes, and a *decoder*,
 which turns bytes into scenes. The thread waits in the receiver's ``read``, decodes, and wakes the
 node (``arrived``): nothing polls. Every error is counted, kept as ``last_error``, and the device is
-reopened. ``hri_predict.people.people`` decides when the input is *stale*.
+reopened. ``hri_predict.people.people`` decides when the input is *stale*. The thread opens the
+device as well: one that never opens holds up neither the start nor a signal.
 """
 
 import logging
 import threading
+from concurrent.futures import Future
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
@@ -32,6 +34,10 @@ from hri_predict.source import SourceCounters, SourceSettings
 
 log = logging.getLogger(__name__)
 
+OPEN_S = 10.0
+"""Maximum time that a start waits for a device; receivers give up sooner, with the reason."""
+WAIT_FOR_S = 3.0
+"""The same for a device that may be absent (``wait_for_device``)."""
 CLOSE_S = 1.0
 LOG_PERIOD_NS = 10_000_000_000
 TROUBLE = (
@@ -170,16 +176,24 @@ class LiveSource:
         if self._thread is not None:
             return
         self._stopping.clear()
-        try:
-            self._connect()
-        except HriPredictError as error:
-            if not self._settings.wait_for_device:
-                raise SourceError(f"source '{self._settings.kind}': {error}") from error
-            self._lost(error)
+        tried: Future[None] = Future()
         self._thread = threading.Thread(
-            target=self._run, name=f"{self._settings.kind}-source", daemon=True
+            target=self._run, args=(tried,), name=f"{self._settings.kind}-source", daemon=True
         )
         self._thread.start()
+        waits = self._settings.wait_for_device
+        limit_s = WAIT_FOR_S if waits else OPEN_S
+        try:
+            tried.result(limit_s)
+        except (HriPredictError, TimeoutError) as error:
+            if waits:
+                return
+            self.close()
+            why = error if isinstance(error, HriPredictError) else f"not open within {limit_s:g} s"
+            raise SourceError(f"source '{self._settings.kind}': {why}") from error
+        except BaseException:  # a signal, or what no device should raise
+            self.close()
+            raise
 
     def next_ns(self) -> int:
         """When ``poll`` may have a scene; ``NOT_KNOWN_NS`` until one arrives."""
@@ -202,7 +216,8 @@ class LiveSource:
 
     # -- the thread -------------------------------------------------------------------------------
 
-    def _run(self) -> None:
+    def _run(self, tried: "Future[None]") -> None:
+        self._connect_first(tried)
         while not self._stopping.is_set():
             try:
                 if not self.connected:
@@ -215,6 +230,17 @@ class LiveSource:
             self._log_trouble()
         self.connected = False
         self._receiver.close()
+
+    def _connect_first(self, tried: "Future[None]") -> None:
+        """Open the device for the first time, and report how that went."""
+        try:
+            self._connect()
+        except Exception as error:  # the thread must survive any fault of its device
+            self._lost(error)
+            tried.set_exception(error)
+            self._stopping.wait(self._back_off.next_s(self._clock.now_ns()))
+        else:
+            tried.set_result(None)
 
     def _connect(self) -> None:
         self._receiver.open()

@@ -1,7 +1,9 @@
 """Whether a sender is slower than its source's ``rate_hz``, said in one note with the remedy."""
 
-WINDOW_NS = 10_000_000_000
+WINDOW_NS = 5_000_000_000
 """Time over which the rate is measured,"""
+PAUSE_NS = 3_000_000_000
+"""a gap that is no part of it: the sender was not started yet, or was stopped,"""
 AGAIN_NS = 600_000_000_000
 """and least time between two notes."""
 SLOW = 0.7
@@ -18,6 +20,7 @@ class SenderPace:
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
         self._begun: tuple[int, int] | None = None  # when, and scenes until then
+        self._newest: tuple[int, int] = (0, 0)  # when a scene last came, and scenes until then
         self._said_ns: int | None = None
 
     def note(self, scenes: int, connected: bool, now_ns: int) -> str | None:
@@ -28,7 +31,11 @@ class SenderPace:
             connected: whether the device is open; a pause measures nothing.
             now_ns: node's clock.
         """
-        if not connected or self._begun is None:
+        came_ns, until_then = self._newest
+        if scenes != until_then:
+            self._newest = (now_ns, scenes)
+        paused = not until_then or now_ns - came_ns > PAUSE_NS
+        if not connected or self._begun is None or paused:
             self._begun = (now_ns, scenes) if connected else None
             return None
         began_ns, before = self._begun
@@ -43,6 +50,6 @@ class SenderPace:
         self._said_ns = now_ns
         return (
             f"{rate_hz:.1f} scenes a second arrive, and source.rate_hz is {self._rate_hz:g}: each "
-            f"gap can make the advice unknown; set rate_hz to {rate_hz:.3g}, or let the sender "
-            f"send faster"
+            f"gap can make the advice unknown; set source.rate_hz to {rate_hz:.3g}, or let the "
+            f"sender send faster"
         )

@@ -5,6 +5,8 @@ import errno
 import os
 import select
 import socket
+import stat
+import sys
 import time
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -28,6 +30,8 @@ MAX_BACKLOG_S = 0.05
 # bytes count as waiting.
 MAX_UNACKNOWLEDGED_S = 0.25
 MAX_READ = 4096
+MEMORY_MAJOR = 1
+"""Linux's number of /dev/null, /dev/zero and the like."""
 
 _PARITIES: dict[Parity, str] = {
     "none": serial.PARITY_NONE,
@@ -252,6 +256,24 @@ def _no_waiting_for_more(device: Any) -> None:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
+def demand_serial_device(port: str) -> str:
+    """Return a port that may be a serial device; nothing is opened, and it may be absent.
+
+    Raises:
+        ValueError: something else is at this path.
+    """
+    try:
+        found = os.stat(port)
+    except (OSError, ValueError):  # a URL, or not plugged in
+        return port
+    if os.sep not in port:  # of Windows, or simulated
+        return port
+    is_memory = os.name == "posix" and os.major(found.st_rdev) == MEMORY_MAJOR
+    if not stat.S_ISCHR(found.st_mode) or (sys.platform == "linux" and is_memory):
+        raise ValueError(f"{port} is not a serial device; give one, such as /dev/ttyUSB0")
+    return port
+
+
 def open_remedy(error: BaseException, key: str = "port") -> str:
     """Why a port does not open, and the remedy; ``key`` is its name in YAML."""
     number, text = getattr(error, "errno", None), _first_line(error)
@@ -265,8 +287,12 @@ def open_remedy(error: BaseException, key: str = "port") -> str:
         return "in use by another program; close that program first"
     if number == errno.ECONNREFUSED or "refused" in text.lower():
         return f"connection refused; start the server there or correct '{key}'"
+    if "does not seem to support RFC2217" in text:
+        return f"no RFC 2217 server answers there; check the server or correct '{key}'"
     if "RS485" in text:
         return "its driver has no RS-485 mode; remove 'rs485' (many adapters switch by themselves)"
+    if "Inappropriate ioctl" in text:
+        return f"not a serial device; correct '{key}'"
     if type(error).__module__ == "termios":
         return f"the port refuses the settings ({error.args[-1]}); correct 'parity' or 'stop_bits'"
     if isinstance(error, ValueError):

@@ -33,7 +33,7 @@ from hri_predict.cli.check.evidence import evidence_facts, evidence_line, eviden
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.cli.check.listen import listen as hear
 from hri_predict.cli.check.listen import show as show_heard
-from hri_predict.cli.check.lost import first_start_note, lost_notes
+from hri_predict.cli.check.lost import first_start_note, lost_notes, state_path
 from hri_predict.cli.check.machine.realtime import look
 from hri_predict.cli.check.machine.realtime import show as show_machine
 from hri_predict.cli.check.modes import mode_notes
@@ -224,7 +224,7 @@ def examine(config: Config) -> dict[str, Any]:
             config, assembly.prediction.predictor, assembly.source.joint_map
         ),
         "latch": list(config.node.risk.latch),
-        "state": _state(config),
+        "state": state_path(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "evidence": evidence,
         "alerts": alerts,
@@ -247,12 +247,6 @@ def examine(config: Config) -> dict[str, Any]:
             *unseen_ends_note(config.node.risk, assembly.source.joint_map.mapped),
         ],
     }
-
-
-def _state(config: Config) -> str | None:
-    """Return the path of the state file; ``None`` without one."""
-    settings = config.node.state
-    return None if settings is None else str(config.base_dir / settings.path)
 
 
 def _risk_needs(config: Config, assembly: Assembly, budget: DelayBudget) -> dict[str, Any]:

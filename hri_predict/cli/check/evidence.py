@@ -5,15 +5,27 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from hri_predict.errors import ConfigError
+from hri_predict.files import demand_kind
 from hri_predict.run.config import Config
 
 
 def evidence_facts(config: Config) -> dict[str, Any] | None:
-    """The settings of ``evidence:``, with the folder; ``None`` without them. Opens nothing."""
+    """The settings of ``evidence:``, with the folder; ``None`` without them. Opens nothing.
+
+    Raises:
+        ConfigError: the folder is something else.
+    """
     settings = config.node.evidence
     if settings is None:
         return None
     folder = config.base_dir / settings.folder
+    try:
+        demand_kind(folder, folder=True)
+    except OSError as error:
+        raise ConfigError(
+            f"evidence.folder {folder}: {error.strerror}; name another folder"
+        ) from error
     return {
         **settings.model_dump(),
         "folder": str(folder),
@@ -38,8 +50,6 @@ def evidence_notes(facts: dict[str, Any] | None) -> list[str]:
 
 
 def _notes(folder: Path, max_mb: float) -> list[str]:
-    if folder.exists() and not folder.is_dir():
-        return [f"evidence.folder {folder}: is a file; name a folder"]
     there = next((each for each in (folder, *folder.absolute().parents) if each.is_dir()), None)
     if there is None:
         return []

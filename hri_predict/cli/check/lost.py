@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from hri_predict.node.memory import demand_state_file
 from hri_predict.people.lost.free_space import BODY_M, CELL_M
 from hri_predict.risk.areas import floor_distance
 from hri_predict.risk.zones.lost_places import ARM_M
@@ -62,6 +63,20 @@ def first_start_note(config: Config) -> list[str]:
         f"(STATE_UNTRUSTED): make sure that no one is hidden in the room, then press once, "
         f"12 s or more after the start; if no controller can send an Acknowledge, leave state out"
     ]
+
+
+def state_path(config: Config) -> str | None:
+    """Path of the state file; ``None`` without one.
+
+    Raises:
+        ConfigError: something else is there.
+    """
+    settings = config.node.state
+    if settings is None:
+        return None
+    path = config.base_dir / settings.path
+    demand_state_file(path)
+    return str(path)
 
 
 def _listed(ends: list[str]) -> str:

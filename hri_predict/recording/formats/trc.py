@@ -54,8 +54,8 @@ def read_trc(
     header = dict(zip(_cells(lines[1]), _cells(lines[2]), strict=False))
     numbers = Numbers("\n".join(lines[HEADER_LINES:]))
     nominal_hz = _value(path, header, "DataRate", numbers)
-    labels = _labels(path, lines[3], _value(path, header, "NumMarkers", numbers))
     first = text.count("\n") - len(lines) + 2  # number of the first line
+    labels = _labels(path, first + 3, lines[3], _value(path, header, "NumMarkers", numbers))
     rows = [(first + k, line) for k, line in enumerate(lines) if k >= HEADER_LINES and line.strip()]
     check_joints(path, len(rows), 1, len(labels))
     if not rows:
@@ -87,11 +87,12 @@ def read_trc(
     return noted(recording, counted if promised != len(rows) else "")
 
 
-def _labels(path: Path, line: str, promised: float) -> list[str]:
-    """Names of the markers, each above the first of its three columns; "" where one has none.
+def _labels(path: Path, row: int, line: str, promised: float) -> list[str]:
+    """Names of the markers, each above the first of its three columns.
 
     Raises:
-        RecordingError: a name is above another column, or their number is not the promised one.
+        RecordingError: a name is above another column, a marker has none, or their number is not
+            the promised one.
     """
     names = _cells(line)[2:]
     while names and not names[-1]:
@@ -106,10 +107,12 @@ def _labels(path: Path, line: str, promised: float) -> list[str]:
                 f"recording {path}: the name '{astray[:40]}' is not above the first of a marker's "
                 f"three columns; export it again"
             )
-    if len(labels) != promised:
+    named = sum(map(bool, labels))
+    if not named == len(labels) == promised:
+        nameless = f": marker {labels.index('') + 1} has no name" if "" in labels else ""
         raise RecordingError(
-            f"recording {path}: 'NumMarkers' is {promised:g}, but {len(labels)} are named; "
-            f"export it again"
+            f"recording {path}: row {row}: 'NumMarkers' is {promised:g}, but {named} are "
+            f"named{nameless}; export it again"
         )
     return labels
 

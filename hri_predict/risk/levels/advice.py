@@ -66,7 +66,8 @@ class Levels:
         ids = LatchIds(last_latch_id)
         self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, ids) for r in robots)
         self._modes = tuple(Modes(r.robot.modes, r.name, r.max_speed_m_s) for r in robots)
-        self._note = ""  # about the data that an earlier run left
+        # about the data that an earlier run left, until the robot's latch is released
+        self._notes = [""] * len(robots)
         for machine in self._machines:
             machine.latch("start")
         self._reasons = tuple(SteadyReason(settings.release_captures) for _ in robots)
@@ -100,7 +101,11 @@ class Levels:
 
     def acknowledge(self, latch_id: int) -> bool:
         """Release the latch ``latch_id`` if its cause has cleared; return whether it was."""
-        return any(machine.acknowledge(latch_id) for machine in self._machines)
+        for robot, machine in enumerate(self._machines):  # a number is of one latch
+            if machine.acknowledge(latch_id):
+                self._notes[robot] = ""
+                return True
+        return False
 
     def remember(self) -> dict[str, Any]:
         """The latches, and the muted time that has not recovered, for a restart of the node."""
@@ -120,7 +125,7 @@ class Levels:
 
         ``why`` goes into the detail of the advice until the latch is acknowledged.
         """
-        self._note = why
+        self._notes = [why] * len(self._robots)
         for time in self._muted_times().values():
             time.use_up()
         for machine in self._machines:
@@ -202,7 +207,7 @@ class Levels:
             capture_ns=bodies.capture_ns,
             tool=findings.robots[robot].tool,
             mode=decision.mode,
-            detail="; ".join(filter(None, (decision.note, detail))) + self._latched(advised),
+            detail="; ".join(filter(None, (decision.note, detail))) + self._latched(robot, advised),
         )
 
     def _decide(self, robot: int, demand: Demand, found: RobotFindings, now_ns: int) -> Decision:
@@ -244,13 +249,13 @@ class Levels:
             return None
         return people.breach_s
 
-    def _latched(self, advised: Advised) -> str:
+    def _latched(self, robot: int, advised: Advised) -> str:
         """What is to be acknowledged, and the causes of a latch, in words; empty without any."""
         number = f" {advised.latch_id}" if advised.latch_id else ""
         if not advised.causes:
             unseen = f"; people may be there unseen: look, then acknowledge latch id{number}"
             return unseen if number else ""
-        note = f" ({self._note})" if self._note else ""
+        note = f" ({self._notes[robot]})" if self._notes[robot] else ""
         return f"; latch{number}: {', '.join(advised.causes)}{note}"
 
 

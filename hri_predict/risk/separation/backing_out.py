@@ -35,7 +35,7 @@ def why_not_backing_out(
     if recovery is None or robot.plan is None or now.place_s is None:
         return "its place on its plan is not known"
     if bodies.lost.any():
-        return "somebody is lost"
+        return "a person is lost"
     if bodies.speeds.unknown.any():
         return "the speed of a person is not known yet"
     forwards_m_s = robot.plan.forwards_m_s(now.place_s, motion.qd)
@@ -47,5 +47,5 @@ def why_not_backing_out(
     way = robot.model.capsules(robot.plan.trajectory.at(places)[0])
     distance = link_distances(bodies.captured, way)
     if not (distance >= distance[0] - NEARER_M).all():
-        return "a link would come nearer to somebody on the way back"
+        return "a link would come nearer to a person on the way back"
     return ""

@@ -11,12 +11,13 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
 import yaml
 
 from hri_predict.files import data_path
+from hri_predict.node.presses import QUIET_S
 from hri_sim.baseline_demo import BASELINE
 from hri_sim.wires.pty import open_pty
 
@@ -122,3 +123,49 @@ def test_the_c_example_hears_the_node_and_stops_when_it_dies(build: Any, tmp_pat
         log.close()
     assert heard[0][:2] == ["stop", "0"]
     assert all((h[1] == "0") == (h[0] == "stop") for h in heard)
+
+
+@pytest.mark.long
+def test_the_c_example_acknowledges_when_enter_is_pressed(build: Any, tmp_path: Path) -> None:
+    line = NullModem()
+    line.start()
+    config = configured(tmp_path / "node.yaml", line.node_port)
+    data = yaml.safe_load(config.read_text())
+    data["source"]["people"] = []
+    data["risk"] = {"mode": "iso", "latch": ["start"]}
+    config.write_text(yaml.safe_dump(data))
+    arguments = [build(EXAMPLE), line.controller_port, SILENCE_MS, MAX_AGE_MS, TOLERATED]
+    pipe = subprocess.PIPE
+    controller = subprocess.Popen(
+        [*map(str, arguments)], stdin=pipe, stdout=pipe, stderr=pipe, text=True, bufsize=1
+    )
+    node = subprocess.Popen(
+        [sys.executable, "-m", "hri_predict", "run", str(config)],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    ended = threading.Timer(WAIT_S, lambda: (node.kill(), controller.kill()))
+    ended.start()
+    try:
+        assert controller.stdin is not None
+        assert controller.stdout is not None
+        assert controller.stderr is not None
+        assert controller.stderr.readline().startswith("to acknowledge: ")
+        assert not any(" clear " in said for said in heard_for(controller.stdout, QUIET_S + 1.0))
+        controller.stdin.write("\n\n")  # a key that is held down is one press
+        controller.stdin.flush()
+        assert any(" clear " in said for said in controller.stdout)  # ends, or the timer ends it
+    finally:
+        ended.cancel()
+        for process in (node, controller):
+            process.kill()
+            process.wait()
+        line.close()
+
+
+def heard_for(lines: IO[str], seconds: float) -> list[str]:
+    """The lines of this time; the example writes each at once."""
+    heard, end = [], time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        if select.select([lines], [], [], left)[0]:
+            heard.append(lines.readline())
+    return heard

@@ -16,7 +16,7 @@ def can(**more):
 
 
 def serial(**more):
-    return SerialLinkSettings(name="cell", port="/dev/null", **more)
+    return SerialLinkSettings(name="cell", port="/dev/ttyX0", **more)
 
 
 def test_a_classic_bus_counts_135_bits_a_frame():

@@ -278,7 +278,7 @@ def test_what_another_node_sends_with_our_ids_is_foreign_and_no_controllers(kind
     assert pair.link.counters.foreign >= 2
     assert pair.link.counters.unexpected == 0
     assert pair.link.foreign_ns == 7
-    assert "somebody else sends with this node's ids" in str(pair.link.last_error)
+    assert "another sender uses this node's ids" in str(pair.link.last_error)
 
 
 @pytest.mark.parametrize("kind", VIRTUAL_TIME)

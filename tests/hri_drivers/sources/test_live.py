@@ -1,12 +1,14 @@
 """What all live sources share, with a receiver and a decoder of the test's own."""
 
 import queue
+import threading
 import time
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hri_drivers.sources import live
 from hri_drivers.sources.live import LiveSettings, LiveSource, sender_joints
 from hri_drivers.sources.sent import SentPerson, SentScene
 from hri_predict.errors import ConfigError, SourceError
@@ -25,9 +27,12 @@ class Receiver:
     def __init__(self) -> None:
         self.queue: queue.Queue[Any] = queue.Queue()
         self.refuse: Exception | None = None
+        self.may_open = threading.Event()
+        self.may_open.set()
         self.opened = self.closed = 0
 
     def open(self) -> None:
+        self.may_open.wait()
         if self.refuse is not None:
             raise self.refuse
         self.opened += 1
@@ -199,6 +204,28 @@ def test_or_waited_for_if_so_configured(map_path):
     rig.source.open(0)
     assert not rig.source.connected
     rig.receiver.refuse = None
+    rig.put(b"1:0")
+    assert len(rig.scenes(1)) == 1
+    rig.source.close()
+
+
+def test_an_opening_without_an_end_ends_the_start(map_path, monkeypatch):
+    monkeypatch.setattr(live, "OPEN_S", 0.05)
+    rig = Rig(map_path)
+    rig.receiver.may_open.clear()
+    with pytest.raises(SourceError, match="source 'mine': not open within"):
+        rig.source.open(0)
+    rig.receiver.may_open.set()
+    rig.wait(lambda: rig.receiver.closed)  # nothing stays open
+
+
+def test_or_only_delays_it_if_the_device_may_be_absent(map_path, monkeypatch):
+    monkeypatch.setattr(live, "WAIT_FOR_S", 0.05)
+    rig = Rig(map_path, wait_for_device=True)
+    rig.receiver.may_open.clear()
+    rig.source.open(0)
+    assert not rig.source.connected
+    rig.receiver.may_open.set()
     rig.put(b"1:0")
     assert len(rig.scenes(1)) == 1
     rig.source.close()

@@ -215,7 +215,7 @@ def test_serial_over_a_url_carries_bytes():
         ("/dev/no_such_port", "not found; plug it in or correct 'port'"),
         ("lop://", "pyserial does not know"),
         ("socket://127.0.0.1:1", "refused"),
-        ("/etc/hostname", "cannot be opened"),
+        ("/etc/hostname", "not a serial device; correct 'port'"),
     ],
 )
 def test_a_port_that_does_not_open_gets_one_line_with_the_remedy(port, words):

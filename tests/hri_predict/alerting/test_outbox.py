@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.alerting.alert import ZoneAlert
+from hri_predict.alerting.alert import ZoneAlert, payload
 from hri_predict.alerting.outbox import Outbox
 from hri_predict.alerting.webhook import WebhookHook
 from tests.hri_predict.alerting.servers import alert
@@ -27,6 +27,15 @@ def test_of_one_robot_the_newest_waits_and_the_rest_is_told():
     assert (second.alert.robot, second.more_changes) == ("gantry", 0)
     assert box.next(0.0) is None
     assert (box.delivered, box.left_out, box.dropped) == (1, 2, 0)
+
+
+def test_what_was_held_back_before_is_told_too():
+    box = outbox()
+    box.put(alert("stop", held_back=57))
+    box.put(alert("unknown", held_back=2))
+    entry = box.next(0.0)
+    assert (entry.alert.level, entry.more_changes, box.left_out) == ("unknown", 60, 60)
+    assert "held_back" not in payload(entry.alert, "cell7", entry.more_changes)
 
 
 def test_only_what_may_go_out_sooner_wakes_the_thread():

@@ -67,7 +67,7 @@ def test_at_clear_a_reason_is_a_note() -> None:
     fast = replace(CLEAR, reason=Reason.PERSON_FAST)
     Node(fleet).say(S, OURS, RUNNING, fast, replace(fast, robot=1, level=Level.SLOW))
     noted, slowed = only(fleet, S).robots
-    assert noted.reason == f"nobody is too close; note: {Reason.PERSON_FAST.text}"
+    assert noted.reason == f"no person is too close; note: {Reason.PERSON_FAST.text}"
     assert slowed.reason == Reason.PERSON_FAST.text
 
 

@@ -1,5 +1,7 @@
 """What is filled in when a message goes out."""
 
+import re
+
 import pytest
 
 from hri_predict.protocol.messages import (
@@ -60,3 +62,9 @@ def test_only_advice_echoes() -> None:
     assert filled.echo == 200
     assert at_encoding(advice, 0) == advice
     assert at_encoding(Schema(1, 2), 0, echo=200) == Schema(1, 2)
+
+
+def test_reasons_say_person_not_nobody_or_somebody():
+    for reason in Reason:
+        words = set(re.findall(r"[a-z]+", f"{reason.text} {reason.clears_when}".lower()))
+        assert words.isdisjoint({"nobody", "somebody", "anybody", "everybody", "whoever"}), reason

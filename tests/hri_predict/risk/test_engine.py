@@ -164,7 +164,7 @@ def test_who_runs_is_named_and_counts_as_fast(mode):
     assert ran < walked if mode == "iso" else ran <= walked
     far = cell.settle(8.0, history=run[None], observed=observed)
     assert (far.level, far.reason) == (Level.CLEAR, Reason.PERSON_FAST)
-    assert "nobody is too close; note: " in far.detail  # else it contradicts the level
+    assert "no person is too close; note: " in far.detail  # else it contradicts the level
     assert "clears when" not in far.detail
 
 
@@ -234,6 +234,19 @@ def test_a_latched_stop():
     assert cell.settle(6.0).level is Level.CLEAR
     cell.step(0.7)
     assert cell.settle(6.0).latch_id not in (0, latch)
+
+
+def test_what_is_wrong_with_the_state_file_is_named_until_that_latch_is_acknowledged():
+    cell = Cell(SETTINGS.model_copy(update={"latch": ["stop", "restart"]}))
+    cell.engine.distrust("there is no state file x")
+    advice = cell.settle(6.0)
+    assert advice.detail.endswith(": stop, restart (there is no state file x)")
+    assert not cell.engine.acknowledge(advice.latch_id + 1)
+    assert "no state file" in cell.settle(6.0).detail
+    assert cell.engine.acknowledge(cell.settle(6.0).latch_id)
+    cell.settle(0.9)
+    later = cell.settle(6.0)
+    assert later.detail.endswith(f"; latch {later.latch_id}: stop")
 
 
 def test_a_named_zone():

@@ -121,3 +121,22 @@ def test_a_base_of_a_trajectory_in_millimetres_or_degrees_is_refused(base, said,
     (tmp_path / "t.yaml").write_text(f"waypoints: {points}\n", encoding="utf-8")
     with pytest.raises(RobotError, match=re.escape(said)):
         load_trajectory("t.yaml", arm, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("joint_4", "said"),
+    [
+        (0.0, "at 0 rad is outside -3.0718 .. -0.0698; give a position within them"),
+        (-3.2, "at -3.2 rad is outside -3.0718 .. -0.0698; give a position within them"),
+        (-90.0, "at -90 rad is outside -3.0718 .. -0.0698; radians are meant: -1.571?"),
+        (90.0, "at 90 rad is outside -3.0718 .. -0.0698; radians are meant"),
+    ],
+)
+def test_another_unit_is_named_only_where_it_explains_the_position(joint_4, said, tmp_path):
+    panda = load_robot(
+        RobotSettings(name="arm", model="panda", room_from_robot=Pose(), max_speed_m_s=1.0), None
+    )
+    points = [{"time_s": t, "positions": [0, 0, 0, joint_4, 0, 1, 0]} for t in (0, 5)]
+    (tmp_path / "t.yaml").write_text(yaml.safe_dump({"waypoints": points}), encoding="utf-8")
+    with pytest.raises(RobotError, match=re.escape(said) + "$"):
+        load_trajectory("t.yaml", panda, tmp_path)

@@ -49,7 +49,7 @@ MISTAKES = [
     (["rate_hz"], float("inf"), ["rate_hz"]),
     (["rat_hz"], 25, ["rat_hz", "unknown key", "did you mean 'rate_hz'?"]),
     (["source"], ..., ["source", "missing"]),
-    (["source"], "procedural", ["source", "dictionary"]),
+    (["source"], "procedural", ["source", "block of settings"]),
     (["source"], None, ["source"]),
     (["source", "kind"], ..., ["source.kind", "procedural", "recording"]),
     (["source", "kind"], 3, ["source.kind", "procedural"]),

@@ -3,10 +3,11 @@
 import re
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigMistakes
+from hri_predict.errors import ConfigError, ConfigMistakes
 from hri_predict.files import line_of
 from hri_predict.run import config as configuration
 from hri_predict.run.mistakes import MAX_SHOWN
@@ -133,3 +134,31 @@ def test_the_line_of_each_key_is_found(keys):
         assert line_of(text, (key, 0)) == 3 * i + 3
         assert line_of(text, (key, 1, "x")) == 3 * i + 4
         assert line_of(text, (key, 1, "missing")) == 3 * i + 4
+
+
+@pytest.mark.parametrize("value", [5, "iso", [1], None])
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        (("risk",), "expected a block of settings such as mode: ..., "),
+        (("source",), "expected a block of settings: each as 'key: value' on a line"),
+        (("robots", 0, "room_from_robot"), "expected a block of settings such as xyz: ..., "),
+        (("robots", 0, "motion"), "expected a block of settings such as kind: ..., "),
+        (("links",), "expected a list: an entry after each '- '"),
+        (("people", "exits", 0), "expected a block of settings such as polygon: ..., "),
+    ],
+)
+def test_what_is_no_block_or_list_is_told_what_belongs_there(tmp_path, keys, value, expected):
+    if (keys[-1], value) in (("links", [1]), ("room_from_robot", None), ("motion", None)):
+        pytest.skip("this value is told otherwise")
+    data = at = yaml.safe_load(configuration.shipped("demo.yaml").read_text())
+    for key in keys[:-1]:
+        at = at[key]
+    at[keys[-1]] = value
+    path = tmp_path / "cell.yaml"
+    path.write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError) as told:
+        configuration.load(path)
+    where = ".".join(map(str, keys))
+    assert f"{where}: {expected}" in str(told.value)
+    assert "dictionary" not in str(told.value)

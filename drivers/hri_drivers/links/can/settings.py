@@ -12,6 +12,7 @@ from hri_drivers.links.can.transport import check_interface, listen_only_options
 from hri_drivers.links.configured import ConfiguredLinkSettings
 from hri_drivers.links.slots import BULK
 from hri_drivers.links.supervised import BULK_AHEAD_NS
+from hri_drivers.wires.serial import demand_serial_device
 from hri_predict.errors import ConfigError, LinkError
 from hri_predict.protocol.can import (
     CLASSIC_BYTES,
@@ -95,6 +96,12 @@ class CanLinkSettings(ConfiguredLinkSettings):
             raise ValueError("options.receive_own_messages: a link must not hear itself; remove it")
         if self.channel is None and self.simulate is None:
             raise ValueError("give 'channel' (such as can0 or /dev/ttyACM0), or 'simulate'")
+        if self.channel is not None and self.interface == "slcan":
+            demand_serial_device(self.channel.partition("@")[0])
+        if "/" in (self.channel or "") and self.interface == "socketcan":
+            raise ValueError(
+                f"channel {self.channel} is not a CAN interface; give one such as can0"
+            )
         if self.fd and self.data_bitrate < self.bitrate:
             raise ValueError("data_bitrate must be at least bitrate")
         if self.isotp is not None:

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 from pydantic import Field, field_validator, model_validator
 
 from hri_drivers.links.framed import BITS_PER_BYTE, FramedLink, FramedLinkSettings
-from hri_drivers.wires.serial import Parity, SerialTransport, StopBits
+from hri_drivers.wires.serial import Parity, SerialTransport, StopBits, demand_serial_device
 from hri_drivers.wires.usb_ports import UsbDevice
 from hri_predict.errors import ConfigError, LinkError
 from hri_predict.link import LinkLoad
@@ -60,7 +60,7 @@ class SerialLinkSettings(FramedLinkSettings):
                 complete = False
             if not complete:
                 raise ValueError(f"give host and port, such as {parts.scheme}://192.168.0.7:4001")
-        return value
+        return None if value is None else demand_serial_device(value)
 
     @model_validator(mode="after")
     def _has_port(self) -> Self:

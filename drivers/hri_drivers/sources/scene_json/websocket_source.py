@@ -175,8 +175,9 @@ class WebSocketClient:
             self._context.enter_context(connecting)
             self._connection = connecting
         except (OSError, WebSocketException, ValueError) as error:
-            why = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise SourceError(f"{self._url}: {why}; start the server, or correct 'url'") from error
+            raise SourceError(
+                f"{self._url}: {_why(error)}; start the server, or correct 'url'"
+            ) from error
 
     def read(self, timeout_s: float) -> list[bytes]:
         """Return the message that arrives within ``timeout_s``, if any.
@@ -231,6 +232,13 @@ class WebSocketSource(SceneJsonSource):
             base_dir=base_dir,
             clock=clock,
         )
+
+
+def _why(error: Exception) -> str:
+    """Why there is no connection, in one line."""
+    if isinstance(error, TimeoutError):  # of the connection, of TLS, or of the handshake
+        return f"no WebSocket server answers within {CONNECT_TIMEOUT_S:g} s"
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
 def _as_bytes(message: str | bytes) -> bytes:

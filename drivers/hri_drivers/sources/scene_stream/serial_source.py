@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import ClassVar, Literal, Self
 
 from cobs import cobs
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from hri_drivers.sources.live import LiveSource
 from hri_drivers.sources.scene_stream.codec import MAX_DATAGRAM
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.scene_stream.settings import StreamSettings, stream_of
 from hri_drivers.sources.sent import SentScene
-from hri_drivers.wires.serial import Parity, SerialTransport, StopBits
+from hri_drivers.wires.serial import Parity, SerialTransport, StopBits, demand_serial_device
 from hri_drivers.wires.usb_ports import UsbDevice
 from hri_predict.clock import Clock
 from hri_predict.quantities.safe_side import Safety, harmless
@@ -49,6 +49,11 @@ class SerialSkeletonSettings(StreamSettings):
         if (self.port is None) == (self.usb is None):
             raise ValueError("give either 'port' (a device path or URL) or 'usb'")
         return self
+
+    @field_validator("port")
+    @classmethod
+    def _is_serial(cls, value: str | None) -> str | None:
+        return None if value is None else demand_serial_device(value)
 
 
 class FramedStream:

@@ -353,7 +353,7 @@ def test_the_listen_command_shows_zones_that_come_by_isotp():
 
 def test_listening_only_is_refused_where_it_makes_no_sense():
     with pytest.raises(ConfigError, match="--listen-only: only for CAN"):
-        listen(link="serial:/dev/null", listen_only=True)
+        listen(link="serial:/dev/ttyX0", listen_only=True)
     with pytest.raises(LinkError, match="no such mode for 'gs_usb'"):
         listen(link="can:gs_usb:0", listen_only=True)
     with pytest.raises(ConfigError, match=r"isotp\.id 0x680"):

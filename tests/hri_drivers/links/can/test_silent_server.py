@@ -1,11 +1,6 @@
 """A CAN server that accepts connections and says nothing holds up neither start nor end."""
 
-import contextlib
-import os
 import signal
-import socket
-import subprocess
-import sys
 import threading
 import time
 
@@ -19,33 +14,10 @@ from hri_predict.clock import MonotonicClock
 from hri_predict.errors import LinkError
 from hri_predict.run import config as configuration
 from tests.hri_drivers.links.can.can_pairs import eventually
+from tests.silent_server import SilentServer, started
 
 SHORT_S = 0.3
 """Longer than a local connection takes, by a factor of a hundred."""
-
-
-class SilentServer:
-    """Accepts, and says nothing."""
-
-    def __init__(self) -> None:
-        self.socket = socket.create_server(("127.0.0.1", 0))
-        self.port = self.socket.getsockname()[1]
-        self.accepted: list[socket.socket] = []
-        threading.Thread(target=self._accept, daemon=True).start()
-
-    def _accept(self) -> None:
-        while True:
-            try:
-                self.accepted.append(self.socket.accept()[0])
-            except OSError:
-                return
-
-    def close(self) -> None:
-        with contextlib.suppress(OSError):
-            self.socket.shutdown(socket.SHUT_RDWR)  # wakes the thread
-        self.socket.close()
-        for each in self.accepted:
-            each.close()
 
 
 @pytest.fixture
@@ -114,17 +86,10 @@ def config_with(tmp_path, *links):
     return path
 
 
-def started(path, *more):
-    return subprocess.Popen(
-        [sys.executable, "-m", "hri_predict", "run", str(path), *more],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ,
-    )  # fmt: skip
-
-
 @pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_a_start_that_hangs(tmp_path, server, number):
-    process = started(config_with(tmp_path, link(server.port, name="monitor")))
+    process = started("run", str(config_with(tmp_path, link(server.port, name="monitor"))))
     try:
         eventually(lambda: len(server.accepted) >= 2, 60.0)
         began = time.monotonic()
@@ -139,7 +104,7 @@ def test_a_signal_ends_a_start_that_hangs(tmp_path, server, number):
 
 @pytest.mark.realtime
 def test_a_start_ends_with_one_line_and_status_2(tmp_path, server):
-    process = started(config_with(tmp_path, link(server.port, name="monitor")))
+    process = started("run", str(config_with(tmp_path, link(server.port, name="monitor"))))
     try:
         _, said = process.communicate(timeout=90)
     finally:
@@ -154,7 +119,7 @@ def test_a_start_ends_with_one_line_and_status_2(tmp_path, server):
 @pytest.mark.realtime
 def test_the_other_links_go_on(tmp_path, server):
     waits = link(server.port, name="monitor", wait_for_device=True)
-    process = started(config_with(tmp_path, waits), "--duration", "6", "--json")
+    process = started("run", str(config_with(tmp_path, waits)), "--duration", "6", "--json")
     try:
         out, said = process.communicate(timeout=90)
     finally:

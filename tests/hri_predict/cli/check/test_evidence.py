@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
+from hri_predict.errors import ConfigError
 from hri_predict.evidence.settings import EvidenceSettings
 from tests.hri_predict.commissioning.cells import load_cell
 
@@ -36,11 +37,11 @@ def test_none_is_told_too(tmp_path):
     assert evidence_notes(None) == []
 
 
-def test_too_little_room_and_a_file_in_the_way_are_told(facts, tmp_path, monkeypatch):
+def test_too_little_room_is_told_and_a_file_in_the_way_refused(facts, tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=5e6))
         (note,) = evidence_notes(facts(max_mb=6))
     assert "only 5 MB are free there" in note
     (tmp_path / "kept").write_text("")
-    (note,) = evidence_notes(facts())
-    assert "is a file" in note
+    with pytest.raises(ConfigError, match="is a file, not a folder; name another folder"):
+        facts()

@@ -1,5 +1,6 @@
 """TRC files as OpenSim and Motion Analysis write them, and what can be wrong with them."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -171,11 +172,17 @@ def test_spaces_instead_of_tabs(save):
         open_recording(save(spaced.replace("2   0.01667   100   ", "2   0.01667   ")))
 
 
-def test_a_marker_without_a_name_does_not_shift_the_others(save):
-    text = OPENSIM.replace("R.Wrist", "")
-    recording = open_recording(save(text), any_joints=True)
-    assert recording.joint_map.source_joints == ("L.Wrist",)
-    np.testing.assert_allclose(joints(recording)[0, 0], [[0.1, 0.3, 1.0]], atol=1e-12)
+@pytest.mark.parametrize(
+    ("label", "left", "said"),
+    [
+        ("R.Wrist", "", "row 4: 'NumMarkers' is 2, but 1 are named: marker 1 has no name"),
+        ("L.Wrist", "", "row 4: 'NumMarkers' is 2, but 1 are named"),
+        ("R.Wrist\t\t\t", "", "row 4: 'NumMarkers' is 2, but 1 are named"),
+    ],
+)
+def test_a_label_that_was_deleted_is_named_with_its_row(save, label, left, said):
+    with pytest.raises(RecordingError, match=re.escape(said)):
+        open_recording(save(OPENSIM.replace(label, left)), any_joints=True)
 
 
 def test_a_trace_of_a_can_bus_has_the_same_ending(save):

@@ -300,13 +300,13 @@ def test_the_reason_that_lasts_is_logged_and_not_a_short_one_before_it(caplog: A
 def test_a_reason_that_comes_soon_after_another_is_logged_later(caplog: Any) -> None:
     robot = Robot().ready()
     with caplog.at_level(logging.WARNING):
-        for why in ("it does not go back", "somebody is lost"):
+        for why in ("it does not go back", "a person is lost"):
             for _ in range(8):
                 robot.tick(ASKED[RECOVERY], not_backing_out=why)
         assert len(caplog.messages) == 1
         for _ in range(20):
-            robot.tick(ASKED[RECOVERY], not_backing_out="somebody is lost")
-    assert caplog.messages[1:] == ["robot arm: recovery refused: somebody is lost"]
+            robot.tick(ASKED[RECOVERY], not_backing_out="a person is lost")
+    assert caplog.messages[1:] == ["robot arm: recovery refused: a person is lost"]
 
 
 def test_a_controller_that_flickers_does_not_fill_the_log(caplog: Any) -> None:

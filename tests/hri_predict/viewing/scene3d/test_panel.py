@@ -29,10 +29,10 @@ def test_why_a_node_is_degraded_stands_beside_it():
 
 
 def test_the_detail_repeats_neither_the_reason_nor_its_note():
-    reason = "nobody is too close; note: a person is fast"
+    reason = "no person is too close; note: a person is fast"
     detail = f"<arm>: {reason}; person 1 is fast: left hand 2.7 m/s"
     html = details(FACTS | {"robots": [ROBOT | {"reason": reason, "detail": detail}]})
-    assert html.count("nobody is too close") == 1
+    assert html.count("no person is too close") == 1
     assert ">person 1 is fast: left hand 2.7 m/s<" in html
 
 
