@@ -16,9 +16,7 @@ _VEHICLE = {
     "base": {
         "kind": "state",
         "base_from_robot": {"xyz": [0.15, 0, 0.6]},
-        "capsules": [
-            {"name": "body", "a": [-0.25, 0, 0.3], "b": [0.25, 0, 0.3], "radius": 0.35}
-        ],
+        "capsules": [{"name": "body", "a": [-0.25, 0, 0.3], "b": [0.25, 0, 0.3], "radius": 0.35}],
         "max_speed_m_s": 1.0,
         "max_turn_rad_s": 0.6,
         "uncertainty_m": 0.02,
@@ -68,6 +66,28 @@ def _elsewhere(
     )
 
 
+def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incident:
+    """Both controllers say that the arm stands where it is, and a person reaches into its way."""
+    script = [
+        {"do": "wait", "seconds": wait_s},
+        {"do": "walk", "to": [0.25, -1.5], "speed_m_s": speed_m_s},
+        {"do": "wait", "seconds": 0.4},
+        {"do": "reach", "hand": "right", "to": [0.1, -1.05, 0.9], "hold_s": 8.0},
+        {"do": "wait", "seconds": 20.0},
+    ]
+    return _elsewhere(
+        f"an arm that swings to another station is frozen at {since_s} s",
+        "swings_across.yaml",
+        {"model": "ur10e", "payload_kg": 5.0, "max_speed_m_s": 1.2},
+        {"start": [2.5, -4.5], "repeat": False, "script": script},
+        duration_s=16.0,
+        lies=({"kind": "stand", "start_s": since_s},),
+        not_clear=(since_s + 0.2, 16.0),
+        not_moving=(since_s + 0.2, 16.0),
+        says=(Reason.ROBOT_STATE_FROZEN,),
+    )
+
+
 _BESIDE_ITS_WAY = _walks_up([6.5, -2.5], [2.6, -0.2], 6.0)
 _LONG_WAY = "vehicle_drives_far.yaml"
 _RAIL = "rail_end_to_end.yaml"
@@ -99,7 +119,7 @@ ROBOTS_ELSEWHERE = (
         says=(Reason.ROBOT_STATES_CONTRADICT,),
     ),
     _elsewhere(
-        "none is, a vehicle drives up",
+        "it is not, a vehicle drives up",
         _LONG_WAY,
         _VEHICLE,
         _BESIDE_ITS_WAY,
@@ -108,25 +128,8 @@ ROBOTS_ELSEWHERE = (
         moving=(1.0, 6.0),
         never_says=(Reason.ROBOT_STATE_FROZEN, Reason.ROBOT_STATES_CONTRADICT),
     ),
-    _elsewhere(
-        "frozen while it swings to another station",
-        "swings_across.yaml",
-        {"model": "ur10e", "payload_kg": 5.0, "max_speed_m_s": 1.2},
-        {
-            "start": [1.5, -4.0],
-            "repeat": False,
-            "script": [
-                {"do": "wait", "seconds": 2.0},
-                {"do": "walk", "to": [0.3, -1.5], "speed_m_s": 1.4},
-                {"do": "wait", "seconds": 0.5},
-                {"do": "reach", "hand": "right", "to": [0.1, -1.05, 0.9], "hold_s": 8.0},
-                {"do": "wait", "seconds": 20.0},
-            ],
-        },
-        duration_s=18.0,
-        lies=({"kind": "stand", "start_s": 5.0},),
-        modes=_ALL_MODES,
-    ),
+    _frozen_on_its_way(4.7, wait_s=5.2, speed_m_s=1.2),
+    _frozen_on_its_way(4.9, wait_s=4.4, speed_m_s=1.3),
     _elsewhere(
         "obeys, and is configured to follow a file",
         _RAIL,
