@@ -38,7 +38,7 @@ class Button:
     def show(self, latch_id: int, now_ns: int) -> None:
         """Show what the newest Advice says is to be acknowledged; 0: nothing."""
         if self._heard_ns is None or now_ns - self._heard_ns > SILENCE_NS:
-            self._counts_ns = now_ns + START_NS
+            self._counts_ns, self._shown = now_ns + START_NS, None
         self._heard_ns = now_ns
         for automatic in self._automatic:
             automatic.show(latch_id)
