@@ -26,6 +26,7 @@ QUIET_S = 5.0  # nothing fails at the start
 MEAN_GAP_S = 20.0  # from one fault's start to the next's
 MEAN_LIE_GAP_S = 60.0  # from one lie's end to the next's start
 LONGEST_S = 4.0
+OPERATOR_S = 20.0  # after that an operator has looked for lost people, and acknowledges
 DECEIVING_S = 2.0  # longest time of false sensor data: the node must believe longer ones
 WARM_UP = 0.1  # share of the run; bounded buffers are full by then
 LIMIT_PERCENT = 2.0
@@ -167,15 +168,25 @@ def run_soak(hours: float, seed: int = 0, speed: float | None = None) -> dict[st
 
 
 def _scene(base: Config) -> Config:
-    """Return the demo's cell: one person waits near the robot, the demo's own comes and goes."""
+    """Return the demo's cell: one person works near the robot, the demo's own comes and goes.
+
+    The one near it takes a step now and then: a body that stood for hours without moving a limb
+    would stay *unknown* after the tracker made it up once.
+    """
     data = base.source.model_dump()
-    waits = {"start": [2.3, 0.2], "script": [{"do": "wait", "seconds": 3600.0}]}
+    script = [
+        step
+        for to in ([2.3, 0.5], [2.3, 0.2])
+        for step in ({"do": "wait", "seconds": 15.0}, {"do": "walk", "to": to})
+    ]
+    waits = {"start": [2.3, 0.2], "script": script}
     return base.with_source(data | {"people": [waits, *data["people"]], "keeps_ids": False})
 
 
 def _lying(link: LinkSettings, lies: list[dict[str, Any]]) -> LinkSettings:
-    """Return the link with a controller at its far end that lies."""
-    return link.model_copy(update={"simulate": {**(link.simulate or {}), "lies": lies}})
+    """Return the link with a controller at its far end that lies, and has a button."""
+    changes = {"lies": lies, "acknowledge_after_s": OPERATOR_S}
+    return link.model_copy(update={"simulate": (link.simulate or {}) | changes})
 
 
 class _Posts:
