@@ -98,7 +98,7 @@ def _with_controller(link: LinkSettings, incident: Incident) -> LinkSettings:
     lies = incident.lies if not incident.liars or link.name in incident.liars else ()
     told = {"lies": lies, "requests": incident.requests}
     changes = {key: [dict(each) for each in entries] for key, entries in told.items() if entries}
-    return link.model_copy(update={"simulate": link.simulate | incident.simulate | changes})
+    return link.model_copy(update={"simulate": {**link.simulate, **incident.simulate, **changes}})
 
 
 def _told(config: Config, incident: Incident, mode: str) -> FaultOutcome:

@@ -55,8 +55,10 @@ def _elsewhere(
     **story: Any,
 ) -> Incident:
     """A story of the demo's cell with another robot, which goes along a path of this folder."""
-    place = {} if "base" in robot else {"room_from_robot": {"xyz": [0, 0, 0]}}
-    robots = [{"name": "arm", "motion": {"kind": "state", "stale_s": 0.1}} | place | robot]
+    usual: dict[str, Any] = {"name": "arm", "motion": {"kind": "state", "stale_s": 0.1}}
+    if "base" not in robot:
+        usual["room_from_robot"] = {"xyz": [0, 0, 0]}
+    robots = [{**usual, **robot}]
     return Incident(
         name=f"robot elsewhere: {name}",
         people=(person,),
