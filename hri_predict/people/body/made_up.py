@@ -54,6 +54,8 @@ TURNING_M = 0.02
 of the joints may do more."""
 COASTED_M = 0.1
 """Least way in ``COAST_S`` of a body that glides."""
+EVEN = 3.5
+"""A body that glides is nowhere so many times faster than on average; one that jumps is."""
 LINEAR_S, LINEAR_M = 1.0, 0.6
 """For how long, and over what way, joints that each keep their velocity are followed: nearly a step
 of somebody who walks. A slow shift of weight over planted feet is shorter."""
@@ -234,8 +236,8 @@ class MadeUpWatch:
         way_m = float(np.linalg.norm((ends[1] - ends[0])[common].mean(axis=0)))
         if way_m < COASTED_M:
             return False
-        _, joints, always = record.last(count)
-        if always.sum() < COAST_JOINTS or always[_LEGS].sum() < 2:
+        stamps, joints, always = record.last(count)
+        if always.sum() < COAST_JOINTS or always[_LEGS].sum() < 2 or _leaps(stamps, joints):
             return False
         steps_m = np.linalg.norm(np.diff(joints.mean(axis=1), axis=0), axis=-1)
         if steps_m.max() > way_m / 2:  # a jump: the id went to another body, or came back
@@ -296,6 +298,14 @@ class MadeUpWatch:
             return True  # too little is seen to say anything
         shape = joints - joints.mean(axis=1, keepdims=True)
         return bool(_variance(shape) > 2 * WHITE * _white(shape) + ALIVE_M**2)
+
+
+def _leaps(stamps: Floats, joints: Floats) -> bool:
+    """Whether most of the way of (n, m, 3) is a jump: a glitch, or another body under this id."""
+    middle = joints.mean(axis=1)
+    fastest = (np.linalg.norm(np.diff(middle, axis=0), axis=-1) / np.diff(stamps)).max()
+    mean = np.linalg.norm(middle[-1] - middle[0]) / (stamps[-1] - stamps[0])
+    return bool(fastest > EVEN * mean)
 
 
 def _white(values: Floats) -> float:

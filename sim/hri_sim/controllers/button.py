@@ -7,6 +7,10 @@ from hri_sim.controllers.lies import LieSettings
 
 PAUSE_NS = 15_000_000_000
 """The operator waits so long between two presses: without a pause of 12 s none counts."""
+START_NS = 13_000_000_000
+"""And so long after the first Advice of a node: in its first 12 s none counts either."""
+SILENCE_NS = 1_000_000_000
+"""After a longer silence it is the first Advice of another run."""
 _PRESSES = 1 << 32  # values of Acknowledge's ACK_ID, of which 0 is not used
 
 
@@ -14,7 +18,8 @@ class Button:
     """Pressed some time after there is something to acknowledge, and again while it stays.
 
     Args:
-        after_s: from being shown to the press; ``None``: never pressed.
+        after_s: from being shown to the press, which waits until presses count; ``None``: never
+            pressed.
         lies: where the controller acknowledges by itself instead.
 
     Attributes:
@@ -27,9 +32,14 @@ class Button:
         self._automatic = [_Automatic(lie) for lie in lies if lie.kind == "acknowledges"]
         self._shown: tuple[int, int] | None = None  # latch id, when to press
         self._pressed_ns: int | None = None
+        self._heard_ns: int | None = None
+        self._counts_ns = 0  # from when on a press counts
 
     def show(self, latch_id: int, now_ns: int) -> None:
         """Show what the newest Advice says is to be acknowledged; 0: nothing."""
+        if self._heard_ns is None or now_ns - self._heard_ns > SILENCE_NS:
+            self._counts_ns, self._shown = now_ns + START_NS, None
+        self._heard_ns = now_ns
         for automatic in self._automatic:
             automatic.show(latch_id)
         if latch_id == 0:
@@ -53,7 +63,7 @@ class Button:
     def _arm(self, latch_id: int, now_ns: int) -> None:
         if self._after_s is None:
             return
-        at_ns = now_ns + int(self._after_s * 1e9)
+        at_ns = max(now_ns + int(self._after_s * 1e9), self._counts_ns)
         if self._pressed_ns is not None:
             at_ns = max(at_ns, self._pressed_ns + PAUSE_NS)
         self._shown = (latch_id, at_ns)

@@ -113,8 +113,9 @@ class ControllerSettings(Settings):
     acknowledge_after_s: float | None = Field(
         None,
         gt=0,
-        description="press the button this long after there is something to acknowledge; again 15 s"
-        " after the last press; a press in the first 12 s of the node is refused; default: never",
+        description="press the button this long after there is something to acknowledge, but not in"
+        " the first 13 s of the node, when no press counts; again 15 s after the last press;"
+        " default: never",
     )
 
     def resolved(self, link: LinkSettings) -> "ControllerSettings":

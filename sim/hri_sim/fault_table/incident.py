@@ -36,6 +36,7 @@ class Incident:
         lies: the wrong behaviour of simulated controllers, as in ``simulate.lies``.
         liars: links whose controllers lie; default: all.
         requests: what every simulated controller asks for, as in ``simulate.requests``.
+        simulate: differences of every ``simulate`` block from the demo's.
         modes: risk modes to play it in.
         not_clear: no robot may be advised *clear* in this time.
         not_moving: every robot must be told to stand in this time.
@@ -53,6 +54,7 @@ class Incident:
     lies: tuple[Mapping[str, Any], ...] = ()
     liars: tuple[str, ...] = ()
     requests: tuple[Mapping[str, Any], ...] = ()
+    simulate: Mapping[str, Any] = field(default_factory=dict)
     modes: tuple[str, ...] = ("predictive", "iso")
     not_clear: Span | None = None
     not_moving: Span | None = None
@@ -96,7 +98,7 @@ def _with_controller(link: LinkSettings, incident: Incident) -> LinkSettings:
     lies = incident.lies if not incident.liars or link.name in incident.liars else ()
     told = {"lies": lies, "requests": incident.requests}
     changes = {key: [dict(each) for each in entries] for key, entries in told.items() if entries}
-    return link.model_copy(update={"simulate": link.simulate | changes})
+    return link.model_copy(update={"simulate": {**link.simulate, **incident.simulate, **changes}})
 
 
 def _told(config: Config, incident: Incident, mode: str) -> FaultOutcome:

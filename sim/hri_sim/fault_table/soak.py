@@ -1,19 +1,20 @@
 """The soak test: hours of the demo's cell with random faults, and conditions that must always hold.
 
-One person is always near and another comes and goes, while sources, links and clocks fail,
-sometimes several at once. The conditions: the node never advises *clear*, a moving robot touches
-nobody, every posted message is sent or counted, and memory does not grow.
+One person is always near and another comes and goes, while sources, links and clocks fail and
+controllers lie, sometimes several at once. The conditions: the node never advises *clear*, a moving
+robot touches nobody, every posted message is sent or counted, and memory does not grow.
 """
 
 import resource
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hri_predict.errors import ConfigError
-from hri_predict.link import Link
+from hri_predict.link import Link, LinkSettings
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level, Message
 from hri_predict.run.assemble import Assembly
@@ -23,18 +24,22 @@ from hri_sim.baseline_demo import baseline_demo
 
 QUIET_S = 5.0  # nothing fails at the start
 MEAN_GAP_S = 20.0  # from one fault's start to the next's
+MEAN_LIE_GAP_S = 60.0  # from one lie's end to the next's start
 LONGEST_S = 4.0
+OPERATOR_S = 20.0  # after that an operator has looked for lost people, and acknowledges
 DECEIVING_S = 2.0  # longest time of false sensor data: the node must believe longer ones
 WARM_UP = 0.1  # share of the run; bounded buffers are full by then
 LIMIT_PERCENT = 2.0
 SAMPLE_NS = 20_000_000_000
 
-_DECEIVING = ("vanish", "teleport", "identity_swap")
+_DECEIVING = ("vanish", "teleport", "identity_swap", "made_up", "alternate", "rename", "zero")
 _SOURCE = (
     "drop", "drop:probability=0.3", "delay:delay_s=0.05", "delay:delay_s=0.6", "jitter",
     "freeze", "freeze:what=joints", "duplicate", "reorder", "nan", "nan:fraction=1.0",
     "teleport:offset=[0,3,0]", "identity_swap", "vanish", "blind", "clock_drift:ppm=400",
     "clock_jump:offset_s=-3600", "clock_jump:offset_s=3600", "clock_jump:offset_s=0.5",
+    "made_up:how=hold", "made_up:how=coast", "made_up:how=loop,captures=12", "alternate",
+    "rename:person=2,to=1", "zero:joints=[l_wrist,l_hand,l_elbow]",
 )  # fmt: skip
 _LINK = (
     "drop", "drop:probability=0.05", "delay:delay_s=0.02", "delay:delay_s=0.5", "jitter",
@@ -42,10 +47,23 @@ _LINK = (
     "duplicate", "reorder", "unplug", "second_sender",
 )  # fmt: skip
 _DIRECTIONS = ("out", "in", "both")
+_LIES: tuple[Mapping[str, Any], ...] = (
+    {"kind": "freeze"},
+    {"kind": "hold"},
+    {"kind": "stand"},
+    {"kind": "zero"},
+    {"kind": "jump", "jump_rad": 0.6},
+    {"kind": "acknowledges", "period_s": 0.3},
+    {"kind": "acknowledges", "period_s": 0.5, "ids": 2, "names": "first"},
+)
+"""Of one controller at a time: the other one tells the truth."""
 
 
 def draw_faults(seed: int, seconds: float, links: Sequence[str]) -> list[str]:
-    """Draw faults at random times for source and links, in the form of the command line."""
+    """Draw faults at random times for source and links, in the form of the command line.
+
+    An id that is renamed slides: the person who had it is not seen meanwhile.
+    """
     rng = np.random.default_rng(seed)
     found, start_s = [], QUIET_S
     while (start_s := start_s + rng.exponential(MEAN_GAP_S)) < seconds - LONGEST_S:
@@ -55,9 +73,25 @@ def draw_faults(seed: int, seconds: float, links: Sequence[str]) -> list[str]:
         if target:
             way = f"direction={rng.choice(_DIRECTIONS)}"
             parameters = f"{parameters},{way}" if parameters else way
-        text = f"{kind}@{start_s:.2f}+{rng.uniform(0.2, longest_s):.2f}"
-        text += f":{parameters}" if parameters else ""
+        time = f"@{start_s:.2f}+{rng.uniform(0.2, longest_s):.2f}"
+        if kind == "rename":
+            found.append(f"vanish{time}:person=1")
+        text = f"{kind}{time}:{parameters}" if parameters else f"{kind}{time}"
         found.append(f"{target}:{text}" if target else text)
+    return found
+
+
+def draw_lies(seed: int, seconds: float, links: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
+    """Draw lies of the simulated controllers: link -> as in ``simulate.lies``."""
+    rng = np.random.default_rng([seed, 1])
+    found: dict[str, list[dict[str, Any]]] = {link: [] for link in links}
+    end_s = QUIET_S
+    while (start_s := end_s + rng.exponential(MEAN_LIE_GAP_S)) < seconds - LONGEST_S:
+        lasts_s = float(rng.uniform(0.2, LONGEST_S))
+        lie = _LIES[rng.integers(len(_LIES))]
+        times = {"start_s": round(start_s, 2), "duration_s": round(lasts_s, 2)}
+        found[str(rng.choice(list(links)))].append({**lie, **times})
+        end_s = start_s + lasts_s
     return found
 
 
@@ -67,7 +101,7 @@ class SoakResult:
 
     Attributes:
         hours: hours of node time.
-        faults: number of faults injected.
+        faults: number of faults injected, lies of controllers among them.
         ticks: number of the node's ticks.
         clear_ticks: number of ticks that advised *clear* although a person was near.
         contacts: touches of a moving robot.
@@ -110,13 +144,16 @@ def run_soak(hours: float, seed: int = 0, speed: float | None = None) -> dict[st
         raise ConfigError(f"--hours {hours}: give more than 0 and at most 1000")
     seconds = hours * 3600.0
     base = _scene(baseline_demo())
-    faults = draw_faults(seed, seconds, [link.name for link in base.links])
+    names = [link.name for link in base.links]
+    faults = draw_faults(seed, seconds, names)
+    lies = draw_lies(seed, seconds, names)
+    base = replace(base, links=tuple(_lying(link, lies[link.name]) for link in base.links))
     watch = _Watch(WARM_UP * seconds)
     summary = run(base.with_faults(faults), Options(factor=speed, duration_s=seconds, view=watch))
     early, end = watch.memory_mib
     result = SoakResult(
         hours=hours,
-        faults=len(faults),
+        faults=len(faults) + sum(map(len, lies.values())),
         ticks=watch.ticks,
         clear_ticks=watch.clear_ticks,
         contacts=summary.contacts or 0,
@@ -131,10 +168,25 @@ def run_soak(hours: float, seed: int = 0, speed: float | None = None) -> dict[st
 
 
 def _scene(base: Config) -> Config:
-    """Return the demo's cell: one person waits near the robot, the demo's own comes and goes."""
+    """Return the demo's cell: one person works near the robot, the demo's own comes and goes.
+
+    The one near it takes a step now and then: a body that stood for hours without moving a limb
+    would stay *unknown* after the tracker made it up once.
+    """
     data = base.source.model_dump()
-    waits = {"start": [2.3, 0.2], "script": [{"do": "wait", "seconds": 3600.0}]}
-    return base.with_source(data | {"people": [waits, *data["people"]]})
+    script = [
+        step
+        for to in ([2.3, 0.5], [2.3, 0.2])
+        for step in ({"do": "wait", "seconds": 15.0}, {"do": "walk", "to": to})
+    ]
+    waits = {"start": [2.3, 0.2], "script": script}
+    return base.with_source(data | {"people": [waits, *data["people"]], "keeps_ids": False})
+
+
+def _lying(link: LinkSettings, lies: list[dict[str, Any]]) -> LinkSettings:
+    """Return the link with a controller at its far end that lies, and has a button."""
+    changes = {"lies": lies, "acknowledge_after_s": OPERATOR_S}
+    return link.model_copy(update={"simulate": (link.simulate or {}) | changes})
 
 
 class _Posts:

@@ -325,8 +325,20 @@ def test_slowdowns_and_stops_are_counted_as_transitions():
     assert kinds == ["clear", "slow", "clear", "slow", "stop", "slow", "stop", "clear"]
 
 
+def test_the_button_is_not_pressed_while_a_node_that_started_refuses_presses():
+    pair = running(acknowledge_after_s=0.5)
+    for _ in range(2):
+        before = len([m for _, m in pair.heard if isinstance(m, Acknowledge)])
+        pair.run(11_500, replace(GOOD, level=Level.STOP, latch_id=7))
+        assert len([m for _, m in pair.heard if isinstance(m, Acknowledge)]) == before
+        pair.run(2000, replace(GOOD, level=Level.STOP, latch_id=7))
+        assert len([m for _, m in pair.heard if isinstance(m, Acknowledge)]) == before + 1
+        pair.run(3000, None)  # the node is gone, and another one starts
+
+
 def test_the_button_is_pressed_once_for_what_is_shown_and_after_a_pause_while_it_stays():
     pair = running(acknowledge_after_s=0.5)
+    pair.run(13_000)
     pair.run(1200, replace(GOOD, level=Level.STOP, latch_id=7))
     presses = [m for _, m in pair.heard if isinstance(m, Acknowledge)]
     assert [p.latch_id for p in presses] == [7]

@@ -1,5 +1,6 @@
 """The soak: its faults are as drawn, and what it judges by can fail."""
 
+import itertools
 import types
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 from hri_predict.errors import ConfigError
 from hri_predict.link import LinkCounters
 from hri_sim.baseline_demo import baseline_demo
-from hri_sim.fault_table.soak import SoakResult, _Posts, draw_faults, run_soak
+from hri_sim.fault_table.soak import SoakResult, _Posts, draw_faults, draw_lies, run_soak
 
 FINE = SoakResult(
     hours=1.0, faults=1, ticks=10, clear_ticks=0, contacts=0, posted=5, unaccounted=0,
@@ -23,7 +24,20 @@ def test_faults_are_drawn_for_source_and_links_alike_and_every_one_is_valid():
     assert 250 < len(faults) < 470  # one in 20 s on average: 360
     targets = {fault.partition(":")[0] for fault in faults}
     assert {"drive", "monitor"} < targets
+    assert {"made_up", "alternate", "rename", "zero"} < {f.partition("@")[0] for f in faults}
     baseline_demo().with_faults(faults)  # refuses what is none
+
+
+def test_one_controller_lies_at_a_time():
+    lies = draw_lies(1, 7200.0, ["drive", "monitor"])
+    assert lies == draw_lies(1, 7200.0, ["drive", "monitor"])
+    assert all(lies.values())
+    times = sorted(
+        (lie["start_s"], lie["start_s"] + lie["duration_s"]) for of in lies.values() for lie in of
+    )
+    assert 80 < len(times) < 150  # a minute after the one before it, on average: 116
+    for (_, end_s), (start_s, _) in itertools.pairwise(times):
+        assert end_s <= start_s + 0.02  # both are rounded to 0.01
 
 
 @pytest.mark.parametrize("hours", [0.002, pytest.param(0.005, marks=pytest.mark.long)])

@@ -111,6 +111,32 @@ def test_a_body_that_glides_on_is_recognised(noise_m, velocity):
     assert since < t < since + 0.65
 
 
+@NOISES
+@pytest.mark.parametrize("rate_hz", [15, 30, 60])
+@pytest.mark.parametrize("jump", [[0, 3.0, 0], [0.6, 0, 0]])
+def test_who_stands_is_believed_although_the_tracker_jumps(noise_m, rate_hz, jump):
+    def shown(t, k):  # there for two seconds, and back
+        return walker(0.0) + np.array(jump) * (2.0 <= t < 4.0)
+
+    assert not any(sign for _, sign in signs(shown, noise_m, 6.0, rate_hz=rate_hz))
+
+
+@NOISES
+def test_a_body_that_glides_on_is_recognised_although_captures_are_lost(noise_m):
+    def shown(t, k):
+        return walker(min(t, 3.2)) + np.array([0, 1.4, 0]) * max(t - 3.2, 0.0)
+
+    watch = MadeUpWatch(PeopleSettings(), np.full(3, 9.0), round(1e9 / RATE_HZ))
+    rng = np.random.default_rng(0)
+    seen = [k for k in range(126) if not 102 < k < 108]  # until 1 s after it began to glide
+    bodies = [shown(k / RATE_HZ, k) + rng.normal(0, noise_m, (len(JOINTS), 3)) for k in seen]
+    found = [
+        watch.judge(Sent(1, body, ALL), round(k / RATE_HZ * 1e9))
+        for k, body in zip(seen, bodies, strict=True)
+    ]
+    assert found[-1] is Sign.COASTING
+
+
 def test_a_body_whose_joints_each_go_on_is_recognised():
     step = walker(3.2) - walker(3.2 - 1 / RATE_HZ)
     t, sign = first(lambda t, k: walker(min(t, 3.2)) + step * RATE_HZ * max(t - 3.2, 0.0), 0.004)

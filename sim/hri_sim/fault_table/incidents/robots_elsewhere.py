@@ -1,0 +1,151 @@
+"""Robots that travel far, and are said to be elsewhere, while a person stands in their way."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hri_predict.protocol.reasons import Reason
+from hri_sim.fault_table.incident import Incident
+
+_PATHS = Path(__file__).parent.parent / "paths"
+_ALL_MODES = ("predictive", "iso", "fixed")
+_VEHICLE = {
+    "model": "ur5e",
+    "payload_kg": 2.0,
+    "max_speed_m_s": 1.1,
+    "base": {
+        "kind": "state",
+        "base_from_robot": {"xyz": [0.15, 0, 0.6]},
+        "capsules": [{"name": "body", "a": [-0.25, 0, 0.3], "b": [0.25, 0, 0.3], "radius": 0.35}],
+        "max_speed_m_s": 1.0,
+        "max_turn_rad_s": 0.6,
+        "uncertainty_m": 0.02,
+        "uncertainty_rad": 0.01,
+        "stopping": {
+            "source": "Made up: full speed for 0.1 s, then uniform deceleration of 2 m/s2.",
+            "speed_m_s": [0.1, 0.25, 0.5, 1.0, 1.5],
+            "rows": [
+                {
+                    "payload_kg": 100,
+                    "time_s": [0.15, 0.225, 0.35, 0.6, 0.85],
+                    "distance_m": [0.0125, 0.0407, 0.1125, 0.35, 0.7125],
+                }
+            ],
+        },
+    },
+}
+"""As in ``configs/simulate_mobile.yaml``."""
+
+
+def _walks_up(start: list[float], to: list[float], wait_s: float) -> Mapping[str, Any]:
+    """Walks into the robot's way in full view, and stays there."""
+    script = [
+        {"do": "wait", "seconds": wait_s},
+        {"do": "walk", "to": to, "speed_m_s": 1.4},
+        {"do": "wait", "seconds": 60.0},
+    ]
+    return {"start": start, "repeat": False, "script": script}
+
+
+def _elsewhere(
+    name: str,
+    path: str,
+    robot: Mapping[str, Any],
+    person: Mapping[str, Any],
+    **story: Any,
+) -> Incident:
+    """A story of the demo's cell with another robot, which goes along a path of this folder."""
+    usual: dict[str, Any] = {"name": "arm", "motion": {"kind": "state", "stale_s": 0.1}}
+    if "base" not in robot:
+        usual["room_from_robot"] = {"xyz": [0, 0, 0]}
+    robots = [{**usual, **robot}]
+    return Incident(
+        name=f"robot elsewhere: {name}",
+        people=(person,),
+        settings={"robots": robots, "people": {"exits": []}},
+        simulate={"trajectory": str(_PATHS / path), "max_age_s": 0.4},
+        **story,
+    )
+
+
+def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incident:
+    """Both controllers say that the arm stands where it is, and a person reaches into its way."""
+    script = [
+        {"do": "wait", "seconds": wait_s},
+        {"do": "walk", "to": [0.25, -1.5], "speed_m_s": speed_m_s},
+        {"do": "wait", "seconds": 0.4},
+        {"do": "reach", "hand": "right", "to": [0.1, -1.05, 0.9], "hold_s": 8.0},
+        {"do": "wait", "seconds": 20.0},
+    ]
+    return _elsewhere(
+        f"an arm that swings to another station is frozen at {since_s} s",
+        "swings_across.yaml",
+        {"model": "ur10e", "payload_kg": 5.0, "max_speed_m_s": 1.2},
+        {"start": [2.5, -4.5], "repeat": False, "script": script},
+        duration_s=16.0,
+        lies=({"kind": "stand", "start_s": since_s},),
+        not_clear=(since_s + 0.2, 16.0),
+        not_moving=(since_s + 0.2, 16.0),
+        says=(Reason.ROBOT_STATE_FROZEN,),
+    )
+
+
+_BESIDE_ITS_WAY = _walks_up([6.5, -2.5], [2.6, -0.2], 6.0)
+_LONG_WAY = "vehicle_drives_far.yaml"
+_RAIL = "rail_end_to_end.yaml"
+
+ROBOTS_ELSEWHERE = (
+    _elsewhere(
+        "a vehicle's place is frozen while it drives",
+        _LONG_WAY,
+        _VEHICLE,
+        _BESIDE_ITS_WAY,
+        duration_s=16.0,
+        lies=({"kind": "stand", "start_s": 6.0},),
+        modes=_ALL_MODES,
+        not_clear=(6.2, 16.0),
+        not_moving=(6.2, 16.0),
+        says=(Reason.ROBOT_STATE_FROZEN,),
+    ),
+    _elsewhere(
+        "one of two controllers says that the vehicle stands",
+        _LONG_WAY,
+        _VEHICLE,
+        _BESIDE_ITS_WAY,
+        duration_s=16.0,
+        lies=({"kind": "stand", "start_s": 3.0},),
+        liars=("monitor",),
+        modes=_ALL_MODES,
+        not_clear=(6.0, 16.0),
+        not_moving=(6.0, 16.0),
+        says=(Reason.ROBOT_STATES_CONTRADICT,),
+    ),
+    _elsewhere(
+        "it is not, a vehicle drives up",
+        _LONG_WAY,
+        _VEHICLE,
+        _BESIDE_ITS_WAY,
+        duration_s=9.0,
+        modes=_ALL_MODES,
+        moving=(1.0, 6.0),
+        never_says=(Reason.ROBOT_STATE_FROZEN, Reason.ROBOT_STATES_CONTRADICT),
+    ),
+    _frozen_on_its_way(4.7, wait_s=5.2, speed_m_s=1.2),
+    _frozen_on_its_way(4.9, wait_s=4.4, speed_m_s=1.3),
+    _elsewhere(
+        "obeys, and is configured to follow a file",
+        _RAIL,
+        {
+            "model": "ur10e_rail",
+            "payload_kg": 5.0,
+            "max_speed_m_s": 1.2,
+            "motion": {"kind": "trajectory", "file": str(_PATHS / _RAIL)},
+        },
+        _walks_up([6.5, 0.3], [2.6, 0.15], 5.0),
+        duration_s=28.0,
+        modes=_ALL_MODES,
+        not_clear=(4.0, 28.0),
+        not_moving=(4.0, 28.0),
+        says=(Reason.ROBOT_STATES_CONTRADICT,),
+    ),
+)
