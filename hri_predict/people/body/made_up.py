@@ -239,9 +239,6 @@ class MadeUpWatch:
         stamps, joints, always = record.last(count)
         if always.sum() < COAST_JOINTS or always[_LEGS].sum() < 2 or _leaps(stamps, joints):
             return False
-        steps_m = np.linalg.norm(np.diff(joints.mean(axis=1), axis=0), axis=-1)
-        if steps_m.max() > way_m / 2:  # a jump: the id went to another body, or came back
-            return False
         shape = joints - joints.mean(axis=1, keepdims=True)
         if _is_noise(shape, RIGID_M) and _is_noise(
             shape[:, np.isin(np.flatnonzero(always), _LEGS)], RIGID_M

@@ -143,7 +143,12 @@ def test_the_c_example_acknowledges_when_enter_is_pressed(build: Any, tmp_path: 
         [sys.executable, "-m", "hri_predict", "run", str(config)],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    ended = threading.Timer(WAIT_S, lambda: (node.kill(), controller.kill()))
+
+    def kill_both() -> None:
+        node.kill()
+        controller.kill()
+
+    ended = threading.Timer(WAIT_S, kill_both)
     ended.start()
     try:
         assert controller.stdin is not None

@@ -71,12 +71,15 @@ def test_what_was_reported_is_never_less_severe_than_what_holds(period_s):
     for tick in range(5000):
         now_s = tick * TICK_S
         for told in flapping.due(now_s):
+            assert isinstance(told, Alert)
             shown = told.level
         new = order[int(now_s / period_s) % len(order)]
         if new != level:
             level = new
-            told = flapping.take(change(now_s, level))
-            shown = told.level if told is not None else shown
+            taken = flapping.take(change(now_s, level))
+            if taken is not None:
+                assert isinstance(taken, Alert)
+                shown = taken.level
         assert SEVERITY.index(shown) >= SEVERITY.index(level)
 
 
@@ -100,11 +103,11 @@ def test_robots_and_zones_are_counted_by_themselves():
     for k in range(20):
         flapping.take(change(k * 0.1, ("stop", "unknown")[k % 2]))
     assert flapping.take(change(2.0, "clear", robot="gantry")) is not None
-    zone = {"at": None, "zone": "hatch", "was": "", "entry_s": None}
-    told = [
-        flapping.take(ZoneAlert(time_s=k * 0.1, state=("empty", "occupied")[k % 2], **zone))
-        for k in range(40)
-    ]
+
+    def zone(time_s: float, state: str) -> ZoneAlert:
+        return ZoneAlert(at=None, zone="hatch", was="", entry_s=None, time_s=time_s, state=state)
+
+    told = [flapping.take(zone(k * 0.1, ("empty", "occupied")[k % 2])) for k in range(40)]
     assert sum(each is not None for each in told) == 2 * REPEATS
 
 

@@ -87,18 +87,6 @@ def test_who_slows_down_gently_is_believed_at_any_rate(noise_m, rate_hz):
 
 
 @NOISES
-@pytest.mark.parametrize("jump_m", [0.3, 1.0, 3.0])
-def test_a_body_that_jumps_and_stands_does_not_glide(noise_m, jump_m):
-    """The id went to another body, and comes back: impossible, but nobody coasts."""
-    standing = walker(0.0)
-
-    def jumping(t, k):
-        return standing + np.array([0.0, jump_m if 2.0 <= t < 4.0 else 0.0, 0.0])
-
-    assert first(jumping, noise_m) == (None, None)
-
-
-@NOISES
 @pytest.mark.parametrize("velocity", [[0, 1.4, 0], [0.3, 0.2, 0], [1.0, 0, 0], [-1.4, 0, 0]])
 def test_a_body_that_glides_on_is_recognised(noise_m, velocity):
     since = 3.2
