@@ -5,8 +5,8 @@ from pathlib import Path
 from hri_predict.calibration.judgement import WAYS, ZoneJudgement
 from hri_predict.errors import ConfigError
 from hri_predict.files import atomic_write
-from hri_predict.risk.settings import LEVELS
 from hri_predict.risk.zones.calibration import levels_text
+from hri_predict.risk.zones.settings import LEVELS
 
 HEAD = "## Zones"
 

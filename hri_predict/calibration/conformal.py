@@ -32,11 +32,11 @@ from hri_predict.calibration.scale_fit import cross_scales
 from hri_predict.calibration.scores import HISTORY_STEPS, Scores, units
 from hri_predict.errors import ConfigError
 from hri_predict.machine.workers import Workers
-from hri_predict.risk.settings import LEVELS
 from hri_predict.risk.zones.calibration import OFS, Calibration, Of, UsedRecording, needed, plain
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES, speed_class
 from hri_predict.risk.zones.motion_ranges import SHORT_S, motion_ranges, short_ratio
 from hri_predict.risk.zones.scale_shape import KNOTS, ScaleShape
+from hri_predict.risk.zones.settings import LEVELS
 from hri_predict.skeleton import Skeleton
 
 LEAST_RECORDINGS = 4

@@ -15,10 +15,10 @@ from hri_predict.calibration.scores import Scores, evidence_of
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast, Predictor
 from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
-from hri_predict.risk.settings import CoverageSettings, HumanLimits
 from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.risk.zones.joint_zones import JointSpheres, JointZones
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.settings import CoverageSettings, HumanLimits
 from hri_predict.skeleton import Skeleton
 
 RESAMPLES = 2000

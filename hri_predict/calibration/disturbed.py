@@ -18,8 +18,8 @@ from hri_predict.calibration.scores import Scores, score_presence
 from hri_predict.datasets.disturbances import Disturbance, standard
 from hri_predict.evaluation.table import Table, percent
 from hri_predict.predictors.base import Predictor
-from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration
+from hri_predict.risk.zones.settings import CoverageSettings
 from hri_predict.skeleton import CANONICAL
 
 SHIFT_SHARE = 0.5

@@ -11,9 +11,9 @@ from hri_predict.calibration.scores import Scores
 from hri_predict.calibration.sizes import Sizes, measure_sizes
 from hri_predict.evaluation.table import Table, plain
 from hri_predict.predictors.base import Predictor
-from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.calibration import OFS, Calibration, levels_text
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES
+from hri_predict.risk.zones.settings import LEVELS, CoverageSettings
 
 HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
 SIZE_MS = (400, 1000)

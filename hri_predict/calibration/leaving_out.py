@@ -22,8 +22,8 @@ from hri_predict.errors import ConfigError
 from hri_predict.evaluation.table import Table, plain
 from hri_predict.machine.workers import Workers
 from hri_predict.predictors.base import Predictor, PredictorSettings
-from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.calibration import OFS, Calibration, Of, identity
+from hri_predict.risk.zones.settings import LEVELS, CoverageSettings
 
 SETS = ("arms", "beside_robot", "cmu_tools", "cmu_subjects", "cmu_dance")
 """The sets that are left out, as ``Scores.action`` names them."""

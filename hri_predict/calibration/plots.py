@@ -17,9 +17,9 @@ from hri_predict.calibration.scene import middle_window, zone_scene
 from hri_predict.calibration.scores import Scores, evidence_of
 from hri_predict.evaluation.figures import COLOURS, README_INCHES, Figure, write_png
 from hri_predict.predictors.base import Predictor
-from hri_predict.risk.settings import LEVELS, CoverageSettings, HumanLimits
 from hri_predict.risk.zones.calibration import OFS, Calibration, Of, plain
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.settings import LEVELS, CoverageSettings, HumanLimits
 from hri_predict.skeleton import CANONICAL
 
 SHOWN_MS = (200, 400, 1000)

@@ -16,10 +16,10 @@ from hri_predict.calibration.coverage import run_zones, snapshot_of
 from hri_predict.calibration.scores import Scores
 from hri_predict.geometry import Capsules
 from hri_predict.predictors.base import Forecast, Predictor
-from hri_predict.risk.settings import CoverageSettings, HumanLimits
 from hri_predict.risk.zones.body_zones import ZoneBuilder
 from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.settings import CoverageSettings, HumanLimits
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.trajectory import load_trajectory
 from hri_predict.settings import Pose

@@ -14,9 +14,9 @@ from hri_predict.arrays import Bools, Floats
 from hri_predict.calibration.coverage import run_zones
 from hri_predict.calibration.scores import Scores
 from hri_predict.predictors.base import Predictor
-from hri_predict.risk.settings import CoverageSettings, HumanLimits
 from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.risk.zones.reach import BodyReach
+from hri_predict.risk.zones.settings import CoverageSettings, HumanLimits
 from hri_predict.skeleton import Skeleton
 
 BALLS_M_S = (1.6, 2.0)

@@ -333,7 +333,7 @@ def _bases(
     calibrations: Sequence[Path],
 ) -> "list[ZoneBasis]":
     """What the zones of each predictor rest on; errors are forecasts' alone and do not tell."""
-    from hri_predict.risk.settings import CoverageSettings
+    from hri_predict.risk.zones.settings import CoverageSettings
     from hri_predict.run.asked import basis_of, demand_use, fitting
 
     demand_use(calibrations, settings)

@@ -16,8 +16,8 @@ from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast, Predictor, checked
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.recording import Recording
-from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration, calibration_for
+from hri_predict.risk.zones.settings import CoverageSettings
 from hri_predict.run.assemble import predictor_of
 from hri_predict.run.config import predictor_settings
 from hri_predict.settings import Pose

@@ -7,12 +7,12 @@ from hri_predict.errors import ConfigError
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast, Predictor
 from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants
-from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.risk.zones.human_speed import velocities_in
 from hri_predict.risk.zones.learned_scale import Evidence
 from hri_predict.risk.zones.motion_class import trunk_speed
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.settings import CoverageSettings
 
 _LEVEL = 0.9
 _DEVIATIONS = 2.5003

@@ -20,7 +20,7 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.messages import Status as StatusMessage
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.types import Zones
+from hri_predict.risk.zones.types import Zones
 
 SCHEMA_PERIOD_NS = 1_000_000_000
 

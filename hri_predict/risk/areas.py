@@ -8,10 +8,7 @@ from pydantic import Field
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.geometry import Capsules, in_polygon, segment_distance
-from hri_predict.protocol.messages import Level
-from hri_predict.protocol.reasons import Reason
 from hri_predict.quantities.safe_side import LessSafe, Safety
-from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.separation.permitted import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
@@ -117,24 +114,6 @@ class NamedZone:
             return NamedZoneState(self.settings.name, False, None)
         begins = bodies.zones.times_s[entered[0]]
         return NamedZoneState(self.settings.name, False, float(begins))
-
-    def demand(self, state: NamedZoneState, robot: str, max_speed_m_s: float) -> Demand:
-        """What the zone asks of ``robot`` in this state."""
-        settings = self.settings
-        asked = not settings.robots or robot in settings.robots
-        soon = state.entry_s is not None and state.entry_s <= settings.entry_warning_s
-        entering = soon and settings.entry_warning_s > 0
-        if settings.level == "none" or not asked or not (state.occupied or entering):
-            return Demand.nothing(max_speed_m_s)
-        level = {"warn": Level.WARN, "slow": Level.SLOW, "stop": Level.STOP}[settings.level]
-        limit = {
-            Level.WARN: max_speed_m_s,
-            Level.SLOW: min(settings.speed_limit_m_s, max_speed_m_s),
-        }.get(level, 0.0)
-        reason = Reason.ZONE_OCCUPIED if state.occupied else Reason.ZONE_ENTRY_PREDICTED
-        return Demand(
-            level=level, release=level, limit_m_s=limit, release_limit_m_s=limit, reason=reason
-        )
 
     def _far(self, capsules: Capsules) -> Bools:
         """Whether each capsule's bounding box misses that of the prism."""

@@ -24,12 +24,13 @@ from hri_predict.risk.made_up import made_up_ticks
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
 from hri_predict.risk.separation.stage import Findings, Separation
-from hri_predict.risk.settings import HumanLimits, RiskSettings
+from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Assessment
 from hri_predict.risk.zones.body_zones import BodyZones, ZoneBuilder
 from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.risk.zones.human_speed import Velocities, velocities_in
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.settings import HumanLimits
 from hri_predict.robots.model import StateMotion
 from hri_predict.robots.obedience import Obedience
 from hri_predict.robots.tracker import RobotNow, RobotTracker

@@ -3,29 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from hri_predict.arrays import Floats
 from hri_predict.geometry import Capsules
 from hri_predict.protocol.messages import Advice
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.separation.terms import ProtectiveDistance, protective_distance
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Zones:
-    """Where every body segment of every person may be. P people (lost ones too), S segments.
-
-    Attributes:
-        ids: (P,) person ids.
-        segments: names of the S segments.
-        times_s: (H+1,) seconds after the snapshot's ``now_ns``; the first is 0.
-        capsules: (P, H+1, S); entry k holds the segment during the whole interval that *ends* at
-            ``times_s[k]``; entry 0 is the body at its capture.
-    """
-
-    ids: tuple[int, ...]
-    segments: tuple[str, ...]
-    times_s: Floats
-    capsules: Capsules
+from hri_predict.risk.zones.types import Zones
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,13 +13,13 @@ from hri_predict.errors import ConfigError
 from hri_predict.peers.zone_basis import ZoneBasis
 from hri_predict.predictors.base import PredictorSettings
 from hri_predict.recording.recording import names_of
-from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import (
     calibration_for,
     load_calibration,
     mismatch,
     shipped_calibration,
 )
+from hri_predict.risk.zones.settings import CoverageSettings
 
 
 @dataclass(frozen=True, kw_only=True)

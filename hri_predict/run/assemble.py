@@ -22,8 +22,8 @@ from hri_predict.recording.played_link import played_links
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.levels.latches import random_latch_id
-from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration, calibration_for
+from hri_predict.risk.zones.settings import CoverageSettings
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.run.config import Config

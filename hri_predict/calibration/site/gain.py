@@ -15,8 +15,8 @@ from hri_predict.arrays import Bools, Floats
 from hri_predict.calibration.site.adapted import groups, moved_factors
 from hri_predict.calibration.site.parts import Part
 from hri_predict.evaluation.table import Table, percent, plain
-from hri_predict.risk.settings import LEVELS
 from hri_predict.risk.zones.calibration import OFS, Calibration, Of
+from hri_predict.risk.zones.settings import LEVELS
 from hri_predict.skeleton import Skeleton
 
 FOLDS = 5

@@ -28,7 +28,7 @@ import numpy as np
 
 from hri_predict.arrays import Floats, Ints
 from hri_predict.calibration.conformal import LEAST_RECORDINGS, caution
-from hri_predict.risk.settings import LEVELS
+from hri_predict.risk.zones.settings import LEVELS
 
 GROW, SHRINK = 15.0, 30.0
 """Recordings that the base counts as; see the module."""

@@ -111,8 +111,8 @@ def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> se
 
 
 def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration":
-    from hri_predict.risk.settings import CoverageSettings
     from hri_predict.risk.zones.calibration import calibration_for
+    from hri_predict.risk.zones.settings import CoverageSettings
 
     asked = CoverageSettings(calibration=None if path is None else str(path))
     found = calibration_for(settings, asked, Path())

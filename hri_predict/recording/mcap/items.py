@@ -25,7 +25,8 @@ from hri_predict.recording.mcap.format import (
 from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.mcap.schemas import advice_topic
 from hri_predict.recording.mcap.told import advice_to_dict, status_to_dict
-from hri_predict.risk.types import Grounds, Zones
+from hri_predict.risk.types import Grounds
+from hri_predict.risk.zones.types import Zones
 from hri_predict.scene import Scene
 
 Counters = Callable[[], Mapping[str, Any]]

@@ -20,6 +20,7 @@ from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, rememb
 from hri_predict.risk.levels.machine import Advised, LevelMachine
 from hri_predict.risk.levels.modes import Decision, Modes, Situation
 from hri_predict.risk.levels.muted_time import MutedTime
+from hri_predict.risk.levels.named_zones import zone_demand
 from hri_predict.risk.levels.pair import pair_m
 from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.robot_constants import RobotConstants
@@ -239,7 +240,7 @@ class Levels:
         if found.unknown:
             return demand, people
         by_zones = [
-            zone.demand(state, constants.name, constants.max_speed_m_s)
+            zone_demand(zone.settings, state, constants.name, constants.max_speed_m_s)
             for zone, state in zip(self._named, named, strict=True)
         ]
         return combined([demand, *by_zones], constants.max_speed_m_s), people

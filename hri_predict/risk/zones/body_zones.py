@@ -22,8 +22,6 @@ from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
 from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.self_check.self_check import Trust
-from hri_predict.risk.settings import HumanLimits
-from hri_predict.risk.types import Zones
 from hri_predict.risk.zones.human_speed import (
     HumanSpeeds,
     SpeedRule,
@@ -35,6 +33,8 @@ from hri_predict.risk.zones.joint_speeds import joint_speeds
 from hri_predict.risk.zones.joint_zones import FRESH_S, JointZones
 from hri_predict.risk.zones.lost_places import anywhere_in
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.settings import HumanLimits
+from hri_predict.risk.zones.types import Zones
 from hri_predict.skeleton import Skeleton
 
 

@@ -35,11 +35,11 @@ from hri_predict.arrays import Floats
 from hri_predict.errors import ConfigError
 from hri_predict.files import package_path, read_text
 from hri_predict.predictors.base import PredictorSettings
-from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.learned_scale import ScaleNetwork
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES, trunk_joints
 from hri_predict.risk.zones.motion_ranges import MotionRanges
 from hri_predict.risk.zones.scale_shape import ScaleShape
+from hri_predict.risk.zones.settings import LEVELS, CoverageSettings
 from hri_predict.settings import Settings, validated
 from hri_predict.skeleton import JOINTS, Skeleton
 

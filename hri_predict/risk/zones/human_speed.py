@@ -37,8 +37,8 @@ from hri_predict.arrays import Bools, Floats, Ints, known_median, plain_flags
 from hri_predict.geometry import norm
 from hri_predict.machine.compiled import kernel, part, plain
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.risk.settings import HumanLimits
 from hri_predict.risk.zones.joint_speeds import JointSpeeds
+from hri_predict.risk.zones.settings import HumanLimits
 from hri_predict.skeleton import Skeleton
 
 SPAN_S = 0.2

@@ -39,7 +39,6 @@ from hri_predict.machine.compiled import kernel, plain
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
 from hri_predict.risk.self_check.trust import Trust
-from hri_predict.risk.settings import HumanLimits
 from hri_predict.risk.zones.human_speed import Velocities, velocities_in
 from hri_predict.risk.zones.joint_spheres import spheres_by_arrays
 from hri_predict.risk.zones.learned_scale import Evidence
@@ -54,6 +53,7 @@ from hri_predict.risk.zones.loops.spheres import (
 from hri_predict.risk.zones.motion_class import trunk_speed
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.reach import BodyReach
+from hri_predict.risk.zones.settings import HumanLimits
 from hri_predict.skeleton import Skeleton
 
 __all__ = ["FRESH_S", "LIMB_M", "JointSpheres", "JointZones"]

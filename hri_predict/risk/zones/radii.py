@@ -8,7 +8,6 @@ import numpy as np
 from hri_predict.arrays import Floats, Ints
 from hri_predict.errors import ConfigError
 from hri_predict.machine.compiled import kernel, part
-from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.calibration import Calibration, needed, plain
 from hri_predict.risk.zones.learned_scale import Evidence, LearnedScale
 from hri_predict.risk.zones.motion_class import (
@@ -18,6 +17,7 @@ from hri_predict.risk.zones.motion_class import (
     speed_class,
 )
 from hri_predict.risk.zones.scale_shape import shaped_by
+from hri_predict.risk.zones.settings import LEVELS, CoverageSettings
 from hri_predict.skeleton import Skeleton
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.risk.settings import HumanLimits
+from hri_predict.risk.zones.settings import HumanLimits
 from hri_predict.risk.zones.spheres import along, cut
 from hri_predict.skeleton import Skeleton, generations
 

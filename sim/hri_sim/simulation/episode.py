@@ -22,8 +22,9 @@ from hri_predict.predictors.runner import PredictionRunner
 from hri_predict.protocol.messages import Advice, Level, Message, Status
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.engine import RiskEngine
-from hri_predict.risk.types import Assessment, Zones
+from hri_predict.risk.types import Assessment
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.risk.zones.types import Zones
 from hri_predict.robots.model import RobotModel
 from hri_predict.run import assemble
 from hri_predict.run.config import Config

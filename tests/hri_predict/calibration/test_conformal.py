@@ -19,9 +19,9 @@ from hri_predict.calibration.conformal import (
 )
 from hri_predict.calibration.scores import HISTORY_STEPS, Presence, Scores, evidence_of
 from hri_predict.errors import ConfigError
-from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones.calibration import plain, save_text
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.settings import LEVELS, CoverageSettings
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 RATE_HZ = 25.0

@@ -16,7 +16,7 @@ from hri_predict.predictors.baselines import (
     ZeroVelocity,
     ZeroVelocitySettings,
 )
-from hri_predict.risk.settings import CoverageSettings, HumanLimits, Reach
+from hri_predict.risk.zones.settings import CoverageSettings, HumanLimits, Reach
 from hri_predict.skeleton import CANONICAL, JOINTS
 from tests.hri_predict.risk.conftest import scale_of
 

@@ -25,8 +25,8 @@ from hri_predict.calibration.scores import score_recordings
 from hri_predict.errors import ConfigError
 from hri_predict.geometry import Capsules
 from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
-from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import identity
+from hri_predict.risk.zones.settings import CoverageSettings
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 RATE_HZ = 25.0

@@ -19,9 +19,9 @@ from hri_predict.calibration.plots import (
 from hri_predict.calibration.scores import score_recordings
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
-from hri_predict.risk.settings import LEVELS, HumanLimits
 from hri_predict.risk.zones.calibration import OFS, Calibration, UsedRecording, plain
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES
+from hri_predict.risk.zones.settings import LEVELS, HumanLimits
 from hri_predict.skeleton import JOINTS
 from tests.hri_predict.risk.conftest import scale_of
 

@@ -11,7 +11,7 @@ from hri_predict.calibration.conformal import calibrate
 from hri_predict.calibration.scores import score_recordings
 from hri_predict.calibration.sizes import Sizes, capsule_volume, measure_sizes
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
-from hri_predict.risk.settings import CoverageSettings
+from hri_predict.risk.zones.settings import CoverageSettings
 from hri_predict.skeleton import CANONICAL, JOINTS
 from tests.hri_predict.risk.conftest import scale_of
 

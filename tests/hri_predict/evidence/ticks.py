@@ -6,7 +6,8 @@ from hri_predict.geometry import Capsules
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Advice, Level, NodeState, Status
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.types import Assessment, NearMiss, Zones
+from hri_predict.risk.types import Assessment, NearMiss
+from hri_predict.risk.zones.types import Zones
 
 MS = 1_000_000
 

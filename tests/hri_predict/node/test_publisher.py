@@ -20,7 +20,7 @@ from hri_predict.protocol.messages import (
     Zone,
 )
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.types import Zones
+from hri_predict.risk.zones.types import Zones
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 MS = 1_000_000

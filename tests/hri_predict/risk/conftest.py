@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hri_predict.risk.settings import LEVELS
 from hri_predict.risk.zones.calibration import Calibration, UsedRecording, plain
 from hri_predict.risk.zones.learned_scale import AHEAD, KINDS, NOW, ScaleNetwork
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES
+from hri_predict.risk.zones.settings import LEVELS
 from hri_predict.skeleton import JOINTS
 
 PLAIN = tuple(dict.fromkeys(plain(name) for name in JOINTS))

@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.geometry import Capsules
-from hri_predict.protocol.messages import Level
-from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, approach_m
-from hri_predict.risk.types import NamedZoneState, Zones
+from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.risk.zones.types import Zones
 from hri_predict.settings import Region
 from tests.hri_predict.risk.people_speeds import speeds_of
 
@@ -113,36 +112,6 @@ def test_nobody_occupies_nothing():
         )
     )
     assert state == NamedZoneState("door", False, None)
-
-
-@pytest.mark.parametrize(
-    ("level", "expected", "limit"),
-    [
-        ("none", Level.CLEAR, 1.0),
-        ("warn", Level.WARN, 1.0),
-        ("slow", Level.SLOW, 0.25),
-        ("stop", Level.STOP, 0.0),
-    ],
-)
-def test_what_an_occupied_zone_asks(level, expected, limit):
-    demand = zone(level=level).demand(NamedZoneState("door", True, 0.0), "arm", 1.0)
-    assert (demand.level, demand.limit_m_s) == (expected, limit)
-    assert demand.reason is (Reason.NONE if level == "none" else Reason.ZONE_OCCUPIED)
-
-
-def test_entry_asks_only_where_configured():
-    soon = NamedZoneState("door", False, 0.3)
-    assert zone(level="stop").demand(soon, "arm", 1.0).level is Level.CLEAR
-    early = zone(level="stop", entry_warning_s=0.4).demand(soon, "arm", 1.0)
-    assert (early.level, early.reason) == (Level.STOP, Reason.ZONE_ENTRY_PREDICTED)
-    later = NamedZoneState("door", False, 0.5)
-    assert zone(level="stop", entry_warning_s=0.4).demand(later, "arm", 1.0).level is Level.CLEAR
-
-
-def test_a_zone_asks_only_its_robots():
-    occupied = NamedZoneState("door", True, 0.0)
-    assert zone(robots=["other"]).demand(occupied, "arm", 1.0).level is Level.CLEAR
-    assert zone(robots=["arm"]).demand(occupied, "arm", 1.0).level is Level.WARN
 
 
 # -- field of view ---------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from hri_predict.calibration.site.mixing import (
     moved,
     weights_of,
 )
-from hri_predict.risk.settings import LEVELS
+from hri_predict.risk.zones.settings import LEVELS
 
 BASE = np.array([0.9, 1.1, 1.6])
 NOTHING = Ratios(np.zeros(0), np.zeros(0), 0.0)

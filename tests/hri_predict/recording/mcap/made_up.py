@@ -20,7 +20,7 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import Recorder, RecordingInfo
-from hri_predict.risk.types import Zones
+from hri_predict.risk.zones.types import Zones
 from hri_predict.scene import Person, Scene
 
 JOINTS = 6

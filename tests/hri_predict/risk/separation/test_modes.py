@@ -22,8 +22,8 @@ from hri_predict.risk.separation.receding import link_distances, receding_steps
 from hri_predict.risk.separation.stage import Separation
 from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.risk.types import Zones
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.risk.zones.types import Zones
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.settings import Pose

@@ -19,8 +19,8 @@ from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Separation
 from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.risk.types import Zones
 from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.risk.zones.types import Zones
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.settings import Pose

@@ -25,10 +25,10 @@ from hri_predict.people.people import People
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.recording import open_recording
 from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants
-from hri_predict.risk.settings import CoverageSettings, HumanLimits
 from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
 from hri_predict.risk.zones.joint_zones import JointZones
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.settings import CoverageSettings, HumanLimits
 from hri_predict.settings import Pose
 from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_predict.source import SourceSettings

@@ -12,8 +12,8 @@ from hri_predict.errors import ConfigError
 from hri_predict.geometry import Capsules
 from hri_predict.people.snapshot import LostPerson, PeopleSnapshot
 from hri_predict.predictors.base import Forecast
-from hri_predict.risk.settings import HumanLimits, Reach
 from hri_predict.risk.zones.body_zones import BodyZones, ZoneBuilder
+from hri_predict.risk.zones.settings import HumanLimits, Reach
 from hri_predict.skeleton import CANONICAL, JOINTS
 from tests.hri_predict.lost_person import lost_person
 

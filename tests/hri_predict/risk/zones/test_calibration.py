@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from hri_predict.errors import ConfigError
 from hri_predict.predictors.baselines import ZeroVelocitySettings
-from hri_predict.risk.settings import LEVELS, CoverageSettings
 from hri_predict.risk.zones import calibration as module
 from hri_predict.risk.zones.calibration import (
     calibration_for,
@@ -21,6 +20,7 @@ from hri_predict.risk.zones.calibration import (
 )
 from hri_predict.risk.zones.motion_class import SPEED_CLASSES
 from hri_predict.risk.zones.scale_shape import KNOTS, ScaleShape
+from hri_predict.risk.zones.settings import LEVELS, CoverageSettings
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 WRIST, HEAD = JOINTS.index("l_wrist"), JOINTS.index("head")

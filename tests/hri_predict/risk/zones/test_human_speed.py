@@ -6,7 +6,6 @@ from numpy.typing import ArrayLike
 
 from hri_predict.arrays import Bools, Floats
 from hri_predict.people.snapshot import RecentCaptures
-from hri_predict.risk.settings import HumanLimits
 from hri_predict.risk.zones.human_speed import (
     GAIT,
     MARGIN_M_S,
@@ -16,6 +15,7 @@ from hri_predict.risk.zones.human_speed import (
     joint_velocities,
 )
 from hri_predict.risk.zones.joint_speeds import joint_speeds
+from hri_predict.risk.zones.settings import HumanLimits
 from hri_predict.skeleton import CANONICAL
 
 RATE_HZ = 25.0

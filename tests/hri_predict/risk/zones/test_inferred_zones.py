@@ -14,11 +14,11 @@ from hri_predict.people.inferring import with_inferred
 from hri_predict.people.snapshot import RecentCaptures
 from hri_predict.predictors.base import Forecast
 from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
-from hri_predict.risk.settings import CoverageSettings, HumanLimits
 from hri_predict.risk.zones.body_zones import ZoneBuilder
 from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
 from hri_predict.risk.zones.human_speed import velocities_in
 from hri_predict.risk.zones.radii import Radii
+from hri_predict.risk.zones.settings import CoverageSettings, HumanLimits
 from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_sim.people.body import Body
 from tests.hri_predict.lost_person import lost_person

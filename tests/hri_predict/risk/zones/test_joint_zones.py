@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.base import Forecast
 from hri_predict.risk.self_check.self_check import Trust
-from hri_predict.risk.settings import CoverageSettings, HumanLimits, Reach
 from hri_predict.risk.zones.joint_zones import SETTLED_STEPS, JointZones
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.reach import BONE_FACTOR, BONE_MARGIN_M
+from hri_predict.risk.zones.settings import CoverageSettings, HumanLimits, Reach
 from hri_predict.skeleton import CANONICAL, JOINTS
 from tests.hri_predict.lost_person import lost_person
 from tests.hri_predict.risk.conftest import scale_of

@@ -15,7 +15,7 @@ from hri_predict.predictors.base import Forecast
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.self_check import self_check
-from hri_predict.risk.settings import CoverageSettings, HumanLimits, RiskSettings
+from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.zones import (
     body_zones,
     human_speed,
@@ -26,6 +26,7 @@ from hri_predict.risk.zones import (
 )
 from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
+from hri_predict.risk.zones.settings import CoverageSettings, HumanLimits
 from hri_predict.skeleton import CANONICAL, JOINTS
 
 pytest.importorskip("numba", reason="extra accel is not installed")

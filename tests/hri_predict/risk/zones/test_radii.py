@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hri_predict.errors import ConfigError
-from hri_predict.risk.settings import CoverageSettings
 from hri_predict.risk.zones.calibration import UsedRecording, needed, plain
 from hri_predict.risk.zones.learned_scale import Evidence
 from hri_predict.risk.zones.radii import Radii
 from hri_predict.risk.zones.scale_shape import KNOTS, ScaleShape
+from hri_predict.risk.zones.settings import CoverageSettings
 from hri_predict.skeleton import CANONICAL, JOINTS
 from tests.hri_predict.risk.conftest import scale_of
 

@@ -12,8 +12,8 @@ from hri_predict.calibration.scores import window_at
 from hri_predict.datasets.splits import split
 from hri_predict.errors import ConfigError
 from hri_predict.recording.opening import open_recording
-from hri_predict.risk.settings import HumanLimits, Reach
 from hri_predict.risk.zones.reach import BONE_FACTOR, BONE_MARGIN_M, BodyReach
+from hri_predict.risk.zones.settings import HumanLimits, Reach
 from hri_predict.settings import validated
 from hri_predict.skeleton import CANONICAL, JOINTS, PARENTS
 
