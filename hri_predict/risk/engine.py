@@ -30,14 +30,11 @@ from hri_predict.risk.zones.body_zones import BodyZones, ZoneBuilder
 from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.risk.zones.human_speed import Velocities, velocities_in
 from hri_predict.risk.zones.radii import Radii
-from hri_predict.risk.zones.settings import HumanLimits
 from hri_predict.robots.model import StateMotion
 from hri_predict.robots.obedience import Obedience
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.settings import Region
 from hri_predict.skeleton import Skeleton
-
-__all__ = ["HumanLimits", "RiskEngine", "RiskSettings"]
 
 log = logging.getLogger(__name__)
 

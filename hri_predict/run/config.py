@@ -23,7 +23,7 @@ from hri_predict.people.settings import PeopleSettings
 from hri_predict.predictors.base import PredictorSettings
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.risk.areas import NamedZoneSettings
-from hri_predict.risk.engine import RiskSettings
+from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from hri_predict.run.commissioned import CommissioningSettings
 from hri_predict.run.mistakes import Mistakes, place
